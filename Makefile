@@ -7,11 +7,15 @@ MAP ?=
 VIEW ?=
 PART ?=
 
-.PHONY: demo test bench docs lint types layers check clean warmup
+.PHONY: demo test bench docs lint types layers check clean warmup wheel
 
-# The stamp is newer than the project file and the constraints when everything is installed. Those
+# The demo needs a part of what tests, lint and the documentation need.
+NEEDS_demo := -e ".[demo]"
+NEEDS_all := -e ".[all]" --group test --group lint --group docs
+
+# A stamp is newer than the project file and the constraints when what it names is installed. Those
 # are of the Python that is tested; on others pip chooses within the ranges of the project file.
-$(VENV)/.installed: pyproject.toml constraints.txt
+$(VENV)/.installed-%: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "python3 >= 3.11 is needed, found " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --upgrade "pip>=25.1"
@@ -19,33 +23,38 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	then pinned="-c constraints.txt"; \
 	else echo "constraints.txt is for Python 3.11: pip chooses the newest versions that pyproject.toml allows"; \
 	fi; \
-	$(BIN)/python -m pip install -q $$pinned -e ".[all]" --group test --group lint --group docs
+	$(BIN)/python -m pip install -q $$pinned $(NEEDS_$*)
 	@touch $@
 
-demo: $(VENV)/.installed ## The whole story: look, touch, plan, push, arrive, complete, squeeze, grasp
+demo: $(VENV)/.installed-demo ## The whole story: look, touch, plan, push, arrive, complete, squeeze, grasp
+	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --jobs $(JOBS))
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
-test: $(VENV)/.installed ## All tests
+test: $(VENV)/.installed-all ## All tests
 	$(BIN)/python -m pytest -n $(JOBS)
 
-bench: $(VENV)/.installed ## Every benchmark, each a ratio to a named peer in the same process
+bench: $(VENV)/.installed-all ## Every benchmark, each a ratio to a named peer in the same process
 	$(BIN)/python -m benchmarks
 
-docs: $(VENV)/.installed ## The documentation site in site/, no warnings allowed
+docs: $(VENV)/.installed-all ## The documentation site in site/, no warnings allowed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-lint: $(VENV)/.installed
+lint: $(VENV)/.installed-all
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(VENV)/.installed
+types: $(VENV)/.installed-all
 	$(BIN)/mypy
 
-layers: $(VENV)/.installed
+layers: $(VENV)/.installed-all
 	$(BIN)/lint-imports
 
-warmup: $(VENV)/.installed
-	$(BIN)/visuohaptic warmup
+warmup: $(VENV)/.installed-all
+	$(BIN)/visuohaptic warmup --jobs $(JOBS)
+
+wheel: $(VENV)/.installed-all ## What a release uploads, in dist/: the library, and its compiled kernels
+	$(BIN)/python -m pip wheel -q --no-deps --wheel-dir dist .
+	$(BIN)/python -m benchmarks.kernel_wheel --out dist --jobs $(JOBS)
 
 check: lint types layers
 

@@ -75,48 +75,48 @@ def run(
     return [_kills(kills, done), _worker_kills(workers, done), _files(files, done)]
 
 
-def _rounds(name: str, count: int, done: Journal, work: Callable[[int, int], dict[str, Any]]) -> list[Any]:
-    """Builds that are killed at most so often, until there are enough kills; each is a line of the report."""
+def _rounds(kind: str, count: int, done: Journal, attempt: Callable[..., dict[str, Any]]) -> list[Any]:
+    """Builds that are killed at most so often, until there are enough kills; each is a line of the report.
+
+    ``attempt`` takes the plan's file, its jobs, a folder, the number of the round, how many kills are
+    left, and the hash of a build that nobody disturbed.
+    """
     found: list[Any] = []
-    while (left := count - sum(row["kills"] for row in found)) > 0:
-        key = f"{name} {len(found)}"
-        if key not in done:
-            done.put(key, work(len(found), left))
-        found.append(done.rows[key])
-    return found
-
-
-def _kills(count: int, done: Journal) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         plan = Path(scratch) / "classes.yaml"
         plan.write_text(PLAN)
         jobs = plan_jobs(*load_plan(plan))
-        whole: list[str] = []
+        whole = ""
+        while (left := count - sum(row["kills"] for row in found)) > 0:
+            number = len(found)
+            if (key := f"{kind} {number}") not in done:
+                whole = whole or build(jobs, Path(scratch) / "whole").content_sha256
+                row = attempt(plan, jobs, Path(scratch) / f"{kind}{number}", number, left, whole)
+                done.put(key, {**row, "objects": len(jobs)})
+            found.append(done.rows[key])
+    return found
 
-        def one(number: int, left: int) -> dict[str, Any]:
-            if not whole:
-                whole.append(build(jobs, Path(scratch) / "whole").content_sha256)
-            return _killed_build(plan, jobs, Path(scratch) / f"killed{number}", number, left, whole[0])
 
-        found = _rounds("kill", count, done, one)
+def _kills(count: int, done: Journal) -> dict[str, Any]:
+    found = _rounds("kill", count, done, _killed_build)
     return {
         "name": f"builds with another hash after {sum(row['kills'] for row in found)} kills",
         "ours": float(sum(row["lost"] for row in found)),
         "unit": f"of {len(found)}",
         "floor": 0.0,
         "higher_is_better": False,
-        "note": f"{len(jobs)} objects a build, {sum(row['left_over'] for row in found)} half-written files "
+        "note": f"{found[0]['objects'] if found else 0} objects a build, {sum(row['left_over'] for row in found)} half-written files "
         "under a result's name",
     }
 
 
 def _killed_build(
-    plan: Path, jobs: Sequence[BuildJob], folder: Path, number: int, most: int, whole: str
+    plan: Path, jobs: Sequence[BuildJob], folder: Path, number: int, left: int, whole: str
 ) -> dict[str, Any]:
     """One build, killed after every object or two until it is complete or was killed often enough."""
     rng = np.random.default_rng([SEED, number])
     kills, left_over = 0, 0
-    while kills < most:
+    while kills < left:
         before = _written(folder)
         # Forks save the start of an interpreter; every tenth is one of its own.
         fresh = kills % 10 == 9
@@ -154,18 +154,7 @@ def _alive(process: Any) -> bool:
 
 
 def _worker_kills(count: int, done: Journal) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory() as scratch:
-        plan = Path(scratch) / "classes.yaml"
-        plan.write_text(PLAN)
-        jobs = plan_jobs(*load_plan(plan))
-        whole: list[str] = []
-
-        def one(number: int, left: int) -> dict[str, Any]:
-            if not whole:
-                whole.append(build(jobs, Path(scratch) / "whole").content_sha256)
-            return _cluster_build(jobs, Path(scratch) / f"cluster{number}", number, min(left, 5), whole[0])
-
-        found = _rounds("worker", count, done, one)
+    found = _rounds("worker", count, done, _cluster_build)
     reason = next((row["reason"] for row in found if row["reason"]), "")
     return {
         "name": f"builds on a cluster with another hash after {sum(row['kills'] for row in found)} workers "
@@ -174,12 +163,13 @@ def _worker_kills(count: int, done: Journal) -> dict[str, Any]:
         "unit": f"of {len(found)}",
         "floor": 0.0,
         "higher_is_better": False,
-        "note": f"two dask workers, {len(jobs)} objects a build" + (f"; {reason}" if reason else ""),
+        "note": f"two dask workers, {found[0]['objects'] if found else 0} objects a build"
+        + (f"; {reason}" if reason else ""),
     }
 
 
 def _cluster_build(
-    jobs: Sequence[BuildJob], folder: Path, number: int, most: int, whole: str
+    _plan: Path, jobs: Sequence[BuildJob], folder: Path, number: int, left: int, whole: str
 ) -> dict[str, Any]:
     """A scheduler and two workers as processes of their own; a worker is killed -9 and another comes."""
     rng = np.random.default_rng([SEED, number])
@@ -223,7 +213,7 @@ def _cluster_build(
         found: list[Any] = []
         builder = threading.Thread(target=_collect, args=(jobs, folder, address, found))
         builder.start()
-        while builder.is_alive() and kills < most:
+        while builder.is_alive() and kills < min(left, 5):
             before = len(_written(folder))
             deadline = time.monotonic() + 120
             while len(_written(folder)) <= before and time.monotonic() < deadline and builder.is_alive():

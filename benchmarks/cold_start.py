@@ -1,20 +1,50 @@
-"""How long ``visuohaptic --help`` takes, from nothing to the prompt.
+"""What a first use costs: the command's prompt, the kernels, and whether their cache survives many writers.
 
-Wall time of a fresh process, because that is what a person waits for. The
-peer is a fresh process that only imports NumPy: what the command would cost
-at least if it were not lazy.
+``run`` times ``visuohaptic --help``: wall time of a fresh process, because that is what a person waits for. The
+peer is a fresh process that only imports NumPy: what the command would cost at least if it were not lazy.
+
+Two campaigns are run by name, each with an empty cache of its own:
+
+- ``python -m benchmarks.cold_start compile``: CPU time of all kernels, of every import, and of the first verbs;
+- ``python -m benchmarks.cold_start saves --seeds open --count 1000``: processes that save signatures of one kernel at
+  once, while another loads them: every one that is loaded must be the right one, and none may be lost.
 """
 
 from __future__ import annotations
 
+import argparse
+import contextlib
+import importlib
+import multiprocessing
+import os
+import resource
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from visuohaptic.core import KERNELS, KernelCache, cache_folder, kernel
+
+from ._journal import Journal
 from .harness import median
 
 REPEATS = 15
+
+#: Types of the arguments whose code is saved at once; the value tells one from the other.
+ARGUMENTS = (1.0, 3, np.float32(2.0), np.int32(5), True, np.uint8(7))
+
+#: Imports every module.
+_IMPORT_ALL = """
+import importlib, pkgutil, visuohaptic
+for module in pkgutil.walk_packages(visuohaptic.__path__, "visuohaptic."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+"""
 
 
 def run() -> list[dict[str, Any]]:
@@ -41,3 +71,163 @@ def _wall_s(script: str) -> float:
     started_s = time.perf_counter()
     subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL)
     return time.perf_counter() - started_s
+
+
+def cold_rows() -> Iterator[tuple[str, float]]:
+    """(what, CPU time [s]) of things done with an empty cache."""
+    with tempfile.TemporaryDirectory() as text:
+        folder = Path(text)
+        import_s = _cpu_s(["-c", _IMPORT_ALL], folder / "import")
+        yield "import of every module", import_s
+        assert not (folder / "import").exists(), "an import has compiled a kernel"
+        yield (
+            "all kernels, one process",
+            _cpu_s(["-m", "visuohaptic", "warmup", "--jobs", "1"], folder / "one"),
+        )
+        yield (
+            "all kernels, two processes",
+            _cpu_s(["-m", "visuohaptic", "warmup", "--jobs", "2"], folder / "two"),
+        )
+        yield (
+            "the same again, from the cache",
+            _cpu_s(["-m", "visuohaptic", "warmup", "--jobs", "1"], folder / "two"),
+        )
+        for name, words in first_verbs(folder):
+            yield name, _cpu_s(["-m", "visuohaptic", *words], folder / name.replace(" ", "_"))
+
+
+def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """Verbs of a first hour, each of which is run with an empty cache."""
+    grid = folder / "room.pgm"
+    cells = np.full((120, 160), 254, np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    cells[40:60, 60:80] = 0
+    grid.write_bytes(b"P5 160 120 255\n" + cells.tobytes())
+    yaml = folder / "room.yaml"
+    yaml.write_text(
+        "image: room.pgm\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    yield "map inspect", ["map", "inspect", str(yaml), "-q"]
+    yield "example foam", ["example", "foam", "--out", str(folder / "try"), "-q"]
+
+
+def _cpu_s(words: Sequence[str], cache: Path) -> float:
+    """CPU time [s] of a process and of those it starts."""
+    environment = {**os.environ, "VISUOHAPTIC_CACHE_DIR": str(cache)}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, *words], env=environment, check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _halved() -> Any:
+    """A dispatcher of one function, as a new process has it."""
+
+    @kernel
+    def halved(x):
+        return x / 2 + 7
+
+    KERNELS.remove(halved)
+    return halved
+
+
+def _save(folder: str, seeds: Sequence[int], own: int, start: Any, end: Any) -> None:
+    """One writer: at each start it saves all signatures, in an order and with pauses of its own."""
+    os.environ["VISUOHAPTIC_CACHE_DIR"] = f"{folder}/writer{own}"  # of the compilation
+    function = _halved()
+    for value in ARGUMENTS:
+        function(value)
+    compiled = list(function.overloads.items())
+    os.environ["VISUOHAPTIC_CACHE_DIR"] = folder
+    cache = KernelCache(_halved())
+    for seed in seeds:
+        rng = np.random.default_rng((seed, own))
+        start.wait()
+        for which in rng.permutation(len(compiled)):
+            time.sleep(rng.exponential(2e-4))
+            cache.save_overload(*compiled[which])
+        end.wait()
+
+
+def saves(seeds: Sequence[int], folder: Path, writers: int = 2) -> Iterator[tuple[int, int, int]]:
+    """Save at once from several processes, and load meanwhile; (seed, loaded meanwhile, wrong or lost) of each."""
+    context = multiprocessing.get_context("spawn")
+    start, end = context.Barrier(writers + 1), context.Barrier(writers + 1)
+    others = [
+        context.Process(target=_save, args=(str(folder), seeds, own, start, end), daemon=True)
+        for own in range(writers)
+    ]
+    for other in others:
+        other.start()
+    with contextlib.ExitStack() as stack:
+        stack.callback(lambda: [other.kill() for other in others])
+        before = os.environ.get("VISUOHAPTIC_CACHE_DIR")
+        os.environ["VISUOHAPTIC_CACHE_DIR"] = str(folder)
+        stack.callback(_restore, before)
+        for seed in seeds:
+            for path in (cache_folder() or folder).glob("*"):
+                path.unlink()
+            start.wait(timeout=600)
+            found, wrong = 0, 0
+            for _ in range(3):
+                loaded, bad = _loads()
+                found, wrong = found + loaded, wrong + bad
+            end.wait(timeout=600)
+            loaded, bad = _loads()
+            yield seed, found, wrong + bad + len(ARGUMENTS) - loaded
+        for other in others:
+            other.join(timeout=60)
+
+
+def _restore(before: str | None) -> None:
+    os.environ.pop("VISUOHAPTIC_CACHE_DIR")
+    if before is not None:
+        os.environ["VISUOHAPTIC_CACHE_DIR"] = before
+
+
+def _loads() -> tuple[int, int]:
+    """How many signatures are in the cache, and how many of them give a wrong value."""
+    import numba
+
+    loaded, wrong = 0, 0
+    for value in ARGUMENTS:
+        function = _halved()
+        arguments = (numba.typeof(value),)
+        found = function._cache.load_overload(arguments, function.targetctx)
+        if found is not None:
+            loaded += 1
+            right = tuple(found.signature.args) == arguments and found.entry_point(value) == value / 2 + 7
+            wrong += 0 if right else 1
+    return loaded, wrong
+
+
+def main() -> int:
+    """Run one of the campaigns and print its rows."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("what", choices=("compile", "saves"))
+    parser.add_argument("--seeds", choices=("open", "closed"), default="open", help="even or odd")
+    parser.add_argument("--count", type=int, default=1000, help="rounds of saves (1000)")
+    parser.add_argument(
+        "--report", type=Path, help="JSON lines, one per row; a campaign that was stopped goes on"
+    )
+    args = parser.parse_args()
+    if args.what == "compile":
+        for name, taken_s in cold_rows():
+            print(f"{name:<36}{taken_s:8.1f} CPU-s", flush=True)
+        return 0
+    journal = Journal(args.report, {"campaign": "saves", "seeds": args.seeds})
+    seeds = [seed for seed in range(args.seeds == "closed", 2 * args.count, 2) if str(seed) not in journal]
+    # By its name as a module: the kernel's entries carry it, and the writers do not know it as ``__main__``.
+    module = importlib.import_module("benchmarks.cold_start")
+    with tempfile.TemporaryDirectory() as folder:
+        for seed, loaded, wrong in module.saves(seeds, Path(folder)):
+            journal.put(str(seed), [loaded, wrong])
+    rows = list(journal.rows.values())
+    print(f"{len(rows)} rounds of {len(ARGUMENTS)} signatures from two processes: ", end="")
+    print(f"{sum(row[0] for row in rows)} loaded meanwhile, {sum(row[1] for row in rows)} wrong or lost")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -36,6 +36,7 @@ CAMPAIGNS = (
     "build_faults",
     "completion",
     "crown_cap",
+    "foam_evidence",
     "foam_faults",
     "foam_tags",
     "glass_evidence",
@@ -50,15 +51,16 @@ CAMPAIGNS = (
     "reproduce",
     "scene",
     "soak",
+    "templates_evidence",
     "touch_map",
     "transparency",
 )
 
 #: Modules of this folder that are not benchmarks.
-_NOT_BENCHMARKS = {"constants", "harness", "house", "kernel_signatures"}
+_NOT_BENCHMARKS = {"constants", "harness", "house", "kernel_signatures", "kernel_wheel"}
 
 #: Libraries whose versions change what is measured.
-_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "mujoco", "av")
+_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "mujoco-core", "av")
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -204,17 +204,32 @@ def arguments(function: ast.FunctionDef) -> list[str]:
     return [name for name in names if name not in ("self", "cls")]
 
 
-def documented(function: ast.FunctionDef, outer: str) -> bool:
-    """Whether the docstring, or that of the class for ``__init__``, names every parameter in its section."""
-    text = ast.get_docstring(function) or outer
-    section = text.partition("Parameters\n-")[2]
+def documented(function: ast.FunctionDef, others: str = "") -> bool:
+    """Whether the docstring, or one that it stands in for, names every parameter in its section.
+
+    ``others`` is the docstring of the class for ``__init__``, else those of the methods it overrides.
+    """
+    texts = [ast.get_docstring(function) or "", others]
+    sections = "\n".join(text.partition("Parameters\n-")[2] for text in texts)
     lines = {
         word.strip().lstrip("*")
-        for line in section.splitlines()
+        for line in sections.splitlines()
         if line and not line.startswith(" ")
         for word in line.split(":")[0].split(",")
     }
     return all(name in lines for name in arguments(function))
+
+
+def overridden(classes: dict[str, ast.ClassDef], holder: str, method: str) -> str:
+    """Docstrings of the methods of the same name in the bases of a class of the package."""
+    found = []
+    for base in classes[holder].bases if holder in classes else ():
+        name = ast.unparse(base).partition("[")[0].rpartition(".")[2]
+        for member in classes[name].body if name in classes else ():
+            if isinstance(member, ast.FunctionDef) and member.name == method:
+                found.append(ast.get_docstring(member) or "")
+        found.append(overridden(classes, name, method))
+    return "\n".join(found)
 
 
 def measure(source: Path = SOURCE) -> dict[str, list[str]]:
@@ -231,6 +246,12 @@ def measure(source: Path = SOURCE) -> dict[str, list[str]]:
     ]
     classes: dict[str, list[str]] = defaultdict(list)
     commands = {"run", "add_arguments"}
+    trees = {
+        node.name: node
+        for module in modules.values()
+        for node in module.tree.body
+        if isinstance(node, ast.ClassDef)
+    }
     for name, module in modules.items():
         lines = module.text.count("\n")
         if lines > MAX_LINES:
@@ -248,18 +269,13 @@ def measure(source: Path = SOURCE) -> dict[str, list[str]]:
         for title, function in public_functions(module):
             if title in commands and ".cli.verbs." in name:
                 continue
-            holder = title.partition(".")[0]
-            outer = next(
-                (
-                    ast.get_docstring(n) or ""
-                    for n in module.tree.body
-                    if isinstance(n, ast.ClassDef) and n.name == holder
-                ),
-                "",
+            holder, _, method = title.partition(".")
+            others = (
+                ast.get_docstring(trees[holder]) or ""
+                if method == "__init__"
+                else overridden(trees, holder, method)
             )
-            kind = (
-                "documented" if documented(function, outer if title.endswith("__init__") else "") else "not"
-            )
+            kind = "documented" if documented(function, others) else "not"
             found[f"public functions, parameters {kind}"].append(f"{name}:{title}")
     found["public class names that occur twice"] = [
         f"{name} {' '.join(places)}" for name, places in classes.items() if len(places) > 1

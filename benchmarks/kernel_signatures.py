@@ -99,6 +99,7 @@ def run_beam() -> None:
 def run_graph() -> None:
     """Build, ask and edit a small map."""
     from visuohaptic.io.maps import OccupancyMap
+    from visuohaptic.navigation.files import route_pieces
     from visuohaptic.navigation.graph import NavigationMap, plan_path, shortest_path
     from visuohaptic.navigation.grid import SpeedLimits
 
@@ -106,6 +107,8 @@ def run_graph() -> None:
     cells[20:30, 20:30] = 100
     live = NavigationMap(OccupancyMap(cells, 0.1), SpeedLimits(0.2), spacing_m=1.0)
     shortest_path(live.graph, 0, live.graph.nodes - 1)
+    live.regions.path_to_node((5, 5))
+    route_pieces(live.graph, live.regions.layers)
     plan_path(live.regions, np.array([1.0, 1.0]), np.array([5.0, 5.0]))
     live.set_obstacle("box", np.array([[4.0, 1.0], [4.5, 1.0], [4.5, 1.5]]))
 
@@ -245,6 +248,45 @@ def run_simulation() -> None:
     add_signed_coverage(corners_m, 0, 0, np.zeros((4, 4), np.float32))
 
 
+def run_containers() -> None:
+    """Find the wall of a tube, and look whether it touches itself."""
+    from visuohaptic.deformation.nonlinear import SelfContactGuard
+    from visuohaptic.deformation.shapes import ContainerDescription, mesh_container
+    from visuohaptic.deformation.shapes.resample import find_wall
+
+    wall = {"base": {"radius": "35 mm"}, "sections": [{"height": "150 mm"}], "wall": "0.5 mm"}
+    tube = mesh_container(ContainerDescription.model_validate(wall), around=24)
+    find_wall(tube.mesh.vertices_m, tube.mesh.faces, "tube")
+    guard = SelfContactGuard(tube)
+    points_m = tube.mesh.vertices_m.copy()
+    points_m[:, 0] *= 1e-3
+    guard.vertex(tube.mesh.vertices_m)
+    guard._facing(points_m, *guard._meetings(points_m))
+
+
+def run_recognition() -> None:
+    """Grow and prune a small tree."""
+    from visuohaptic.recognition.trees import grown, pruned, pruning_alphas
+
+    rng = np.random.default_rng(0)
+    x, number = rng.normal(size=(12, 64)), np.arange(12) % 3
+    tree = grown(x, number, np.ones(12), ("a", "b", "c"), "norm", 0.0)
+    pruned(tree, float(pruning_alphas(tree)[-1]))
+
+
+def run_worlds() -> None:
+    """A laser scan of a small room, and a small depth image of a glass."""
+    from visuohaptic.io.maps import OccupancyMap
+    from visuohaptic.simulation.mobile import SimulatedLaser
+    from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
+
+    cells = np.zeros((40, 40), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    SimulatedLaser(OccupancyMap(cells, 0.1), None, np.random.default_rng(0)).scan((2.0, 2.0, 0.0), 0.0)
+    scene = glass_scene(0)
+    DepthCamera.kinect(64).render(scene.scene, scene.poses[0])
+
+
 def run_foam() -> None:
     """Grey levels along two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions
@@ -278,6 +320,9 @@ PARTS = (
     run_reconstruction,
     run_deformation,
     run_simulation,
+    run_containers,
+    run_recognition,
+    run_worlds,
     run_foam,
 )
 

@@ -33,11 +33,11 @@ from .nav_doors import data_folder
 
 __all__ = ["play", "run"]
 
-LIMITS = SearchLimits(expansions=180, first_expansions=15, opening_expansions=60)
+LIMITS = SearchLimits(budget_s=2.0)
 
 
 #: What a scene is called solvable with: more than the travels have.
-PATIENT = SearchLimits(expansions=300, first_expansions=10, opening_expansions=200)
+PATIENT = SearchLimits(budget_s=20.0)
 
 
 def plan(problem: PlanningProblem) -> Any:

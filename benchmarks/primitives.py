@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import sys
 import time
 from collections import Counter
-from pathlib import Path
-from typing import Any
 
 import numpy as np
+from tests.sensing import contacts
 
 from visuohaptic.sensing.push import PrimitiveSettings, fit_circle_algebraic, fit_primitive
 
 SEED = 20160421
 
 
-def _contacts() -> Any:
-    path = Path(__file__).resolve().parents[1] / "tests" / "sensing" / "contacts.py"
-    spec = importlib.util.spec_from_file_location("contacts", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["contacts"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def run(count: int = 500, seed: int = SEED, *, verbose: bool = False) -> list[dict[str, object]]:
     """The campaign; every row has name, ours, peer, ratio, unit, floor, aim."""
-    contacts = _contacts()
     rng = np.random.default_rng(seed)
     printed = PrimitiveSettings(choice="score")
     right = right_clear = clear = right_printed = 0

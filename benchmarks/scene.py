@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import math
-import sys
 import time
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
+from tests.sensing import fall_pushes as pushes
+from tests.sensing import scenes
 
 from visuohaptic.sensing.scene import FloorTracker, ObstacleDetector, chain
 from visuohaptic.simulation.foam import SensorRig
@@ -23,24 +21,12 @@ SEED = 20160606
 FIRST = 1000
 
 
-def _tests(name: str) -> Any:
-    path = Path(__file__).resolve().parents[1] / "tests" / "sensing" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 def obstacle_mask() -> list[dict[str, object]]:
     """CPU time at 1600 x 896, strip of 1600 x 300 grey, on a floor that moves; and the peer's."""
     import cv2
 
     from .harness import cpu_seconds
 
-    scenes = _tests("scenes")
     rig, rng = SensorRig(), np.random.default_rng(SEED)
     render = scenes.renderer(rig)
     images = [
@@ -68,7 +54,6 @@ def obstacle_mask() -> list[dict[str, object]]:
 
 def ego_motion(floor: str, wrong: float = 0.4, step_m: float = 0.005) -> tuple[float, float, float, float]:
     """Over one metre: relative error of the way, error of the heading [deg], CPU time per frame [ms], share valid."""
-    scenes = _tests("scenes")
     rig, rng = SensorRig(), np.random.default_rng(SEED)
     render = scenes.renderer(rig, replace(Look.photo(), floor=Surface(112.0, 10.0, floor)))
     view = scenes.floor_view(rig)
@@ -102,7 +87,6 @@ def ego_motion(floor: str, wrong: float = 0.4, step_m: float = 0.005) -> tuple[f
 
 def falls(count: int, first: int = FIRST) -> list[dict[str, object]]:
     """Precision and recall of fall events, right within two frames."""
-    pushes = _tests("fall_pushes")
     found = [pushes.watch(first + i) for i in range(count)]
     score = pushes.score(found)
     turns = [abs(w.turn_error_rad) for w in found if np.isfinite(w.turn_error_rad)]

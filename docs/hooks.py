@@ -1,8 +1,9 @@
-"""Pages that are made from the code: the command line, the changelog, and blocks that are not run."""
+"""Pages that are made from the code: the command line, the changelog, notebooks, and blocks that are not run."""
 
 from __future__ import annotations
 
 import io
+import json
 import logging
 import re
 import sys
@@ -19,6 +20,25 @@ _COMMANDS = "<!-- commands -->"
 _CHANGELOG = "<!-- changelog -->"
 
 
+def on_files(files: Any, config: Any) -> Any:
+    """A page for every notebook; the notebook itself stays beside it, to be downloaded."""
+    from mkdocs.structure.files import File
+
+    for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=notebook_page(path)))
+    return files
+
+
+def notebook_page(path: Path) -> str:
+    """Text and code of a notebook."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+    title, *rest = parts
+    return "\n\n".join([title, f"[Download the notebook]({path.name})", *rest])
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Fill in what the code knows; blocks marked ``notest`` look like all others."""
     if _COMMANDS in markdown:
@@ -33,6 +53,16 @@ def on_page_content(html: str, **_: Any) -> str:
     """Docstrings name things in the manner of Sphinx, ``:class:`Frame```: keep the name."""
     html = re.sub(r":(?:meth|class|func|mod|attr|exc|data|obj):(<code>)(?:~[\w.]+\.)?", r"\1", html)
     return html
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """The search index as a script, which a browser also loads from the disk; the page ``search`` reads it."""
+    folder = Path(config["site_dir"]) / "search"
+    index = json.loads((folder / "search_index.json").read_text(encoding="utf-8"))
+    for entry in index["docs"]:
+        entry["text"] = re.sub(r"<[^>]+>", "", entry["text"])
+    script = f"var searchIndex = {json.dumps(index['docs'], ensure_ascii=False)};"
+    (folder / "search_index.js").write_text(script, encoding="utf-8")
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:

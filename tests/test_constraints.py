@@ -59,6 +59,6 @@ def test_the_file_holds_names_and_versions_only():
 def test_the_makefile_installs_with_it():
     makefile = (ROOT / "Makefile").read_text()
     assert "-c constraints.txt" in makefile
-    assert re.search(r"/\.installed: .*constraints\.txt", makefile), (
+    assert re.search(r"/\.installed-%: .*constraints\.txt", makefile), (
         "a new version is a reason to install again"
     )

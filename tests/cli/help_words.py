@@ -13,8 +13,9 @@ from unittest import mock
 from visuohaptic.cli._extras import OPTIONAL, needs
 from visuohaptic.cli.main import VERBS, verb_parser
 
-#: The only reader that may say by itself what is missing: it comes before all else.
-READS_FIRST = "visuohaptic.io.meshes.mesh"
+#: The reader that may say by itself what is missing, for it comes before all else, and the drivers of cameras,
+#: which do without what is not there.
+MAY_LOOK = {"visuohaptic.io.meshes.mesh", "visuohaptic.io.frames._camera_drivers"}
 
 
 def help_text(verb: str) -> str:
@@ -47,7 +48,7 @@ def recorded_imports() -> Iterator[set[str]]:
         name: str, globals: Any = None, locals: Any = None, fromlist: Sequence[str] = (), level: int = 0
     ) -> Any:
         importer = str((globals or {}).get("__name__", ""))
-        if level == 0 and importer.startswith("visuohaptic.") and importer != READS_FIRST:
+        if level == 0 and importer.startswith("visuohaptic.") and importer not in MAY_LOOK:
             found.add(name.partition(".")[0])
         return real(name, globals, locals, fromlist, level)
 

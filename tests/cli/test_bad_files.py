@@ -16,6 +16,8 @@ from visuohaptic.sensing.beam import Beam, save_beam
 #: BAD is the file in question; the files beside it are right, as far as the verb gets to see them.
 COMMANDS = (
     "demo --map BAD.yaml",
+    "start --source BAD.mp4 --length 250 --width 20 --height 10",
+    "start --source movie.mp4 --foam BAD.yaml --length 250 --width 20 --height 10",
     "sense foam --config BAD.yaml --source movie.mp4",
     "sense scene --config BAD.yaml --source movie.mp4",
     "sense beam --config BAD.yaml --poses poses.csv",
@@ -70,7 +72,16 @@ COMMANDS = (
 )
 
 #: Verbs that read no file.
-NO_FILE = {"template sheet", "example foam", "example beam", "example glass", "reproduce", "warmup", "doctor"}
+NO_FILE = {
+    "template sheet",
+    "cameras",
+    "example foam",
+    "example beam",
+    "example glass",
+    "reproduce",
+    "warmup",
+    "doctor",
+}
 
 KINDS = ("missing", "empty", "folder", "words", "noise", "numbers")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli import _json
-from visuohaptic.cli._console import Console, Progress
+from visuohaptic.cli._console import Console, LiveLine, Progress
 from visuohaptic.core import ErrorBudget, Reason
 
 
@@ -119,3 +119,18 @@ def test_the_log_goes_to_stderr(capsys, options, shown):
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.splitlines() == [f"visuohaptic: {name}: text" for name in shown]
+
+
+def test_the_newest_state_is_written_over_on_a_terminal_and_a_line_a_second_elsewhere():
+
+    now = [0.0]
+    shown = Terminal()
+    with LiveLine(stream=shown, clock=lambda: now[0]) as line:
+        for now[0] in (0.0, 0.05, 0.2):
+            line.show(f"{now[0]:.2f} N")
+    assert shown.getvalue() == "\r\x1b[K0.00 N\r\x1b[K0.20 N\n"
+    log = io.StringIO()
+    with LiveLine(stream=log, clock=lambda: now[0]) as line:
+        for now[0] in (1.0, 1.5, 2.5):
+            line.show(f"{now[0]:.1f} N")
+    assert log.getvalue() == "1.0 N\n2.5 N\n"

@@ -88,6 +88,17 @@ def test_a_verb_adds_what_its_own_arguments_need():
     assert modules("objects recognise", "--cloud", "a.ply") == {"small_gicp", "pyarrow", "sqlalchemy"}
 
 
+def test_the_demo_extra_brings_what_the_demo_needs():
+    extras = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    (text,) = extras["demo"]
+    brought = set(re.search(r"\[(.*)\]", text)[1].split(","))
+    module = importlib.import_module(VERBS["demo"][0])
+    asked = needs(module, verb_parser("demo", module).parse_args(["--view"]))
+    assert {library.extra for library in OPTIONAL if library.module in asked} <= brought
+
+
 def test_every_need_is_a_library_of_the_table():
     known = {library.module for library in OPTIONAL}
     tables = (*BY_ARGUMENT.values(), *BY_ENDING.values(), *EXPERIMENT_NEEDS.values())

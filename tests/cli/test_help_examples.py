@@ -374,6 +374,13 @@ def _server() -> Iterator[None]:
         yield
 
 
+def _own_robot(folder: Path, world: World) -> None:
+    """The example's parts, under the name in the help."""
+    (folder / "my_robot.py").write_text(
+        "from tests.tasks.example_robot import connect\n\n__all__ = ['connect']\n"
+    )
+
+
 @contextlib.contextmanager
 def _few_libraries() -> Iterator[None]:
     """Three processes instead of thirty: tests/cli/test_doctor.py compares the whole table."""
@@ -440,6 +447,7 @@ def _sense_foam(folder: Path, results: list[Any]) -> None:
     truth = max(float(row["force_N"]) for row in rows(folder / "truth.csv"))
     read = max(float(row["force_N"]) for row in rows(folder / "run.csv") if row["valid"] in {"1", "true"})
     assert read == pytest.approx(truth, rel=0.03)  # the sensor's figure is 2.5 % of a force
+    assert (folder / "force.png").stat().st_size > 5000
 
 
 def _sense_scene(folder: Path, results: list[Any]) -> None:
@@ -582,6 +590,7 @@ def _demo(folder: Path, results: list[Any]) -> None:
 
 
 STORIES: dict[str, Story] = {
+    "cameras": Story(lambda f, r: _cameras(r)),
     "sense foam": Story(_sense_foam, _flatten("example foam")),
     "sense scene": Story(_sense_scene, _scene),
     "track": Story(lambda f, r: _all_seen(r), _tags),
@@ -620,18 +629,23 @@ STORIES: dict[str, Story] = {
     "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
     "ros bridge": Story(_ros_bridge, _flatten("example foam"), around=_robot),
     "warmup": Story(lambda f, r: _warm(r)),
-    "doctor": Story(lambda f, r: _healthy(r), around=_few_libraries),
+    "doctor": Story(lambda f, r: _healthy(r), _own_robot, around=_few_libraries),
 }
 
 #: Verbs whose examples are run elsewhere, and where.
 ELSEWHERE = {
     "demo": "make demo; the part that takes seconds below, the others longer than all examples here may",
+    "start": "tests/cli/test_start.py, on a recording of its steps: a camera of this machine would see no foam",
     "objects recognise": "tests/cli/test_objects_verbs.py, on rendered views of a small database",
 }
 
 
 def _all_seen(results: list[Any]) -> None:
     assert set(results[0]["seen"].values()) == {results[0]["frames"]}
+
+
+def _cameras(results: list[Any]) -> None:
+    assert isinstance(results[0]["cameras"], list)
 
 
 def _pdf(path: Path) -> None:
@@ -680,6 +694,7 @@ def _warm(results: list[Any]) -> None:
 
 def _healthy(results: list[Any]) -> None:
     assert results[0]["libraries"]["numpy"]["version"] == np.__version__
+    assert len(results[1]["rules"]) > len(results[2]["rules"]) > 4
 
 
 def test_every_verb_has_a_story() -> None:

@@ -157,9 +157,9 @@ def test_interruption_is_code_130(verbs, capsys):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["toch", "box"], "unknown verb 'toch', expected 'touch box'"),
-        (["xyz"], "unknown verb 'xyz', expected 'stand' or 'touch box'"),
-        (["touch", "bx"], "unknown verb 'touch bx', expected 'touch box'"),
+        (["toch", "box"], "unknown verb 'toch box'; did you mean 'touch box'?"),
+        (["xyz"], "unknown verb 'xyz'; see visuohaptic --help"),
+        (["touch", "bx"], "unknown verb 'touch bx'; did you mean 'touch box'?"),
         (["touch"], "touch: which one? expected 'touch box'"),
         (["touch", "box", "--force", "much"], "touch box: argument --force: invalid float value: 'much'"),
         (["touch", "box", "--forc", "1"], "touch box: unrecognized arguments: --forc 1"),

@@ -60,10 +60,11 @@ def test_text_says_what_to_do(files, capsys):
 
 def test_no_plan_is_an_answer(files, capsys):
     (files / "objects.yaml").write_text("objects: []")
-    assert run(files, "--json", goal=("5.3", "3.6")) == 0
+    assert run(files, "--json", goal=("5.3", "3.6")) == 3
     data = json.loads(capsys.readouterr().out)
     assert data["reachable"] is False
     assert data["proved"] is True
+    assert data["answer"] == "no plan (proved)"
     assert (
         data["reason"] == "walls separate start and goal"
     )  # no word of pushing where nothing is there to push

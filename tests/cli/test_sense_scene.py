@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.sensing import scenes
 
 from visuohaptic.cli.main import main
 from visuohaptic.core.camera import Frame
@@ -20,16 +18,6 @@ from visuohaptic.io.sinks import MeasurementWriter
 pytest.importorskip("mcap_ros2")
 
 
-def _scenes():
-    path = Path(__file__).resolve().parents[1] / "sensing" / "scenes.py"
-    spec = importlib.util.spec_from_file_location("cli_scenes", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["cli_scenes"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-scenes = _scenes()
 STEP_M, FRAMES = 0.004, 16
 
 

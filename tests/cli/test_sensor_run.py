@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from visuohaptic.cli._console import Console
 from visuohaptic.cli._sensor_run import Outputs, is_live, run_sensor
 from visuohaptic.core import Event, EventKind, InputError, Reason
 from visuohaptic.core.camera import Frame
@@ -83,3 +84,51 @@ def test_a_camera_is_live_and_a_file_is_not():
     assert is_live("camera:0")
     assert is_live("uvc:0")
     assert not is_live("camera.mp4")
+    assert is_live("0")
+    assert is_live("/dev/video0")
+    assert is_live("rtsp://robot/front")
+    assert not is_live("0.mp4")
+
+
+def test_ctrl_c_ends_a_live_run_with_its_rows_and_its_summary(capsys):
+    """A camera never ends by itself: what was measured until then is kept."""
+    rows = Table()
+
+    @contextmanager
+    def table(path):
+        yield rows
+        rows.append("closed")
+
+    def frames():
+        for index in range(3):
+            yield Frame(np.zeros((2, 2), np.uint8), 1.0 * index, index)
+        raise KeyboardInterrupt
+
+    args = Namespace(out=None, csv="t.csv", source="0", report=print, console=Console())
+    reader = Counting()
+    reader.zeroed = True
+    outputs = Outputs(table, rows=lambda number: (number,), describe=lambda number: f"{number} N")
+    done = run_sensor(args, reader, frames(), outputs, live=True)
+    assert (done.frames, rows) == (3, [0, 1, 2, "closed"])
+    assert "0 N" in capsys.readouterr().err
+    with pytest.raises(KeyboardInterrupt):
+        run_sensor(args, reader, frames(), outputs)
+
+
+def test_the_recording_that_import_writes_is_known_to_info(tmp_path, capsys):
+    import json
+
+    from visuohaptic.cli.main import main
+    from visuohaptic.core.camera import Camera, Pose
+    from visuohaptic.io.depth import DepthFrame, write_sequence
+
+    camera = Camera.simple(32, 24, 30.0)
+    frames = [
+        DepthFrame(0.5 * k, np.full((24, 32), 0.8, np.float32), None, Pose.identity(), camera, k)
+        for k in range(3)
+    ]
+    write_sequence(tmp_path / "scan", frames)
+    assert main(["recording", "info", str(tmp_path / "scan"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["kind"], found["frames"], found["duration_s"]) == ("depth sequence", 3, 1.0)
+    assert (found["width"], found["height"]) == (32, 24)

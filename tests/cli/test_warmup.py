@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import json
 import subprocess
@@ -68,6 +69,76 @@ def test_a_line_without_its_kernel_is_said(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(warmup, "SIGNATURES", path)
     assert command.main(["warmup"]) == 1
     assert "no_such_kernel" in capsys.readouterr().err
+
+
+#: Two small kernels of two packages.
+TWO = (
+    "visuohaptic.navigation.graph._region_kernels:_longer (Array(int64, 1, 'C', False, aligned=True),)",
+    "visuohaptic.deformation.shells._corotational_kernels:rotation_vector "
+    "(Array(float64, 2, 'C', False, aligned=True), Array(float64, 1, 'C', False, aligned=True))",
+)
+
+
+@pytest.fixture
+def two_lines(one_line):
+    warmup.SIGNATURES.write_text("\n".join(TWO) + "\n")
+
+
+def test_two_processes_compile_what_one_then_loads(two_lines, capsys):
+    assert command.main(["warmup", "--jobs", "2", "--json"]) == 0
+    captured = capsys.readouterr()
+    result = json.loads(captured.out)
+    assert result["jobs"] == 2
+    assert list(result["seconds"]) == ["visuohaptic.deformation.shells", "visuohaptic.navigation.graph"]
+    assert "compiling: 2/2 (100 %)" in captured.err
+    with install_recorder("numba:compile") as recorder:
+        assert command.main(["warmup", "--jobs", "1"]) == 0
+    assert recorder.buffer == []
+
+
+def test_a_package_alone_is_compiled(two_lines, capsys):
+    assert command.main(["warmup", "deformation", "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)["seconds"]) == ["visuohaptic.deformation.shells"]
+    for words, text in (
+        (["sensing"], "found 'sensing', expected one of navigation, deformation"),
+        (["--jobs", "0"], "--jobs: found 0, expected 1 or more"),
+    ):
+        assert command.main(["warmup", *words]) == 2
+        assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("ending", "text"),
+    [
+        ("print('failed', 'no such kernel')", "warmup: no such kernel"),
+        ("import os; os._exit(7)", "with code 7"),
+    ],
+)
+def test_a_process_that_ends_early_is_said(two_lines, monkeypatch, capsys, ending, text):
+    monkeypatch.setattr(warmup, "_WORKER", ending)
+    assert command.main(["warmup", "--jobs", "2"]) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_the_work_is_shared_by_whole_packages():
+    lines = warmup.SIGNATURES.read_text().splitlines()
+    parts = warmup.share_out(lines, 3)
+    assert sorted(line for part in parts for line in part) == sorted(lines)
+    packages = [{line.partition(":")[0].rpartition(".")[0] for line in part} for part in parts]
+    assert not packages[0] & packages[1]
+    assert not packages[0] & packages[2]
+    assert not packages[1] & packages[2]
+    # No package is more than a third of all; the text of the sources is not exactly the number of signatures.
+    assert max(map(len, parts)) < 0.5 * len(lines)
+    assert len(warmup.share_out(lines[:1], 3)) == 1
+
+
+def test_the_collector_rests_meanwhile(one_line):
+    compiled = warmup.compile_lines(warmup.SIGNATURES.read_text().splitlines())
+    next(compiled)
+    assert not gc.isenabled()
+    compiled.close()
+    assert gc.isenabled()
 
 
 @pytest.mark.slow

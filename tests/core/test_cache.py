@@ -17,79 +17,12 @@ from numba.core.event import install_recorder
 
 from visuohaptic.core import KernelCache, cache_folder, code_digest, kernel, kernels, remove_stale
 
-#: Prints the value of ``pack.top.answer(1)`` and how many signatures were compiled for it.
-CALL = """
-from numba.core.event import install_recorder
-with install_recorder("numba:compile") as events:
-    from pack.top import answer
-    value = answer(1)
-print(value, len(events.buffer) // 2)
-"""
-
-PACK = {
-    "__init__": "",
-    "settings": "FACTOR = 10\nNUMBERS = (1, 2)\n",
-    "bottom": """
-        from visuohaptic.core.kernels import kernel
-        from .settings import FACTOR, NUMBERS
-
-        @kernel
-        def scaled(x):
-            return x * FACTOR + NUMBERS[0]
-        """,
-    "top": """
-        from visuohaptic.core.kernels import kernel
-        from .bottom import scaled
-
-        @kernel(error_model="numpy")
-        def answer(x):
-            return scaled(x) + 1000
-        """,
-}
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """An empty cache of this test."""
-    monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-@pytest.fixture
-def pack(tmp_path, folder):
-    """A package of three modules, one below the other; called in processes of their own."""
-    for name, text in PACK.items():
-        _write(tmp_path, name, text)
-    return tmp_path
-
-
-def _write(root: Path, name: str, text: str) -> None:
-    path = root / "pack" / f"{name}.py"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(textwrap.dedent(text))
-
-
-def _call(root: Path, **environment: str | None) -> tuple[int, int]:
-    """(value, compiled signatures) in a new process; None takes a variable away."""
-    # Python itself trusts a byte code file when time stamp [s] and size of its source are the same.
-    changed = {"PYTHONDONTWRITEBYTECODE": "1", **environment}
-    kept = {**os.environ, **{name: value for name, value in changed.items() if value is not None}}
-    for name in (name for name, value in changed.items() if value is None):
-        kept.pop(name, None)
-    done = subprocess.run(
-        [sys.executable, "-c", CALL], cwd=root, env=kept, check=True, capture_output=True, text=True
-    )
-    value, compiled = done.stdout.split()
-    return int(value), int(compiled)
-
-
-def _entries(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
+from .kernel_pack import CALL, PACK, call_pack, entries, write_module
 
 
 def test_a_second_process_compiles_nothing(pack):
-    assert _call(pack) == (1011, 2)
-    assert _call(pack) == (1011, 0)
+    assert call_pack(pack) == (1011, 2)
+    assert call_pack(pack) == (1011, 0)
 
 
 @pytest.mark.parametrize(
@@ -103,13 +36,13 @@ def test_a_second_process_compiles_nothing(pack):
     ],
 )
 def test_a_change_anywhere_below_is_seen(pack, name, old, new, value):
-    assert _call(pack) == (1011, 2)
+    assert call_pack(pack) == (1011, 2)
     text = textwrap.dedent(PACK[name])
     assert old in text
-    _write(pack, name, text.replace(old, new))
-    assert _call(pack)[0] == value
-    _write(pack, name, text)
-    assert _call(pack) == (1011, 0)  # the entries of before are still there
+    write_module(pack, name, text.replace(old, new))
+    assert call_pack(pack)[0] == value
+    write_module(pack, name, text)
+    assert call_pack(pack) == (1011, 0)  # the entries of before are still there
 
 
 def test_an_edit_while_the_process_runs_does_not_reach_the_cache(pack):
@@ -118,31 +51,31 @@ def test_an_edit_while_the_process_runs_does_not_reach_the_cache(pack):
     edit += "p.write_text(p.read_text().replace('10', '30'))\nassert pack.top.answer(1) == 1011"
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     subprocess.run([sys.executable, "-c", edit], cwd=pack, env=environment, check=True)
-    assert _call(pack) == (1031, 2)
+    assert call_pack(pack) == (1031, 2)
 
 
 def test_an_edit_of_one_kernel_leaves_the_others(pack):
-    _call(pack)
-    _write(pack, "top", PACK["top"].replace("1000", "2000"))
-    assert _call(pack) == (2011, 1)
+    call_pack(pack)
+    write_module(pack, "top", PACK["top"].replace("1000", "2000"))
+    assert call_pack(pack) == (2011, 1)
 
 
 @pytest.mark.parametrize("damage", [b"", b"garbage", None])
 def test_a_damaged_entry_is_compiled_anew(pack, folder, damage):
-    _call(pack)
-    for path in _entries(folder):
+    call_pack(pack)
+    for path in entries(folder):
         content = path.read_bytes()
         path.write_bytes(content[: len(content) // 2] if damage is None else damage)
-    assert _call(pack) == (1011, 2)
-    assert _call(pack) == (1011, 0)
+    assert call_pack(pack) == (1011, 2)
+    assert call_pack(pack) == (1011, 0)
 
 
 def test_without_a_place_to_write_it_compiles(pack, tmp_path):
     file = tmp_path / "file"
     file.touch()
-    assert _call(pack, VISUOHAPTIC_CACHE_DIR=str(file)) == (1011, 2)
+    assert call_pack(pack, VISUOHAPTIC_CACHE_DIR=str(file)) == (1011, 2)
     nowhere = {"VISUOHAPTIC_CACHE_DIR": None, "NUMBA_CACHE_DIR": None, "XDG_CACHE_HOME": None}
-    assert _call(pack, **nowhere, HOME=str(file)) == (1011, 2)
+    assert call_pack(pack, **nowhere, HOME=str(file)) == (1011, 2)
 
 
 @pytest.mark.skipif(
@@ -204,7 +137,7 @@ def _seven():
 
 def test_entries_are_private_and_those_of_others_are_not_loaded(folder, monkeypatch):
     _seven()(1.0)
-    (entry,) = _entries(folder)
+    (entry,) = entries(folder)
     if os.name == "posix":
         assert entry.stat().st_mode & 0o777 == 0o600
         assert entry.parent.stat().st_mode & 0o777 == 0o700
@@ -227,9 +160,9 @@ def _compiles(function, *arguments) -> bool:
 
 def test_an_entry_under_the_name_of_another_is_not_loaded(folder):
     _seven()(1.0)
-    (first,) = _entries(folder)
+    (first,) = entries(folder)
     _seven()(np.float32(1.0))
-    (second,) = (path for path in _entries(folder) if path != first)
+    (second,) = (path for path in entries(folder) if path != first)
     first.write_bytes(second.read_bytes())
     assert _compiles(_seven(), 1.0)
 
@@ -242,7 +175,7 @@ def test_every_interleaving_of_two_writers_leaves_right_code(folder, monkeypatch
     rounds = 0
     for pair in itertools.product(range(2), repeat=2):
         for order in set(itertools.permutations("aaabbb")):
-            for path in _entries(folder):
+            for path in entries(folder):
                 path.unlink()
             writers = {
                 name: _steps(KernelCache(_seven()), signatures[which], results[which], monkeypatch)
@@ -252,7 +185,7 @@ def test_every_interleaving_of_two_writers_leaves_right_code(folder, monkeypatch
                 next(writers[name])
                 for value, signature in zip(types, signatures, strict=True):
                     _check_reader(value, signature)
-            assert len(_entries(folder)) == len(set(pair))
+            assert len(entries(folder)) == len(set(pair))
             rounds += 1
     assert rounds == 4 * 20
 
@@ -291,7 +224,7 @@ def _check_reader(value, signature):
 def test_remove_stale_keeps_what_can_be_loaded(folder, monkeypatch):
     function = _seven()
     function(1.0)
-    (entry,) = _entries(folder)
+    (entry,) = entries(folder)
     stem, _, types = entry.name.split("-")
     for name in (f"{stem}-0123-{types}", "visuohaptic.gone.old.kernel-0123-4567", "tmpabc"):
         (entry.parent / name).touch()
@@ -299,7 +232,7 @@ def test_remove_stale_keeps_what_can_be_loaded(folder, monkeypatch):
     unknown.touch()
     monkeypatch.setattr(kernels, "KERNELS", [function])
     assert remove_stale() == 3
-    assert _entries(folder) == sorted([entry, unknown])
+    assert entries(folder) == sorted([entry, unknown])
 
 
 def test_a_function_that_uses_an_object_is_compiled_but_not_cached(folder, caplog):
@@ -312,7 +245,7 @@ def test_a_function_that_uses_an_object_is_compiled_but_not_cached(folder, caplo
         return x
 
     kernels.KERNELS.remove(uses_an_object)
-    with caplog.at_level(logging.DEBUG, "visuohaptic.core.kernels"):
+    with caplog.at_level(logging.DEBUG, "visuohaptic.core"):
         assert code_digest(uses_an_object) is None
     assert "uses_an_object is not cached" in caplog.text
 
@@ -326,7 +259,7 @@ def test_a_function_as_argument_is_not_cached(folder):
 
     kernels.KERNELS.remove(applied)
     assert applied(_seven(), 1.0) == pytest.approx(7.5)
-    assert [path.name for path in _entries(folder) if "applied" in path.name] == []
+    assert [path.name for path in entries(folder) if "applied" in path.name] == []
 
 
 def test_the_digest_has_every_ingredient():

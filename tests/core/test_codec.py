@@ -256,3 +256,19 @@ def test_the_place_of_a_wrong_tag_is_named() -> None:
         InputError, match=r"^HapticTag: primitive: found 2 parameters .* expected 3 of a circle"
     ):
         from_dict(HapticTag, {"primitive": bad})
+
+
+def test_a_force_profile_comes_back_with_its_truth_values():
+    """Arrays of true and false were refused as whole numbers."""
+    from visuohaptic.core import ErrorBudget, ForceProfile, Reason
+
+    value = np.array([0.0, np.nan, 2.0])
+    seen = np.array([True, False, True])
+    budget = ErrorBudget(0.1, 0.2, 0.3, 0.4)
+    profile = ForceProfile(
+        1.0, True, Reason.OK, 3.0, budget, np.arange(3.0), value, value, value, value, seen
+    )
+    again = from_dict(ForceProfile, to_dict(profile))
+    assert again.point_valid.dtype == bool
+    np.testing.assert_array_equal(again.point_valid, seen)
+    np.testing.assert_array_equal(again.delta_m, value)

@@ -136,9 +136,14 @@ def test_boyle_in_a_pinched_ellipse():
     assert 2 * np.trapezoid(force, np.r_[0, tiny]) == pytest.approx(work, rel=0.01)
 
 
-def test_a_limit_load_stops_load_control_with_a_reason():
+def shallow_roof(cells, thickness_mm):
+    """The hinged cylindrical roof of Sze et al. (2004), a quarter of it, and its central load [N]."""
     mesh = problems.grid_mesh(
-        lambda u, v: (2540 * np.sin(0.1 * u), 254 * v, 2540 * np.cos(0.1 * u)), 6, 6, 12.7, crossed=True
+        lambda u, v: (2540 * np.sin(0.1 * u), 254 * v, 2540 * np.cos(0.1 * u)),
+        cells,
+        cells,
+        thickness_mm,
+        crossed=True,
     )
     x, y, _ = mesh.vertices_m.T
     fixed = problems.held(
@@ -151,6 +156,11 @@ def test_a_limit_load_stops_load_control_with_a_reason():
     load = np.zeros((model.nodes, 6))
     load[0, 2] = -0.25
     shell = CorotationalShell(model)
+    return shell, load
+
+
+def test_a_limit_load_stops_load_control_with_a_reason():
+    shell, load = shallow_roof(6, 12.7)
     path = follow_displacement(shell, load, list(np.arange(1.0, 16.0)))
     assert path.complete
     # Past the limit point the tangent's determinant is negative.
@@ -169,20 +179,7 @@ def test_a_limit_load_stops_load_control_with_a_reason():
 
 def test_displacement_control_goes_round_a_snap_back():
     """The thin roof's middle turns back under load: its path by arc length is the truth here."""
-    mesh = problems.grid_mesh(
-        lambda u, v: (2540 * np.sin(0.1 * u), 254 * v, 2540 * np.cos(0.1 * u)), 8, 8, 6.35, crossed=True
-    )
-    x, y, _ = mesh.vertices_m.T
-    fixed = problems.held(
-        mesh,
-        (problems.near(x, x.max()), (0, 1, 2)),
-        (problems.near(x, 0), (0, 4, 5)),
-        (problems.near(y, 0), (1, 3, 5)),
-    )
-    model = ShellModel(mesh, IsotropicMaterial(3102.75, 0.3), fixed)
-    load = np.zeros((model.nodes, 6))
-    load[0, 2] = -0.25
-    shell = CorotationalShell(model)
+    shell, load = shallow_roof(8, 6.35)
     targets = [5.0, 10.0, 15.0, 18.0, 22.0, 26.0]
     path = follow_displacement(shell, load, targets)
     assert path.complete

@@ -169,7 +169,7 @@ def test_uvc_driver_fixes_focus_and_exposure() -> None:
     backend.close()
     with pytest.raises(DeviceError, match=r"no mode 320 x 240; it has 640 x 480 @ 30"):
         UvcBackend(uvc, "0", CameraSettings(320, 240)).open()
-    with pytest.raises(DeviceError, match="no camera uvc:nothing; found: uvc:0 'Wide Cam'"):
+    with pytest.raises(DeviceError, match="no camera 'nothing'; found: camera:0 'Wide Cam'"):
         UvcBackend(uvc, "nothing", settings).open()
 
 
@@ -184,3 +184,16 @@ def test_a_camera_that_is_not_there_lists_those_that_are(monkeypatch: pytest.Mon
     there.clear()
     with pytest.raises(DeviceError, match=r"^no camera camera:0; found: none$"):
         OpenCvBackend(0, CameraSettings()).open()
+
+
+def test_a_stream_and_a_device_are_opened_by_their_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither has a number, and libuvc knows neither."""
+    opened: list[object] = []
+    closed = SimpleNamespace(isOpened=lambda: False, release=lambda: None)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda device: opened.append(device) or closed)
+    monkeypatch.setattr(_camera_drivers, "find", list)
+    with pytest.raises(DeviceError, match=r"^rtsp://robot/front does not answer; check the address"):
+        _camera_drivers.choose("rtsp://robot/front", CameraSettings(), uvc_only=False).open()
+    with pytest.raises(DeviceError, match=r"^no camera /dev/video7; found: none$"):
+        _camera_drivers.choose("/dev/video7", CameraSettings(), uvc_only=False).open()
+    assert opened == ["rtsp://robot/front", "/dev/video7"]

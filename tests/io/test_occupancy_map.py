@@ -218,7 +218,7 @@ def test_as_in_map_server_only_the_mode_may_be_left_out(tmp_path: Path, field: s
     OccupancyMap.load(path)
     lines = [line for line in path.read_text().splitlines() if not line.startswith(field)]
     path.write_text("\n".join(lines))
-    with pytest.raises(InputError, match=f"{field}: Field required"):
+    with pytest.raises(InputError, match=f"{field}: is missing"):
         OccupancyMap.load(path)
 
 

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
 from visuohaptic.navigation.planning._joint_kernels import bounded_ways, cell_meets_polygon, free_object
-from visuohaptic.navigation.planning.search._push_search_kernels import free_push_steps
+from visuohaptic.navigation.planning.search._push_search_kernels import free_push_length
 from visuohaptic.navigation.planning.search._travel_kernels import (
     FAR,
     UNITS,
@@ -55,7 +55,9 @@ def test_travel_field_is_dijkstra(seed):
     source = int(np.flatnonzero(clearance.ravel() >= RADIUS)[0])
     empty, none = np.zeros((0, 0), np.int32), np.zeros(0, np.int32)
     seeds = np.array([source], np.int32)
-    cost, came, _ = travel_field(clearance, RADIUS, SLOW, seeds, np.zeros(1, np.int32), empty, none, none, 0)
+    cost, came = travel_field(
+        clearance, RADIUS, SLOW, seeds, np.zeros(1, np.int32), empty, none, none, 0, none
+    )
     expected = plain_field(clearance.astype(float), source)
     reached = np.isfinite(expected)
     assert ((cost < FAR) == reached).all()
@@ -73,7 +75,9 @@ def test_entering_a_region_is_charged_once_seen_from_the_goal():
     charge = np.array([0, 1000], np.int32)
     none = np.zeros(0, np.int32)
     goal = np.array([1 * 30 + 25], np.int32)
-    cost, _, _ = travel_field(clearance, RADIUS, SLOW, goal, np.zeros(1, np.int32), region, charge, none, 0)
+    cost, _ = travel_field(
+        clearance, RADIUS, SLOW, goal, np.zeros(1, np.int32), region, charge, none, 0, none
+    )
     field = cost.reshape(3, 30)
     assert field[1, 20] == 5 * UNITS
     assert field[1, 12] == 13 * UNITS  # inside: the robot is there already
@@ -101,13 +105,13 @@ def test_distances_and_touches_agree_with_shapely():
 def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fit():
     occupied = np.zeros((20, 40), np.bool_)
     occupied[:, 30] = True
-    clear = np.full((20, 40), np.float32(9.0))
+    clear = np.tile(np.abs(30.5 - (np.arange(40) + 0.5)) - 0.5, (20, 1)).astype(np.float32)
     outline = box(10, 10, 3.0)
     none, start = np.zeros((0, 2)), np.zeros(1, np.int32)
     samples = box(10, 10, 2.8)
 
     def steps(others=none, starts=start, clearance=clear, limit=40):
-        return free_push_steps(
+        return free_push_length(
             occupied,
             clearance,
             samples,
@@ -115,7 +119,6 @@ def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fi
             outline,
             others,
             starts,
-            others,
             6.0,
             10.0,
             1.0,
@@ -124,14 +127,14 @@ def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fi
             limit,
         )
 
-    assert steps() == 18  # from 11.4 to the wall at 30
+    assert steps() == 18.5  # from 11.4 to the wall at 30
     assert steps(limit=5) == 5
     other = box(20, 10, 3.0)
-    assert steps(other, np.array([0, 4], np.int32)) == 7  # from 11.4 to 18.5
-    narrow = clear.copy()
+    assert steps(other, np.array([0, 4], np.int32)) == 7.0  # from 11.4 to 18.5
+    narrow = np.full((20, 40), np.float32(9.0))
     narrow[:, 9:] = 1.0
     # From 6 to where the interpolated clearance, 9 at 8.5 and 1 at 9.5, falls below 2.
-    assert steps(clearance=narrow) == 3
+    assert steps(clearance=narrow) == 3.0
 
 
 def test_an_object_that_leans_on_a_wall_slides_along_it():
@@ -144,8 +147,8 @@ def test_an_object_that_leans_on_a_wall_slides_along_it():
         [np.linspace(a, b, 9) for a, b in zip(outline, np.roll(outline, -1, 0), strict=True)]
     )
     assert (
-        free_push_steps(
-            occupied, clear, samples, none, outline, none, start, none, 6.0, 10.0, 1.0, 0.0, RADIUS, 10
+        free_push_length(
+            occupied, clear, samples, none, outline, none, start, 6.0, 10.0, 1.0, 0.0, RADIUS, 10
         )
         == 10
     )

@@ -27,19 +27,13 @@ def series(doors):
 @pytest.mark.parametrize("doors", [3, 6])
 def test_doors_in_series(doors):
     problem = series(doors)
-    plan = make_plan(problem, limits=SearchLimits(first_expansions=1))
+    plan = make_plan(problem, limits=SearchLimits(budget_s=30.0, gap=0.1))
     assert plan.reachable
+    assert plan.gap < 0.1
     assert len(plan.pushes) >= doors
     assert not faults(problem, plan)
     # All combinations of a few pushes per door would be thousands.
-    assert plan.expanded < 20 * doors
-
-
-def test_the_hasty_pass_changes_no_cheapest_plan():
-    problem = series(1)
-    with_it = make_plan(problem)
-    without = make_plan(problem, limits=SearchLimits(opening_expansions=0))
-    assert with_it.cost_s == pytest.approx(without.cost_s, abs=1e-6)
+    assert plan.expanded < 50 * doors
 
 
 def test_contacts_follow_the_learnt_centre_of_friction():

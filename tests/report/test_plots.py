@@ -124,3 +124,22 @@ def test_the_style_of_others_is_left_alone(profile):
     before = dict(mpl.rcParams)
     experiments.pressure_profile(profile)
     assert dict(mpl.rcParams) == before
+
+
+def test_labels_of_a_map_cover_neither_each_other_nor_what_stands_there():
+    """Three objects side by side in a door, as in the demo: their names stand apart, the objects stay to be seen."""
+    tag = HapticTag(dynamic_friction_N=Estimate(3.2, 0.04), fixed=False)
+    square = 0.1 * np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    objects = [
+        experiments.MapObject(name, square + np.array([4.0, 2.0 + 0.25 * k]), tag)
+        for k, name in enumerate(["light bin", "fixed leg", "heavy box"])
+    ]
+    figure = experiments.floor_map(np.zeros((120, 160), np.int8), 0.05, (0.0, 0.0), objects=objects)
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    boxes = [mpl.text.Text.get_window_extent(text) for text in axes.texts]
+    boxes += [
+        axes.transData.transform_bbox(mpl.transforms.Bbox([o.outline_world_m[0], o.outline_world_m[2]]))
+        for o in objects
+    ]
+    assert not any(first.overlaps(second) for k, first in enumerate(boxes) for second in boxes[k + 1 :])

@@ -131,9 +131,9 @@ GOOD = {"name": "foam", "config": "sensor.yaml", "image": IMAGE}
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({}, "sensors: Field required"),
-        ({"sensors": []}, "at least 1 item"),
-        ({"sensors": [GOOD], "nodes": 1}, "nodes: Extra inputs"),
+        ({}, "sensors: is missing"),
+        ({"sensors": []}, "at least 1 entries"),
+        ({"sensors": [GOOD], "nodes": 1}, "nodes: unknown field"),
         ({"sensors": [GOOD | {"image": "a b"}]}, "expected words of letters"),
         ({"sensors": [GOOD | {"name": "fo/am"}]}, "sensors.0.name"),
         ({"sensors": [GOOD, GOOD]}, "foam is there twice"),

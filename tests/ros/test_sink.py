@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.io import helpers
+from tests.sensing import scenes
 from visuohaptic.core import Reason
 from visuohaptic.core.camera import Frame, Pose
 from visuohaptic.core.files import save_yaml
@@ -21,21 +21,6 @@ from visuohaptic.ros.wire import Qos, decode, encode, message_type
 from visuohaptic.sensing import load_reader
 
 from .conftest import until
-
-
-def _load(name: str, *parts: str) -> Any:
-    path = Path(__file__).resolve().parents[1].joinpath(*parts)
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-helpers = _load("ros_helpers", "io", "helpers.py")
-scenes = _load("ros_scenes", "sensing", "scenes.py")
 
 
 def test_a_map_waits_for_those_who_come_late(robot: RosNode, ours: RosNode) -> None:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parent))
-import scenes
+from tests.sensing import scenes
 
 from visuohaptic.core import Contact, ErrorBudget, EventKind, ForceProfile, Reason
 from visuohaptic.core.camera import Frame

@@ -1,28 +1,14 @@
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from tests.sensing import scenes
 
 from visuohaptic.core import InputError, Reason
 from visuohaptic.sensing.scene import FloorMixture, MixtureSettings, ObstacleDetector
 from visuohaptic.sensing.scene._mixture_kernels import update_mixture
 from visuohaptic.simulation.foam import SensorRig
 from visuohaptic.simulation.rendering import Look, Surface
-
-
-def _load(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-scenes = _load("scenes")
 
 
 def mixture_twin(image, modes, held, rate, rate_foreground, background_fraction, settings):

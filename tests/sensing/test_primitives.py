@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.sensing import contacts
 
 from visuohaptic.core import InputError, Primitive, PrimitiveKind
 from visuohaptic.sensing.push import (
@@ -18,17 +17,6 @@ from visuohaptic.sensing.push import (
     score_primitive,
 )
 from visuohaptic.sensing.push._primitive_kernels import BENT, ROUND, STRAIGHT, contact_profile
-
-
-def _load(name: str):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-contacts = _load("contacts")
 
 
 def test_the_algebraic_circle_is_exact_without_noise() -> None:

@@ -1,28 +1,13 @@
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from tests.sensing import fall_pushes, scenes
 
 from visuohaptic.core import BaseState, Contact, ErrorBudget, EventKind, ForceProfile, InputError, Reason
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.scene import SceneSettings, SceneTracker, chain
 from visuohaptic.simulation.rendering import Look, Surface
-
-
-def _load(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-scenes = _load("scenes")
-fall_pushes = _load("fall_pushes")
 
 CONCRETE = Look(
     floor=Surface(112.0, 10.0, "concrete"), foam=Surface(175.0, 3.5, "foam"), body=Surface(52.0, 3.0, "metal"),

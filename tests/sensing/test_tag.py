@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.sensing import pushes
 
 from visuohaptic.core import Estimate, Event, EventKind, HapticTag
 from visuohaptic.database import merge_tags
@@ -19,16 +18,6 @@ from visuohaptic.sensing.push import (
     tag_from_push,
 )
 
-
-def _load(name: str):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-pushes = _load("pushes")
 TYPICAL_90 = 1.645
 
 

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.tracking.synthetic import Scene, bound_px, camera
 
 from visuohaptic.core import InputError
 from visuohaptic.tracking.contours import ConstraintLines, ContourSettings, ContourTracker, PointReason
-
-_spec = importlib.util.spec_from_file_location("synthetic", Path(__file__).with_name("synthetic.py"))
-synthetic = importlib.util.module_from_spec(_spec)
-import sys  # noqa: E402
-
-sys.modules["synthetic"] = synthetic
-_spec.loader.exec_module(synthetic)
-Scene, camera, bound_px = synthetic.Scene, synthetic.camera, synthetic.bound_px
 
 BRIGHT_BEHIND = ContourSettings(polarity=1)
 

@@ -19,7 +19,7 @@ SIZE = (300, 300)
 
 def moved_corners(view, rng: np.random.Generator, distance: float, at: float = 55.0) -> tuple:
     """True homography near the middle of the frame, and a start whose corners are ``distance`` off."""
-    from plane_view import corner_homography
+    from benchmarks._plane_view import corner_homography
 
     true = view.corners + at + rng.uniform(-3, 3, (4, 2))
     angle = rng.uniform(0, 2 * np.pi, 4)
@@ -79,7 +79,7 @@ def test_sums_equal_their_numpy_twin(cubic: bool, fraction: float) -> None:
     matrix, vector, stats = np.zeros((10, 10)), np.zeros(10), np.zeros(13)
     used = np.arange(rows)
     kernels.gauss_newton_sums(
-        image, template, tx, ty, x, y, used, offset, h, gain, bias, cut, margin, fraction, unit, cubic,
+        image, template, tx, ty, x, y, used, offset, h.reshape(3, 3), gain, bias, cut, margin, fraction, unit, cubic,
         matrix, vector, stats, np.zeros(256, np.int64),
     )  # fmt: skip
 

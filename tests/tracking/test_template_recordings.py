@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from benchmarks.sensing_real import dot_centres
 
 from visuohaptic.core.camera import Camera, Frame
 from visuohaptic.tracking.points import apply_homography
@@ -135,20 +136,6 @@ def test_hand_moved_target_through_blur(data: Path) -> None:
     assert len(errors) > 4 * len(paths)
     # Blurred centroids are good to a few tenths of a pixel.
     assert np.median(errors) < 0.5
-
-
-def dot_centres(image: np.ndarray) -> np.ndarray:
-    """Grey-weighted centroids of bright round blobs."""
-    _, mask = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
-    centres = []
-    for k in range(1, count):
-        _, _, w, h, area = stats[k]
-        if 30 < area < 5000 and 0.5 < w / h < 2 and area > 0.6 * w * h:
-            y, x = np.nonzero(labels == k)
-            weight = image[y, x].astype(float)
-            centres.append([(x * weight).sum() / weight.sum(), (y * weight).sum() / weight.sum()])
-    return np.array(centres).reshape(-1, 2)
 
 
 def test_speckle_under_tension(data: Path) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.viewer import browser
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import load_map, save_map
@@ -207,17 +205,8 @@ def test_the_verb_serves_for_a_while(tmp_path, capsys):
     assert main(["view", "nothing.xyz"]) == 2
 
 
-def load_browser():
-    specification = importlib.util.spec_from_file_location("browser", Path(__file__).with_name("browser.py"))
-    module = importlib.util.module_from_spec(specification)
-    sys.modules["browser"] = module
-    specification.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.slow
 def test_a_click_in_a_browser(cup, tmp_path):
-    browser = load_browser()
     if (program := browser.find_chromium()) is None:
         pytest.skip("no Chromium on this machine (Debian: apt-get install chromium)")
     with BrowsePage([cup, StepsView("bottle", [("soft?", "yes")], "cup")], port=0) as page:

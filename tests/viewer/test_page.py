@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import socket
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.viewer import browser
 
 from visuohaptic.core import ErrorBudget, Estimate, ForceProfile, HapticTag, InputError, Reason
 from visuohaptic.core.camera import Pose
@@ -118,17 +117,8 @@ def test_closing_twice_does_no_harm():
     live.close()
 
 
-def load_browser():
-    specification = importlib.util.spec_from_file_location("browser", Path(__file__).with_name("browser.py"))
-    module = importlib.util.module_from_spec(specification)
-    sys.modules["browser"] = module
-    specification.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.slow
 def test_a_browser_shows_the_page_and_asks_nobody_else(page, tmp_path):
-    browser = load_browser()
     if (program := browser.find_chromium()) is None:
         pytest.skip("no Chromium on this machine (Debian: apt-get install chromium)")
     page.set_tags({"a|b": "<script>felt</script>"})

@@ -12,7 +12,7 @@ from typing import Any, Generic, Self, TextIO, TypeVar
 
 from . import _json
 
-__all__ = ["Arguments", "Console", "OutputClosedError", "Progress"]
+__all__ = ["Arguments", "Console", "LiveLine", "OutputClosedError", "Progress"]
 
 Item = TypeVar("Item")
 
@@ -125,6 +125,10 @@ class Console:
         """
         return Progress(work, description, quiet=self.quiet)
 
+    def line(self) -> LiveLine:
+        """One line that shows the newest state, to be used as a context."""
+        return LiveLine(quiet=self.quiet)
+
     def start_logging(self) -> None:
         """Send the library's log to stderr."""
         level = logging.ERROR if self.quiet else logging.DEBUG if self.verbose else logging.WARNING
@@ -175,6 +179,64 @@ def _write(stream: TextIO, text: str) -> None:
         stream.flush()
     except BrokenPipeError as error:
         raise OutputClosedError from error
+
+
+class LiveLine:
+    """The newest state: on a terminal one line that is written over, elsewhere a line per second.
+
+    Parameters
+    ----------
+    quiet
+        Show nothing.
+    stream
+        Where it is shown; stderr by default.
+    clock
+        Seconds of a clock that never goes back.
+    """
+
+    def __init__(
+        self,
+        *,
+        quiet: bool = False,
+        stream: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._quiet, self._clock = quiet, clock
+        self._stream = stream if stream is not None else sys.stderr
+        self._over = self._stream.isatty()
+        self._shown_s = -float("inf")
+        self._open = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
+    def show(self, text: str) -> None:
+        """Show a state; those that come faster than they can be read are left out.
+
+        Parameters
+        ----------
+        text
+            One line, without its end.
+        """
+        now_s = self._clock()
+        if self._quiet or now_s - self._shown_s < (0.1 if self._over else 1.0):
+            return
+        self._shown_s = now_s
+        if self._over:
+            self._stream.write(f"\r\x1b[K{text}")
+            self._stream.flush()
+            self._open = True
+        else:
+            _write(self._stream, text)
+
+    def end(self) -> None:
+        """Leave the last state where it is; what follows begins a new line."""
+        if self._open:
+            _write(self._stream, "")
+        self._open = False
 
 
 class Progress(Generic[Item]):

@@ -48,7 +48,7 @@ OPTIONAL = (
     Library("av", "av", "recording", "video files"),
     Library("mcap", "mcap", "recording", "MCAP recordings"),
     Library("mcap_ros2", "mcap-ros2-support", "recording", "ROS 2 messages in MCAP recordings"),
-    Library("pyarrow", "pyarrow", "recording", "Parquet tables", "import pyarrow.parquet"),
+    Library("pyarrow", "pyarrow", "tables", "Parquet tables", "import pyarrow.parquet"),
     Library("sqlalchemy", "SQLAlchemy", "database", "databases of objects"),
     Library("psycopg", "psycopg", "shared", "databases that robots share"),
     Library("uvc", "pupil-labs-uvc", "live", "live UVC cameras with fixed focus and exposure"),
@@ -62,7 +62,7 @@ OPTIONAL = (
     ),
     Library(
         "mujoco",
-        "mujoco",
+        "mujoco-core",
         "sim",
         "simulation or demo",
         "m = mujoco.MjModel.from_xml_string('<mujoco/>'); mujoco.mj_step(m, mujoco.MjData(m))",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -16,12 +16,27 @@ from ..core.errors import InputError
 if TYPE_CHECKING:
     from ..core.camera.frame import Frame
     from ..core.camera.model import Camera
+    from ..core.measurement import ForceProfile
     from ..core.robots import FrameSource
     from ..sensing.readers.sensor_reader import SensorReader, SensorReading
 
-__all__ = ["Outputs", "SensorRun", "add_part", "is_live", "opened_frames", "run_sensor", "zero_frames"]
+__all__ = [
+    "Outputs",
+    "SensorRun",
+    "add_part",
+    "force_outputs",
+    "force_text",
+    "is_live",
+    "opened_frames",
+    "run_sensor",
+    "shown_frames",
+    "zero_frames",
+]
 
 Measured = TypeVar("Measured")
+
+#: Longest bar of a force [characters].
+_BAR = 40
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +60,9 @@ def is_live(source: str) -> bool:
     source
         Text of ``--source``.
     """
-    return source.startswith(("camera:", "uvc:"))
+    from ..io.frames.live import camera_of
+
+    return camera_of(source) is not None
 
 
 def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> FrameSource:
@@ -65,6 +82,21 @@ def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> Fr
     return open_source(
         args.source, camera=camera, start_s=args.start, stop_s=args.stop, rate_Hz=args.rate_Hz, grey=grey
     )
+
+
+def shown_frames(args: Any, source: FrameSource, doing: str) -> Iterator[Frame]:
+    """Frames of a recording with their progress; of a camera, which has no end, as they come.
+
+    Parameters
+    ----------
+    args
+        With ``source``.
+    source
+        From :func:`opened_frames`.
+    doing
+        What is done with them, one word.
+    """
+    return iter(source if is_live(str(args.source)) else args.progress(source, doing))
 
 
 def zero_frames(args: Any) -> int:
@@ -129,6 +161,8 @@ def run_sensor(
     frames: Iterator[Frame],
     outputs: Outputs[Measured],
     on_reading: Callable[[SensorReading[Measured]], None] = lambda reading: None,
+    *,
+    live: bool = False,
 ) -> SensorRun:
     """Read every frame, record it, write its rows, show it and say its events.
 
@@ -144,12 +178,16 @@ def run_sensor(
         Table, rows and page of the verb.
     on_reading
         Told of every reading, for the verb's own summary.
+    live
+        Show every reading on one line of the terminal, and let Ctrl-C end the run as the end of a recording does;
+        so it is with a camera anyway.
 
     Raises
     ------
     InputError
         There is no zero reference, or no frame.
     """
+    live = live or is_live(str(args.source or ""))
     if count := zero_frames(args):
         reader.zero(islice(frames, count))
     reader.require_zero("give --zero-frames N")
@@ -158,6 +196,8 @@ def run_sensor(
     with ExitStack() as stack:
         recording, page = _opened(args, stack, outputs)
         writers = [stack.enter_context(outputs.open_table(path)) for path in tables]
+        line = stack.enter_context(args.console.line()) if live else None
+        stack.enter_context(suppress(*([KeyboardInterrupt] if live else [])))
         for frame in frames:
             reading = reader.read(frame, recording)
             if recording is not None and reader.camera is not None and not run.frames:
@@ -168,8 +208,12 @@ def run_sensor(
                     writer.write(row)
             for event in reading.events:
                 described = f"{event.t_s:10.3f} s  {event.kind.value:8}  {outputs.describe(reading.measured)}"
+                if line is not None:
+                    line.end()
                 args.report(described.rstrip())
                 run.events.append({"t_s": event.t_s, "event": event.kind.value})
+            if line is not None:
+                line.show(f"{frame.t_s:10.1f} s  {outputs.describe(reading.measured)}")
             if page is not None and outputs.show is not None:
                 page.update(frame.t_s, **outputs.show(frame, reading.measured))
             on_reading(reading)
@@ -180,6 +224,32 @@ def run_sensor(
             remedy="check --zero-frames, --start, --stop",
         )
     return run
+
+
+def force_text(profile: ForceProfile) -> str:
+    """Force with its sigma and a bar, or why there is none.
+
+    Parameters
+    ----------
+    profile
+        Of a foam sensor.
+    """
+    if not profile.valid:
+        return f"no force: {profile.reason.value}"
+    blocks = min(_BAR, round(4 * profile.force_N))  # 0.25 N each
+    return f"{profile.force_N:7.3f} N +- {profile.force_sigma_N:.3f} N  {blocks * chr(0x2588)}"
+
+
+def force_outputs() -> Outputs[ForceProfile]:
+    """Table, page and text of a foam sensor."""
+    from ..io.sinks.tables import TableWriter
+
+    return Outputs(
+        TableWriter,
+        rows=lambda profile: (profile,),
+        show=lambda frame, profile: {"frame_bgr": frame.image, "profile": profile},
+        describe=lambda profile: force_text(profile).rstrip(),
+    )
 
 
 def _opened(args: Any, stack: ExitStack, outputs: Outputs[Any]) -> tuple[Any, Any]:

@@ -11,8 +11,8 @@ A verb is a line of ``VERBS`` (what it does) and a module with
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
-Exit codes: 0 done, 2 bad input or usage, 1 internal error, 130 interrupted,
-141 the reader of our output has gone.
+Exit codes: 0 done, 2 bad input or usage, 3 sound input without a solution (no plan), 1 internal error,
+130 interrupted, 141 the reader of our output has gone.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import NoReturn
 
@@ -31,157 +32,64 @@ from ._console import Arguments, Console, OutputClosedError
 
 __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 
-#: Verb -> module and one line of help; kept here so that the overview imports no verb.
-VERBS: Mapping[str, tuple[str, str]] = {
-    "demo": (
-        "visuohaptic.cli.verbs.system.demo",
-        "run the end-to-end demo: a simulated robot looks, touches and remembers",
-    ),
-    "sense foam": (
-        "visuohaptic.cli.verbs.sensing.sense_foam",
-        "measure force and shape with a strip of foam that a camera watches",
-    ),
-    "sense scene": (
-        "visuohaptic.cli.verbs.sensing.sense_scene",
-        "track obstacles ahead, the motion of the floor and the pushed object",
-    ),
-    "track": (
-        "visuohaptic.cli.verbs.sensing.track",
-        "track printed templates and AprilTags, and estimate their 6D poses",
-    ),
-    "template check": (
-        "visuohaptic.cli.verbs.sensing.template_check",
-        "predict how well an image can be detected and tracked as a template",
-    ),
-    "template sheet": (
-        "visuohaptic.cli.verbs.sensing.template_sheet",
-        "write a print-ready sheet of AprilTags 36h11",
-    ),
-    "sense beam": (
-        "visuohaptic.cli.verbs.sensing.sense_beam",
-        "measure force and moment, six axes, with templates on a bending rod",
-    ),
-    "calibrate foam": (
-        "visuohaptic.cli.verbs.sensing.calibrate_foam",
-        "fit a foam's stress-strain curve, or say why the data are unsuitable",
-    ),
-    "calibrate beam": (
-        "visuohaptic.cli.verbs.sensing.calibrate_beam",
-        "fit a beam sensor's compliance from known loads",
-    ),
-    "calibrate camera": (
-        "visuohaptic.cli.verbs.sensing.calibrate_camera",
-        "estimate a camera's intrinsics and lens distortion",
-    ),
-    "calibrate stripe": (
-        "visuohaptic.cli.verbs.sensing.calibrate_stripe",
-        "learn the colours of a stripe on the foam from one image",
-    ),
-    "example foam": (
-        "visuohaptic.cli.verbs.sensing.example_foam",
-        "write a small simulated recording to try the foam sensor on",
-    ),
-    "example beam": (
-        "visuohaptic.cli.verbs.sensing.example_beam",
-        "write a small simulated recording to try the beam sensor on",
-    ),
-    "example glass": (
-        "visuohaptic.cli.verbs.geometry.example_glass",
-        "write a small simulated depth sequence of clear bottles to find and complete",
-    ),
-    "map inspect": (
-        "visuohaptic.cli.verbs.planning.map_inspect",
-        "summarise a map, and where a robot can drive on it",
-    ),
-    "map build": (
-        "visuohaptic.cli.verbs.planning.map_build",
-        "build an occupancy map from laser scans and odometry",
-    ),
-    "map graph": (
-        "visuohaptic.cli.verbs.planning.map_graph",
-        "compute distance, cost, skeleton graph and regions of a map",
-    ),
-    "plan": (
-        "visuohaptic.cli.verbs.planning.plan",
-        "plan navigation among movable obstacles: where to drive, what to push",
-    ),
-    "stiffness": (
-        "visuohaptic.cli.verbs.planning.stiffness",
-        "compute the stiffness of a container at every surface point",
-    ),
-    "grasp": ("visuohaptic.cli.verbs.planning.grasp", "plan grasps on deformable containers"),
-    "reconstruct": (
-        "visuohaptic.cli.verbs.geometry.reconstruct",
-        "fuse a depth sequence into a surface, and detect transparent parts",
-    ),
-    "complete": (
-        "visuohaptic.cli.verbs.geometry.complete",
+#: Room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports no verb.
+_TABLE = (
+    ("system", "demo", "run the end-to-end demo: a simulated robot looks, touches and remembers"),
+    ("system", "start", "set up a foam sensor step by step, from a camera to live newtons"),
+    ("system", "cameras", "list the cameras that are connected"),
+    ("sensing", "sense foam", "measure force and shape with a strip of foam that a camera watches"),
+    ("sensing", "sense scene", "track obstacles ahead, the motion of the floor and the pushed object"),
+    ("sensing", "track", "track printed templates and AprilTags, and estimate their 6D poses"),
+    ("sensing", "template check", "predict how well an image can be detected and tracked as a template"),
+    ("sensing", "template sheet", "write a print-ready sheet of AprilTags 36h11"),
+    ("sensing", "sense beam", "measure force and moment, six axes, with templates on a bending rod"),
+    ("sensing", "calibrate foam", "fit a foam's stress-strain curve, or say why the data are unsuitable"),
+    ("sensing", "calibrate beam", "fit a beam sensor's compliance from known loads"),
+    ("sensing", "calibrate camera", "estimate a camera's intrinsics and lens distortion"),
+    ("sensing", "calibrate stripe", "learn the colours of a stripe on the foam from one image"),
+    ("sensing", "example foam", "write a small simulated recording to try the foam sensor on"),
+    ("sensing", "example beam", "write a small simulated recording to try the beam sensor on"),
+    ("geometry", "example glass", "write a small simulated sequence of clear bottles to find and complete"),
+    ("planning", "map inspect", "summarise a map, and where a robot can drive on it"),
+    ("planning", "map build", "build an occupancy map from laser scans and odometry"),
+    ("planning", "map graph", "compute distance, cost, skeleton graph and regions of a map"),
+    ("planning", "plan", "plan navigation among movable obstacles: where to drive, what to push"),
+    ("planning", "stiffness", "compute the stiffness of a container at every surface point"),
+    ("planning", "grasp", "plan grasps on deformable containers"),
+    ("geometry", "reconstruct", "fuse a depth sequence into a surface, and detect transparent parts"),
+    (
+        "geometry",
+        "complete",
         "complete a surface by touch where it could not be seen, and plan the next touch",
     ),
-    "objects list": ("visuohaptic.cli.verbs.knowledge.objects_list", "list the objects of a database"),
-    "objects show": ("visuohaptic.cli.verbs.knowledge.objects_show", "show all that is known of one object"),
-    "objects add": (
-        "visuohaptic.cli.verbs.knowledge.objects_add",
-        "add an object, or new evidence of a known one",
-    ),
-    "objects import": (
-        "visuohaptic.cli.verbs.knowledge.objects_import",
-        "import objects from folders with cards",
-    ),
-    "objects export": (
-        "visuohaptic.cli.verbs.knowledge.objects_export",
-        "export objects as folders with cards",
-    ),
-    "objects sync": ("visuohaptic.cli.verbs.knowledge.objects_sync", "synchronise with a shared database"),
-    "objects search": (
-        "visuohaptic.cli.verbs.knowledge.objects_search",
-        "find the objects with the most similar features",
-    ),
-    "objects recognise": (
-        "visuohaptic.cli.verbs.knowledge.objects_recognise",
-        "rank what a seen object may be, with probabilities",
-    ),
-    "objects build": (
-        "visuohaptic.cli.verbs.knowledge.objects_build",
-        "compute stiffness maps and features of whole container classes",
-    ),
-    "reproduce": (
-        "visuohaptic.cli.verbs.system.reproduce",
-        "reproduce figures and tables of the dissertation, beside its numbers",
-    ),
-    "classify train": (
-        "visuohaptic.cli.verbs.knowledge.classify_train",
-        "train a classification tree and a touch planner, or a model of states",
-    ),
-    "classify plan": (
-        "visuohaptic.cli.verbs.knowledge.classify_plan",
-        "show the planned touches in their order",
-    ),
-    "classify run": (
-        "visuohaptic.cli.verbs.knowledge.classify_run",
-        "classify an object from touches, and plan the next touch",
-    ),
-    "recording info": (
-        "visuohaptic.cli.verbs.geometry.recording_info",
-        "summarise a recording: topics, frames, duration, damage",
-    ),
-    "recording import": (
-        "visuohaptic.cli.verbs.geometry.recording_import",
+    ("knowledge", "objects list", "list the objects of a database"),
+    ("knowledge", "objects show", "show all that is known of one object"),
+    ("knowledge", "objects add", "add an object, or new evidence of a known one"),
+    ("knowledge", "objects import", "import objects from folders with cards"),
+    ("knowledge", "objects export", "export objects as folders with cards"),
+    ("knowledge", "objects sync", "synchronise with a shared database"),
+    ("knowledge", "objects search", "find the objects with the most similar features"),
+    ("knowledge", "objects recognise", "rank what a seen object may be, with probabilities"),
+    ("knowledge", "objects build", "compute stiffness maps and features of whole container classes"),
+    ("system", "reproduce", "reproduce figures and tables of the dissertation, beside its numbers"),
+    ("knowledge", "classify train", "train a classification tree and a touch planner, or a model of states"),
+    ("knowledge", "classify plan", "show the planned touches in their order"),
+    ("knowledge", "classify run", "classify an object from touches, and plan the next touch"),
+    ("geometry", "recording info", "summarise a recording: topics, frames, duration, damage"),
+    (
+        "geometry",
+        "recording import",
         "convert depth images and poses of another layout into a depth sequence",
     ),
-    "ros bridge": (
-        "visuohaptic.cli.verbs.system.ros_bridge",
-        "run the sensors as a ROS 2 node: image topics in, forces out",
-    ),
-    "view": (
-        "visuohaptic.cli.verbs.system.view",
-        "show objects, maps with plans, surfaces and classifications in the browser",
-    ),
-    "warmup": (
-        "visuohaptic.cli.verbs.system.warmup",
-        "compile all kernels now, so that later starts are fast",
-    ),
-    "doctor": ("visuohaptic.cli.verbs.system.doctor", "check every library, and say what to install"),
+    ("system", "ros bridge", "run the sensors as a ROS 2 node: image topics in, forces out"),
+    ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
+    ("system", "warmup", "compile all kernels now, so that later starts are fast"),
+    ("system", "doctor", "check every library, and say what to install"),
+)
+
+#: Verb -> module and one line of help.
+VERBS: Mapping[str, tuple[str, str]] = {
+    verb: (f"visuohaptic.cli.verbs.{room}.{verb.replace(' ', '_')}", text) for room, verb, text in _TABLE
 }
 
 _GLOBAL_FLAGS = {"--json", "--verbose", "-v", "--quiet", "-q"}
@@ -201,7 +109,7 @@ options, with every verb:
   -q, --quiet        say nothing but errors
   --version          print the version
 
-example: visuohaptic calibrate foam data.csv --width 0.02 --height 0.01 --out foam.yaml"""
+first: visuohaptic demo --quick, and with a camera of yours: visuohaptic start"""
 
 
 class UsageError(VisuohapticError):
@@ -212,6 +120,9 @@ class _Parser(argparse.ArgumentParser):
     """argparse with one line for an error instead of the whole usage."""
 
     def error(self, message: str) -> NoReturn:
+        unknown = re.search(r"unrecognized arguments: (--?[\w-]+)", message)
+        if unknown and (near := _near(unknown[1], self._option_string_actions)):
+            message += f"; did you mean {near}?"
         raise UsageError(f"{self.prog.partition(' ')[2]}: {message}; see {self.prog} --help")
 
 
@@ -360,7 +271,8 @@ def _find_verb(words: list[str], verbs: Mapping[str, tuple[str, str]]) -> tuple[
             if candidate not in verbs and len(named) > 1 and not named[1].startswith("-"):
                 raise _unknown(" ".join(named[:2]), verbs)
             return candidate, rest
-    raise _unknown(named[0], verbs)
+    both = " ".join(named[:2])
+    raise _unknown(both if _near(both, verbs) else named[0], verbs)
 
 
 def _group(name: str, verbs: Mapping[str, tuple[str, str]]) -> list[str]:
@@ -369,10 +281,21 @@ def _group(name: str, verbs: Mapping[str, tuple[str, str]]) -> list[str]:
 
 
 def _unknown(name: str, verbs: Mapping[str, tuple[str, str]]) -> UsageError:
+    # A group alone is a word that people write, too.
+    words = {verb: verb for verb in verbs} | {
+        verb.partition(" ")[0]: verb.partition(" ")[0] for verb in verbs
+    }
+    words |= {verb.replace(" ", "-"): verb for verb in verbs}
+    near = _near(name, words)
+    advice = f"did you mean '{words[near]}'?" if near else "see visuohaptic --help"
+    return UsageError(f"unknown verb '{name}'; {advice}")
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    """What is almost written like it; empty without."""
     import difflib
 
-    near = difflib.get_close_matches(name, verbs, n=1)
-    return UsageError(f"unknown verb '{name}', expected {_listed(near or list(verbs))}")
+    return next(iter(difflib.get_close_matches(name, list(known), n=1)), "")
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -299,7 +299,12 @@ def _read_array(hint: Any) -> _Reader:
             raise InputError(context.where, f"the array {name!r} is missing", field=place)
         return checked(context.arrays[name], context, place)
 
-    read_entry = _read_float if "float64" in hint.dtypes else _read_int
+    read_entry: _Reader = _read_int
+    kind: type = np.int64
+    if "float64" in hint.dtypes:
+        read_entry, kind = _read_float, np.float64
+    elif any(name.startswith("bool") for name in hint.dtypes):
+        read_entry, kind = _read_bool, np.bool_
 
     def read_list(value: Any, context: _Context, place: str) -> Any:
         def numbers(entry: Any) -> Any:
@@ -310,7 +315,7 @@ def _read_array(hint: Any) -> _Reader:
             )
 
         try:
-            array = np.array(numbers(value), dtype=np.float64 if read_entry is _read_float else np.int64)
+            array: np.ndarray = np.array(numbers(value), dtype=kind)
         except InputError:
             raise
         except (ValueError, OverflowError, RecursionError) as error:  # ragged, too large or too deep

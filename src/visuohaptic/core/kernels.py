@@ -10,9 +10,10 @@ only loads it. The name of the file carries a digest of all that the machine cod
 - in the name of the folder: the versions of numba, llvmlite, NumPy and Python, the processor and its
   features, and the environment variables of numba.
 
-Taking the values from memory rather than the text of the sources covers a callee in another file,
-a constant that is imported or computed, and a file that was edited while the process ran. A function that
-uses anything else (an object, a function of a library not named above) is compiled, but never cached.
+The package ``visuohaptic-kernels``, which a release may ship, has the same files made for every processor with AVX2 and
+FMA (x86-64-v3) and every patch version of NumPy; they are looked up where the user's folder has none.
+
+The digest is that of :mod:`.kernel_code`; a function that has none is compiled, but never cached.
 
 Files are written under another name and renamed, so that a reader sees a whole file or none, and they
 begin with a checksum. They hold object code and are trusted like the installation itself: see ``SECURITY.md``.
@@ -20,20 +21,21 @@ begin with a checksum. They hold object code and are trusted like the installati
 
 from __future__ import annotations
 
-import enum
+import functools
 import hashlib
 import logging
 import os
 import pickle
+import platform
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from types import CodeType, ModuleType
 from typing import Any
 
 import llvmlite
+import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import serialize, sigutils
@@ -44,19 +46,34 @@ from numba.core.types import Array, Boolean, Number, Type
 from numba.core.types.containers import BaseTuple
 from numba.core.types.misc import NoneType
 
-__all__ = ["KERNELS", "KernelCache", "cache_folder", "code_digest", "kernel", "remove_stale"]
+from .kernel_code import code_digest, kernel_name, text_digest
+
+__all__ = [
+    "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "kernel", "remove_stale", "shipped_name",
+]  # fmt: skip
 
 _log = logging.getLogger(__name__)
 
 #: Every kernel of the modules imported so far, in the order of their definition.
 KERNELS: list[Dispatcher] = []
 
-#: Libraries whose functions a kernel may use and be cached: part of Python, or named in the folder's name.
-_LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "operator", "_operator"}
 #: Environment variables of numba that do not change the machine code, or are in the folder's name by their effect.
 _NO_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"}
-#: Machine code delivered with the package, read only; absent unless a build has made it.
-_SHIPPED = Path(__file__).with_name("_compiled")
+#: Processor that shipped machine code is made for, and what it has beyond x86-64 (System V ABI, AMD64 supplement 1.0).
+SHIPPED_CPU = "x86-64-v3"
+_SHIPPED_FEATURES = [
+    "avx",
+    "avx2",
+    "bmi",
+    "bmi2",
+    "cx16",
+    "f16c",
+    "fma",
+    "lzcnt",
+    "movbe",
+    "popcnt",
+    "sse4.2",
+]
 
 
 def kernel(
@@ -142,7 +159,7 @@ class KernelCache:
         """
         name = self._entry(sig)
         target_context.refresh()
-        for folder, owned in ((cache_folder(), True), (_SHIPPED / _environment(), False)):
+        for folder, owned in ((cache_folder(), True), (_shipped_folder(), False)):
             payload = _read(folder / name, owned) if name and folder else None
             if payload is not None:
                 # Numba's own format; the owner and the checksum of the file were verified.
@@ -171,7 +188,7 @@ class KernelCache:
         if code is None or not all(map(_is_plain, arguments)):
             _log.debug("%s%s is not cached", self._dispatcher.py_func.__qualname__, arguments)
             return None
-        return f"{_stem(self._dispatcher)}-{code}-{_digest(repr(arguments))}"
+        return f"{kernel_name(self._dispatcher)}-{code}-{text_digest(repr(arguments))}"
 
 
 def cache_folder() -> Path | None:
@@ -187,7 +204,28 @@ def cache_folder() -> Path | None:
     elif not named:
         named = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     base = Path(os.path.expanduser(named or "~"))
-    return None if base.parts[:1] == ("~",) else base.absolute() / "visuohaptic" / _environment()
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    name = _environment(processor, np.__version__)
+    return None if base.parts[:1] == ("~",) else base.absolute() / "visuohaptic" / name
+
+
+def shipped_name() -> str:
+    """Name of the folder of shipped machine code for these versions, in the package ``visuohaptic_kernels``."""
+    triple = cpu_target.target_context.codegen().magic_tuple()[0]
+    return _environment((triple, SHIPPED_CPU, ""), ".".join(np.__version__.split(".")[:2]))
+
+
+def _shipped_folder() -> Path | None:
+    """Folder of the shipped machine code for these versions; None without the package or on another processor."""
+    package = _shipped_package()
+    return package / shipped_name() if package is not None else None
+
+
+@functools.cache
+def _shipped_package() -> Path | None:
+    named = os.environ.get("NUMBA_CPU_NAME") or os.environ.get("NUMBA_CPU_FEATURES")
+    found = None if named or not _runs_shipped_code() else find_spec("visuohaptic_kernels")
+    return Path(found.origin).parent if found is not None and found.origin is not None else None
 
 
 def remove_stale() -> int:
@@ -197,7 +235,7 @@ def remove_stale() -> int:
     while it wrote. Modules that were not imported keep theirs, and so do other versions of Python and numba.
     """
     folder = cache_folder()
-    current = {f"{_stem(one)}-{code_digest(one)}" for one in KERNELS}
+    current = {f"{kernel_name(one)}-{code_digest(one)}" for one in KERNELS}
     removed = 0
     try:
         for path in sorted(folder.iterdir()) if folder else ():
@@ -218,85 +256,6 @@ def _may_be_imported(entry: str) -> bool:
         return False
 
 
-def code_digest(dispatcher: Dispatcher) -> str | None:
-    """Digest of all that a kernel's machine code is made from, the types of its arguments apart.
-
-    None if it uses something whose value has no exact text, so that it must not be cached.
-
-    Parameters
-    ----------
-    dispatcher
-        Numba's dispatcher of the kernel.
-    """
-    try:
-        return _digest("\n".join(_ingredients(dispatcher, set())))
-    except _NotPlainError as error:
-        _log.debug("%s is not cached: %s", _stem(dispatcher), error)
-        return None
-
-
-class _NotPlainError(Exception):
-    """A kernel uses a value that has no exact text."""
-
-
-def _ingredients(dispatcher: Dispatcher, seen: set[Dispatcher]) -> Iterator[str]:
-    """Texts that together determine the machine code of a kernel; a kernel met before is only named."""
-    function = dispatcher.py_func
-    yield _stem(dispatcher)
-    if dispatcher in seen:
-        return
-    seen.add(dispatcher)
-    yield from (f"{name}={_text(value)}" for name, value in sorted(dispatcher.targetoptions.items()))
-    yield _text(function.__defaults__)
-    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
-    values = {**function.__globals__, **{name: cell.cell_contents for name, cell in cells}}
-    for code in _codes(function.__code__):
-        yield repr((code.co_code, code.co_exceptiontable, code.co_flags, code.co_argcount))
-        yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
-        yield from (_text(value) for value in code.co_consts if not isinstance(value, CodeType))
-        for name in (*code.co_names, *code.co_freevars):
-            value = values.get(name)
-            yield name
-            if isinstance(value, Dispatcher):
-                yield from _ingredients(value, seen)
-            elif name in values:
-                yield _text(value)
-
-
-def _codes(code: CodeType) -> Iterator[CodeType]:
-    """The code of a function and of all functions and comprehensions inside it."""
-    yield code
-    for value in code.co_consts:
-        if isinstance(value, CodeType):
-            yield from _codes(value)
-
-
-def _text(value: Any) -> str:
-    """Exact text of a value that numba may freeze into machine code."""
-    kind = type(value).__name__
-    if value is None or value is Ellipsis or isinstance(value, (bool, int, float, complex, str, bytes, Type)):
-        return f"{kind} {value!r}"
-    if isinstance(value, slice):
-        return f"{kind} {_text((value.start, value.stop, value.step))}"
-    if isinstance(value, (tuple, list)):
-        return f"{kind} ({', '.join(map(_text, value))})"
-    if isinstance(value, (set, frozenset, dict)):
-        items = value.items() if isinstance(value, dict) else value
-        return f"{kind} ({', '.join(sorted(map(_text, items)))})"
-    if isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:
-        layout = (value.dtype.descr, value.shape, value.strides)
-        return f"{kind} {layout} {hashlib.sha256(value.tobytes()).hexdigest()}"
-    if isinstance(value, type) and issubclass(value, enum.Enum):
-        return f"{value.__qualname__} {_text([(one.name, one.value) for one in value])}"
-    module = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
-    if isinstance(value, np.ufunc):
-        module = "numpy"
-    name = getattr(value, "__qualname__", getattr(value, "__name__", None))
-    if module is None or name is None or module.partition(".")[0] not in _LIBRARIES:
-        raise _NotPlainError(f"it uses {value!r}")
-    return f"{module}:{name}"
-
-
 def _is_plain(kind: Type) -> bool:
     """Whether the text of a type says all about it: numbers, arrays and tuples of them, but no functions."""
     if isinstance(kind, BaseTuple):
@@ -305,25 +264,20 @@ def _is_plain(kind: Type) -> bool:
     return isinstance(scalar, (Boolean, NoneType, Number))
 
 
-def _stem(dispatcher: Dispatcher) -> str:
-    """A kernel's name in file names."""
-    function = dispatcher.py_func
-    return f"{function.__module__}.{function.__qualname__}".replace("<", "").replace(">", "")
+def _runs_shipped_code() -> bool:
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        return False
+    return all(map(llvmlite.binding.get_host_cpu_features().get, _SHIPPED_FEATURES))
 
 
-def _environment() -> str:
-    """Name of the folder for this processor and these versions."""
-    processor = cpu_target.target_context.codegen().magic_tuple()
-    versions = (numba.__version__, llvmlite.__version__, np.__version__, sys.implementation.cache_tag)
+def _environment(processor: tuple[str, str, str], numpy_version: str) -> str:
+    """Name of the folder for a processor (target, name, features), a version of NumPy, and those of the rest here."""
+    versions = (numba.__version__, llvmlite.__version__, numpy_version, sys.implementation.cache_tag)
     settings = sorted(
         item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in _NO_CODE
     )
     exact = repr((versions, getattr(sys, "abiflags", ""), processor, settings))
-    return f"kernels-numba{versions[0]}-{versions[3]}-{processor[1]}-{_digest(exact)}"
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:32]
+    return f"kernels-numba{versions[0]}-{versions[3]}-{processor[1]}-{text_digest(exact)}"
 
 
 def _read(path: Path, owned: bool) -> bytes | None:

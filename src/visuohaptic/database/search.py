@@ -49,7 +49,7 @@ class FeatureIndex(Protocol):
         """
 
 
-class PlainIndex:
+class PlainIndex(FeatureIndex):
     """Every vector compared in full: the reference, and good enough for some thousands.
 
     Parameters
@@ -67,22 +67,14 @@ class PlainIndex:
         return len(self._ids)
 
     def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """The nearest vectors, nearest first; see :class:`FeatureIndex`.
-
-        Parameters
-        ----------
-        query
-            Feature vector, shape (n,); NaN where it is not known.
-        count
-            How many.
-        """
+        """The nearest vectors, nearest first; see :class:`FeatureIndex`."""
         q, known = _query(query, self._vectors.shape[1], count)
         if not self._ids:
             return []
         return _best(self._ids, self._vectors, np.arange(len(self._ids)), q, known, count)
 
 
-class ByteIndex:
+class ByteIndex(FeatureIndex):
     """Exact search through 10^5 vectors in milliseconds; memory for 9 bytes a feature.
 
     Parameters
@@ -115,15 +107,7 @@ class ByteIndex:
         return len(self._ids)
 
     def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """The nearest vectors, nearest first; see :class:`FeatureIndex`.
-
-        Parameters
-        ----------
-        query
-            Feature vector, shape (n,); NaN where it is not known.
-        count
-            How many.
-        """
+        """The nearest vectors, nearest first; see :class:`FeatureIndex`."""
         q, known = _query(query, self._vectors.shape[1], count)
         m = len(self._ids)
         if m == 0:

@@ -22,13 +22,18 @@ if TYPE_CHECKING:
 __all__ = ["CHAPTERS", "PARTS", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
-    Chapter("map", "The platform maps its path with the laser", (), office.map_the_way, office.default_map),
-    Chapter("door", "Today the door is blocked", ("map",), office.find_the_door_blocked, office.default_door),
+    Chapter(
+        "map", "The platform maps its path with the laser", (), office.map_the_way, 1, office.default_map
+    ),
+    Chapter(
+        "door", "Today the door is blocked", ("map",), office.find_the_door_blocked, 1, office.default_door
+    ),
     Chapter(
         "foam",
         "It touches what stands there, and tags it",
         ("door",),
         touch.explore_obstacles,
+        120,
         touch.default_tags,
     ),
     Chapter(
@@ -36,6 +41,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         "It plans with the tags, pushes and arrives",
         ("map", "foam"),
         drive.drive_to_the_table,
+        2,
         drive.default_arrival,
     ),
     Chapter(
@@ -43,17 +49,21 @@ CHAPTERS: tuple[Chapter, ...] = (
         "At the table the probe's beam sensor is zeroed",
         ("drive",),
         probe.zero_the_beam,
+        12,
         probe.default_beam,
     ),
-    Chapter("glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass),
+    Chapter(
+        "glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass, 11
+    ),
     Chapter(
         "probe",
         "The probe completes the bottle",
         ("glass", "beam"),
         probe.complete_the_bottle,
+        1,
         probe.default_outline,
     ),
-    Chapter("squeeze", "The gripper squeezes: class and state", ("probe",), hand.recognise_the_bottle),
+    Chapter("squeeze", "The gripper squeezes: class and state", ("probe",), hand.recognise_the_bottle, 2),
     Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle),
 )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,10 +21,12 @@ from ..tasks.manipulation.hand import Hand, Place
 from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
 from .bottle import GROUPS, HEIGHTS, PLACE, STATES, training_objects
 from .probe_chapters import set_the_table
-from .story import ChapterResult, Illustration, Known, Measure, Mission, done, failed
+from .story import ChapterResult, Illustration, Known, Measure, Mission, counted, done, failed
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
 
     from ..grasping.planner import Grasp, GraspPlan
 
@@ -96,8 +98,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     assert known.class_model is not None
     if known.class_model.base.shape != "circle":
         return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
-    gentle = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in found.curves]
-    wall = wall_from_stiffness(known.outline_m, gentle, model_wall_m)
+    stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in found.curves]
+    wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
     states = {name: ContentsState(*one) for name, one in STATES.items()}
     contents = identify_contents(hand, ContentsModel(known.outline_m, wall, states), object_m)
     known.wall_factor = wall / model_wall_m
@@ -115,10 +117,9 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         return failed(f"it is a {found.best}, but its state is not identified: {contents.why}", *parts)
     known.state = contents.best
     right = found.best == bottle.description.name and contents.best == bottle.state
-    gentle_text = f"{len(found.curves)} gentle ones before"
-    return done(
-        f"a {found.best} ({found.belief[found.best]:.2f}), {contents.why}, {gentle_text}", right, *parts
-    )
+    gentle = counted(len(found.curves), "gentle squeeze")
+    why = f"a {found.best} (probability {found.belief[found.best]:.2f}, {gentle}), {contents.why}"
+    return done(why, right, *parts)
 
 
 def _foot_m(known: Known) -> tuple[float, float, float]:
@@ -192,8 +193,8 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         ),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, kitchen.lifted_m),
         Illustration(
-            _score_figure(plan),
-            "Grasp score on the stiffness map of the recognised class, and the grasp (circles)",
+            _grasp_figure(plan, lift, mission.known.outline_m, held.ending.success),
+            "Grasp score and stiffness of the recognised class with the grasp (circles), and the lifted bottle",
         ),
     )
     if not held.ending.success:
@@ -245,52 +246,72 @@ def _lift_plan(best: Grasp, height_m: float, object_m: tuple[float, float, float
 
 def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) -> Figure:
     """Posterior of the classes after each squeeze, and one squeeze."""
-    from matplotlib.figure import Figure
+    from ..report.style import COLOURS, draw_axes
 
-    figure = Figure(figsize=(8.6, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
     names = list(history[-1])
-    for count, belief in enumerate(history, 1):
-        label = f"after {count} squeeze{'s' * (count > 1)}"
-        left.plot([belief[name] for name in names], "o-", label=label, lw=1)
-    left.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=8)
-    left.set(ylabel="probability", ylim=(-0.03, 1.03))
-    left.legend(fontsize=8)
-    right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color="C1")
-    right.set(xlabel="deformation of one side [mm]", ylabel="force of one finger [N]")
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-    return figure
+
+    def draw(left: Axes, right: Axes) -> None:
+        belief = np.array([[step[name] for step in history] for name in names])
+        shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto")
+        left.figure.colorbar(shown, ax=left, label="probability")
+        left.set(xlabel="squeezes", xticks=range(len(history)), xticklabels=range(1, len(history) + 1))
+        left.set_yticks(range(len(names)), names)
+        left.grid(visible=False)
+        right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color=COLOURS["orange"])
+        right.set(xlabel="deformation of one side [mm]", ylabel="force of one finger [N]")
+
+    return draw_axes(1, 2, draw, size=(8.6, 3.4))
 
 
-def _score_figure(plan: GraspPlan) -> Figure:
-    """Score and stiffness, unrolled, with the best grasp."""
-    from matplotlib.figure import Figure
+def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray | None, lifted: bool) -> Figure:
+    """Score and stiffness, unrolled, with the best grasp; and the bottle in the fingers."""
+    from ..report.style import COLOURS, draw_axes
 
-    figure = Figure(figsize=(8.6, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    points = plan.surface.vertices_m
-    used = np.unique(plan.surface.faces)
-    # Unrolled: angle about the axis against height.
+    points, used = plan.surface.vertices_m, np.unique(plan.surface.faces)
     around = np.degrees(np.arctan2(points[used, 1], points[used, 0]))
-    for axes, values, title in (
-        (left, plan.scores.pair[used], "score of both fingers"),
-        (right, 1e-3 * np.asarray(plan.surface.stiffness_N_per_m)[used], "stiffness [N/mm]"),
-    ):
-        order = np.argsort(values)
-        shown = axes.scatter(
-            around[order], 1e3 * points[used][order, 2], c=np.asarray(values)[order], s=9, cmap="viridis"
-        )
-        figure.colorbar(shown, ax=axes)
-        axes.set(title=title, xlabel="angle about the axis [deg]", ylabel="height [mm]")
-        best = plan.grasps[0]
-        for place in (best.first_m, best.second_m):
-            axes.plot(
-                math.degrees(math.atan2(place[1], place[0])),
-                1e3 * place[2],
-                "o",
-                ms=11,
-                mfc="none",
-                color="C3",
+    stiffness = 1e-3 * np.asarray(plan.surface.stiffness_N_per_m)[used]
+    # A rim that is a hundred times as stiff as the wall would leave one colour for the wall.
+    low, high = np.percentile(stiffness[np.isfinite(stiffness)], [2, 98])
+    fields: tuple[tuple[np.ndarray, str, dict[str, Any]], ...] = (
+        (plan.scores.pair[used], "score of both fingers", {}),
+        (stiffness, "stiffness [N/mm]", {"norm": "log", "vmin": low, "vmax": high}),
+    )
+
+    def draw(*axes: Axes) -> None:
+        for at, (values, label, scale) in zip(axes, fields, strict=False):
+            order = np.argsort(values)
+            shown = at.scatter(
+                around[order], 1e3 * points[used][order, 2], c=values[order], s=9, cmap="viridis", **scale
             )
-    return figure
+            at.figure.colorbar(shown, ax=at, label=label, extend="both" if scale else "neither")
+            at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]")
+            for place in (plan.grasps[0].first_m, plan.grasps[0].second_m):
+                angle = math.degrees(math.atan2(place[1], place[0]))
+                at.plot(angle, 1e3 * place[2], "o", ms=11, mfc="none", mew=2, color=COLOURS["orange"])
+        _draw_lift(axes[-1], lift, outline_m, lifted)
+
+    return draw_axes(1, 3, draw, size=(11.0, 4.2))
+
+
+def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray | None, lifted: bool) -> None:
+    """Outline of the bottle on the table and above it, and the fingers beside it."""
+    from ..report.style import COLOURS
+
+    assert outline_m is not None
+    up_mm = 1e3 * lift.lift_m if lifted else 0.0
+    radius_mm, height_mm = 1e3 * outline_m.T
+    for rise_mm, style, colour in ((0.0, "--", COLOURS["grey"]), (up_mm, "-", COLOURS["blue"])):
+        heights_mm = np.append(height_mm, height_mm[::-1]) + rise_mm
+        axes.plot(np.append(-radius_mm, radius_mm[::-1]), heights_mm, ls=style, color=colour)
+    grip_mm = 1e3 * lift.place.height_m
+    reach_mm = float(np.interp(grip_mm, height_mm, radius_mm))
+    for left_mm in (reach_mm, -reach_mm - 30.0):
+        axes.add_patch(_finger(left_mm, grip_mm + up_mm))
+    axes.axhline(0, color=COLOURS["ink"], lw=0.8)
+    axes.set(xlabel="distance from the axis [mm]", ylabel="height above the table [mm]", aspect="equal")
+
+
+def _finger(left_mm: float, height_mm: float) -> Rectangle:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((left_mm, height_mm - 8.0), 30.0, 16.0, color="#d55e00", alpha=0.8)

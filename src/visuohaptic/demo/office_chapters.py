@@ -13,8 +13,8 @@ from ..core.robots import BaseState
 from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.mapping.map_changes import map_agreement, mark_points, new_objects, scan_fit
 from ..navigation.mapping.mapper import OccupancyMapper
-from ..navigation.planning.planner import pull_string
 from ..navigation.planning.policies import without_pushing
+from ..navigation.planning.search.drives import pull_string
 from ..navigation.planning.search.search_domain import build_search_domain, grid_from_world, world_from_grid
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ..simulation.faults import FaultKind, wrong_map
@@ -131,12 +131,12 @@ def _round() -> Float[np.ndarray, "n 3"]:
     """Poses of the first round, every ten centimetres."""
     grid = office_map()
     problem = PlanningProblem(grid, RobotModel(0.25), np.array(ROUND[0]), np.array(ROUND[-1]))
-    world = build_search_domain(problem, pushes=False)
-    clearance = world.clearance_with(np.zeros((0, 2)))
+    world = build_search_domain(problem)
+    still = np.zeros((0, 2))
     parts = []
     for start, end in itertools.pairwise(ROUND):
         path, _ = pull_string(
-            world, clearance, grid_from_world(grid, np.array(start)), grid_from_world(grid, np.array(end))
+            world, still, grid_from_world(grid, np.array(start)), grid_from_world(grid, np.array(end))
         )
         parts.append(world_from_grid(grid, path))
     path_m = np.concatenate(parts)
@@ -183,12 +183,12 @@ def map_the_way(mission: Mission) -> ChapterResult:
         return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
     length = STEP_M * len(poses)
     return done(
-        f"{len(poses)} scans on {length:.0f} m make a map of {found.size_m[0]:.1f} m x {found.size_m[1]:.1f} m",
+        f"{len(poses)} scans along {length:.0f} m make a map of {found.size_m[0]:.1f} m x {found.size_m[1]:.1f} m",
         off_m < 0.1,
-        Measure("end of the round off by, laid on the map [m]", off_m, 0.0),
-        Measure("end of the round off by, by odometry alone [m]", drift_m, 0.0),
-        Measure("free cells that are free [share]", right, 1.0),
-        Measure("occupied cells with nothing within 10 cm [share]", wrong, 0.0),
+        Measure("position error after the round, by the map [m]", off_m, None),
+        Measure("position error after the round, by odometry alone [m]", drift_m, None),
+        Measure("free cells that are truly free [%]", 100 * right, None),
+        Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong, None),
     )
 
 
@@ -232,7 +232,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     right = len(groups) == len(true) and max(near) < 0.1
     parts = (
         Measure("objects in the door", len(groups), len(true)),
-        Measure("worst sideways error of a place [m]", max(near), 0.0),
+        Measure("largest sideways error of a place [m]", max(near), None),
         _door_picture(mission),
     )
     if blocked.reachable:
@@ -291,7 +291,10 @@ def _door_picture(mission: Mission) -> Illustration:
     assert grid is not None
     objects = [MapObject(f"new {k + 1}", _box(one)) for k, one in enumerate(mission.known.obstacle_points_m)]
     x, y, _ = grid.origin
-    figure = floor_map(grid.cells, grid.resolution_m, (x, y), path_world_m=_round()[:, :2], objects=objects)
+    figure = floor_map(
+        grid.cells, grid.resolution_m, (x, y), path_world_m=_round()[:, :2], objects=objects,
+        robot_radius_m=ROBOT.radius_m,
+    )  # fmt: skip
     return Illustration(
         figure,
         "The map that the laser made on the first round (its path in blue), and what is new in the door",

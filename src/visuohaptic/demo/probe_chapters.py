@@ -19,12 +19,14 @@ from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..simulation.tabletop.probe_cell import ProbeCell
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
 from .bottle import PLACE, TableBottle, around_the_table, table_bottle
-from .story import ChapterResult, Illustration, Measure, Mission, done, failed
+from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ..reconstruction.completion.surface_completion import Completion
+    from ..reconstruction.pipeline import Reconstruction
 
 __all__ = ["complete_the_bottle", "find_the_glass", "set_the_table", "zero_the_beam"]
 
@@ -89,9 +91,9 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     worst = float(np.max(np.abs(error) / sigma))
     rms = float(np.sqrt(np.mean(error**2)))
     parts = [
-        Measure("rms error of a force's component [N]", rms, 0.0),
+        Measure("rms error of a force's component [N]", rms, None),
         Measure("declared standard deviation [N]", mission.known.probe_sigma_N, None),
-        Measure("worst error by declared deviation", worst, None),
+        Measure("largest error in declared standard deviations", worst, None),
         Illustration(
             _forces(true, read, sigma), "Forces read from the bending rod beside those that were applied"
         ),
@@ -102,27 +104,27 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
         )
     mission.log(f"  {len(rows)} loads of up to 2.5 N read with an rms error of {1e3 * rms:.0f} mN")
     return done(
-        f"the probe's force is known to {1e3 * mission.known.probe_sigma_N:.0f} mN by its own account",
+        f"the probe reads forces with a declared standard deviation of {1e3 * mission.known.probe_sigma_N:.0f} mN",
         worst < 4.5,
         *parts,
     )
 
 
 def _forces(true: np.ndarray, read: np.ndarray, sigma: np.ndarray) -> Figure:
-    from matplotlib.figure import Figure
+    from ..report.style import CYCLE, draw_axes
 
-    figure = Figure(figsize=(8.6, 3.6), layout="constrained")
-    axes = figure.subplots()
-    for axis, name in enumerate("XYZ"):
-        axes.errorbar(
-            true[:, axis], read[:, axis], 2 * sigma[:, axis], fmt="o", ms=4, capsize=2, label=f"$F_{name}$"
-        )
-    low, high = float(true.min()) - 0.2, float(true.max()) + 0.2
-    axes.plot([low, high], [low, high], color="0.5", lw=0.8)
-    axes.set(xlabel="applied [N]", ylabel="read, with two sigma [N]")
-    axes.legend()
-    axes.grid(alpha=0.3)
-    return figure
+    def draw(left: Axes, right: Axes) -> None:
+        for axis, name in enumerate("XYZ"):
+            given, error = true[:, axis], 1e3 * (read - true)[:, axis]
+            left.plot(given, read[:, axis], "o", ms=4, color=CYCLE[axis], label=f"$F_{name}$")
+            right.errorbar(given, error, 2e3 * sigma[:, axis], fmt="o", ms=4, capsize=2, color=CYCLE[axis])
+        left.axline((0, 0), slope=1, color="0.5", lw=0.8)
+        right.axhline(0, color="0.5", lw=0.8)
+        left.set(xlabel="applied [N]", ylabel="read [N]")
+        right.set(xlabel="applied [N]", ylabel="error, with two sigma [mN]")
+        left.legend()
+
+    return draw_axes(1, 2, draw, size=(8.6, 3.6))
 
 
 def default_beam(mission: Mission) -> None:
@@ -150,35 +152,49 @@ def find_the_glass(mission: Mission) -> ChapterResult:
         frames.append(DepthFrame(0.1 * index, depth, None, measured, camera.camera, index))
     mission.log(f"  {len(frames)} views; fusing, and looking for contradictions between them")
     found = reconstruct(frames, grid=SpaceGrid.around(LOW, HIGH, VOXEL_M))
-    picture = _depth(frames[0].depth_m)
+    picture = _depth(frames[0], found)
     if not found.regions:
         return failed("no view contradicts another: nothing transparent was found", picture)
     region = found.regions[0]
     centre = region.centroid_m
     mission.log(
-        f"  {len(found.regions)} transparent part, the largest {1e3 * region.size_m[2]:.0f} mm high around "
+        f"  {counted(len(found.regions), 'transparent part')}, the largest {1e3 * region.size_m[2]:.0f} mm high around "
         f"({1e3 * centre[0]:.0f}, {1e3 * centre[1]:.0f}, {1e3 * centre[2]:.0f}) mm"
     )
     mission.scan = found
     off = math.hypot(centre[0] - bottle.foot_m[0], centre[1] - bottle.foot_m[1])
     return done(
-        f"{len(found.regions)} transparent part was found among {len(frames)} views",
+        f"{counted(len(found.regions), 'transparent part')} found in {len(frames)} views",
         off < 0.02,
-        Measure("its middle off the bottle's axis by [m]", off, 0.0),
+        Measure("distance of its middle from the bottle's axis [m]", off, None),
         Measure("transparent parts", len(found.regions), 1),
         picture,
     )
 
 
-def _depth(depth_m: Float[np.ndarray, "h w"]) -> Illustration:
+def _depth(frame: DepthFrame, found: Reconstruction) -> Illustration:
+    """A depth view with what was found to be transparent in it."""
     import cv2
 
-    near, far = 0.5, 1.4
-    grey = np.where(np.isfinite(depth_m), 255 * np.clip((far - depth_m) / (far - near), 0.05, 1.0), 0)
-    large = cv2.resize(grey.astype(np.uint8), None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST)
-    coloured = cv2.applyColorMap(large, cv2.COLORMAP_VIRIDIS)
-    coloured[large == 0] = 0
-    return Illustration(coloured, "One depth view: near is bright; black is where the sensor says nothing")
+    from ..report.style import draw_axes
+
+    def draw(axes: Axes) -> None:
+        shown = axes.imshow(frame.depth_m, cmap="viridis_r", vmin=0.5, vmax=1.4)
+        axes.figure.colorbar(shown, ax=axes, label="depth [m]")
+        axes.set_facecolor("black")
+        for number, region in enumerate(found.regions):
+            seen_px = frame.camera.project(frame.T_world_camera.inverse().apply(region.hull_m))
+            outline = cv2.convexHull(seen_px.astype(np.float32))[:, 0]
+            axes.fill(*outline.T, fill=False, ec="#d55e00", lw=2, label=None if number else "transparent")
+        axes.set(xticks=[], yticks=[])
+        if found.regions:
+            axes.legend(loc="lower right", frameon=True, facecolor="white")
+
+    return Illustration(
+        draw_axes(1, 1, draw, size=(8.0, 5.2)),
+        "The first depth view, black where the sensor says nothing, and the part that all views together "
+        "find transparent",
+    )
 
 
 def complete_the_bottle(mission: Mission) -> ChapterResult:
@@ -216,8 +232,8 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         right,
         Measure("expected error of the missing part, before touching [m]", before_m, None),
         Measure("expected error of the missing part, after [m]", touched.error_m, None),
-        Measure("rms error of the outline's radius [m]", rms_m, 0.0),
-        Measure("the same of what was only seen [m]", _outline_error(seen, bottle)[0], 0.0),
+        Measure("rms error of the outline's radius [m]", rms_m, None),
+        Measure("rms error of the outline that was only seen [m]", _outline_error(seen, bottle)[0], None),
         Measure("height [m]", float(outline[-1, 1]), bottle.height_m),
         Illustration(
             _outline_figure(outline, bottle, seen, _radial(contacts, foot)),
@@ -288,32 +304,24 @@ def _outline_error(outline: Float[np.ndarray, "k 2"], bottle: TableBottle) -> tu
 def _outline_figure(
     outline: np.ndarray, bottle: TableBottle, seen: np.ndarray, contacts: Float[np.ndarray, "n 2"]
 ) -> Figure:
-    from matplotlib.figure import Figure
+    from ..report.style import COLOURS, draw_axes
 
-    figure = Figure(figsize=(5.0, 5.6), layout="constrained")
-    axes = figure.subplots()
-    for side in (1, -1):
-        first = side == 1
-        axes.plot(
-            side * 1e3 * bottle.outline_m[:, 0],
-            1e3 * bottle.outline_m[:, 1],
-            "k",
-            lw=0.9,
-            label="truth" if first else None,
-        )
-        axes.plot(
-            side * 1e3 * outline[:, 0],
-            1e3 * outline[:, 1],
-            color="C0",
-            lw=2,
-            label="completed" if first else None,
-        )
-    axes.plot(1e3 * seen[:, 0], 1e3 * seen[:, 1], ".", color="C7", label="seen")
-    axes.plot(1e3 * contacts[:, 0], 1e3 * contacts[:, 1], "o", color="C1", label="touched")
-    axes.set(xlabel="from the axis [mm]", ylabel="height [mm]", aspect="equal")
-    axes.legend(loc="center", fontsize=8)
-    axes.grid(alpha=0.3)
-    return figure
+    def draw(axes: Axes) -> None:
+        for side in (1, -1):
+            for part, colour, width, label in (
+                (bottle.outline_m, COLOURS["ink"], 0.9, "truth"),
+                (outline, COLOURS["blue"], 2.0, "completed"),
+            ):
+                axes.plot(
+                    side * 1e3 * part[:, 0], 1e3 * part[:, 1], color=colour, lw=width,
+                    label=label if side == 1 else None,
+                )  # fmt: skip
+        axes.plot(*(1e3 * seen).T, ".", color=COLOURS["grey"], label="seen")
+        axes.plot(*(1e3 * contacts).T, "o", color=COLOURS["orange"], label="touched")
+        axes.set(xlabel="distance from the axis [mm]", ylabel="height [mm]", aspect="equal")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
+
+    return draw_axes(1, 1, draw, size=(6.4, 5.6))
 
 
 def default_outline(mission: Mission) -> None:

@@ -44,14 +44,14 @@ __all__ = ["SLOWLY", "DemoObject", "DemoResult", "DemoSample", "run_demo", "show
 log = logging.getLogger(__name__)
 
 #: The table shows every n-th frame while something is touched.
-_TABLE_FRAMES = 6
+_TABLE_FRAMES = 15
 #: Slow enough that the first peak is friction and not the blow of an object that has to be set in motion.
 #: The platform starts on free floor, a little more than the camera's view.
 SLOWLY = ExploreSettings(
     approach_m_s=0.03, push_m_s=0.02, cruise_m_s=0.06, near_m=0.015, free_ahead_m=0.2, search_m=0.6
 )
 
-_TABLE_HEAD = f"{'time':>9}  {'ahead':>8}  {'true force':>11}  {'measured':>11}  {'sigma':>9}   event"
+_TABLE_HEAD = f"{'time':>9}  {'true force':>11}  {'measured':>11}  {'sigma':>9}   event"
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +241,8 @@ class _Push:
         late = float(np.interp(touched, times, found.travel_m)) - found.expected_m if times else math.nan
         if math.isfinite(found.seen_ahead_m):
             self.stage.log(
-                f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, touched {1e3 * late:+.1f} mm from where expected"
+                f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, "
+                f"contact {1e3 * abs(late):.1f} mm {'after' if late > 0 else 'before'} the predicted place"
             )
         return DemoObject(
             path.obstacle.name, path, found, tuple(self.samples), picture, strip, events, place, late, turn
@@ -270,15 +271,11 @@ class _Push:
         self.touching = bool(profile.contacts)
         if self.path.obstacle.movable and self.touching and step.phase in ("push", "halt"):
             self.yaw_rad.append(self.stage.world.truth.body(self.path.obstacle.name).yaw_rad)
-        near = step.scene is not None and np.isfinite(step.scene.proximity_m) and step.phase == "approach"
-        if step.events or ((self.touching or near) and len(self.samples) % _TABLE_FRAMES == 0):
+        if step.events or (self.touching and len(self.samples) % _TABLE_FRAMES == 0):
             names = ", ".join(event.kind.value for event in step.events)
             measured = f"{profile.force_N:9.3f} N" if profile.valid else f"{profile.reason.value:>11}"
             sigma = f"{profile.force_sigma_N:7.3f} N" if profile.valid else " " * 9
-            ahead = f"{1e3 * step.scene.proximity_m:5.0f} mm" if near and step.scene else " " * 8
-            self.stage.log(
-                f"{profile.t_s:7.2f} s  {ahead}  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip()
-            )
+            self.stage.log(f"{profile.t_s:7.2f} s  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
         strip = self.stage.sensor.strip
         if profile.valid and strip is not None and (self.best is None or profile.force_N > self.best[0]):
             self.best = (profile.force_N, step.frame.image, strip)

@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..report.html_report import Report
-from .story import ChapterOutcome, ChapterResult, Story
+from .story import ChapterOutcome, ChapterResult, Measure, Story
 
-__all__ = ["write_story"]
+__all__ = ["measure_texts", "write_story"]
 
-_RIGHT = {True: "true", False: "not true", None: ""}
+_RIGHT = {True: "yes", False: "no", None: ""}
+
+#: Unit of a small value -> the unit that it is shown in, and below which value.
+_SMALL = {"m": ("mm", 1e3, 0.1), "N": ("mN", 1e3, 0.1), "kg": ("g", 1e3, 1.0)}
 
 
 def write_story(story: Story, path: Path | str) -> Path:
@@ -44,7 +47,10 @@ def write_story(story: Story, path: Path | str) -> Path:
         report.text(f"{verb}: {one.reason}.")
         if one.measures:
             report.table(
-                [{"what": m.what, "ours": _shown(m.ours), "truth": _shown(m.truth)} for m in one.measures]
+                [
+                    dict(zip(("quantity", "measured", "truth"), measure_texts(m), strict=True))
+                    for m in one.measures
+                ]
             )
         for picture in one.pictures:
             if isinstance(picture.content, np.ndarray):
@@ -57,11 +63,29 @@ def write_story(story: Story, path: Path | str) -> Path:
 def _row(number: int, one: ChapterResult) -> dict[str, Any]:
     return {
         "chapter": f"{number}. {one.title}",
-        "ended": one.outcome.value,
-        "why": one.reason,
-        "claim": _RIGHT[one.right],
-        "s": f"{one.duration_s:.0f}",
+        "outcome": one.outcome.value,
+        "reason": one.reason,
+        "true": _RIGHT[one.right],
+        "time [s]": f"{one.duration_s:.0f}",
     }
+
+
+def measure_texts(measure: Measure) -> tuple[str, str, str]:
+    """Quantity, value and truth in a unit that fits them.
+
+    Parameters
+    ----------
+    measure
+        With its unit in square brackets at the end of its name.
+    """
+    name, values = measure.what, [measure.ours, measure.truth]
+    what, _, unit = name.removesuffix("]").rpartition(" [")
+    numbers = [abs(v) for v in values if isinstance(v, (int, float)) and not isinstance(v, bool)]
+    if unit in _SMALL and numbers and max(numbers) < _SMALL[unit][2]:
+        smaller, factor, _ = _SMALL[unit]
+        name = f"{what} [{smaller}]"
+        values = [factor * v if isinstance(v, (int, float)) else v for v in values]
+    return name, _shown(values[0]), _shown(values[1])
 
 
 def _shown(value: Any) -> str:

@@ -45,6 +45,7 @@ __all__ = [
     "Measure",
     "Mission",
     "Story",
+    "counted",
     "done",
     "failed",
     "run_chapters",
@@ -165,6 +166,7 @@ class Chapter:
     title: str
     needs: tuple[str, ...]
     work: Work
+    typical_s: float = 1.0  #: of computing on two cores with compiled kernels; weighs the time that is left
     without: Callable[[Mission], None] | None = None  #: fills in what it would have learnt, when left out
 
 
@@ -189,7 +191,7 @@ class Story:
     def summary(self) -> str:
         """One line."""
         if self.complete:
-            return f"all {len(self.chapters)} chapters done"
+            return f"all {len(self.chapters)} chapters done" if len(self.chapters) > 1 else "done"
         failed = next(one for one in self.chapters if not one.done)
         return f"ended in chapter {failed.name}: {failed.reason}"
 
@@ -222,7 +224,8 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
     left_out = {one.name for one in given}
     for number, chapter in enumerate(chapters, 1):
         mission.log("")
-        mission.log(f"{number}/{len(chapters)}  {chapter.title}")
+        left_s = _left_s(chapters, number - 1, time.monotonic() - start_s)
+        mission.log(f"{number}/{len(chapters)}  {chapter.title}   (about {left_s:.0f} s left)")
         missing = next(
             (name for name in chapter.needs if name not in left_out and not _ended(ended, name)), None
         )
@@ -238,6 +241,14 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
     return Story(tuple(ended.values()), mission, time.monotonic() - start_s)
 
 
+def _left_s(chapters: Sequence[Chapter], done: int, spent_s: float) -> float:
+    """Time that is left: typical times of what remains, as fast as what is done was."""
+    typical_s = [chapter.typical_s for chapter in chapters]
+    # Before the first chapters the typical speed counts as one more chapter of ten seconds.
+    pace = (spent_s + 10.0) / (sum(typical_s[:done]) + 10.0)
+    return pace * sum(typical_s[done:])
+
+
 def _ended(ended: Mapping[str, ChapterResult], name: str) -> bool:
     return name in ended and ended[name].done
 
@@ -249,6 +260,19 @@ def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
     except VisuohapticError as error:
         _log.debug("chapter %s", chapter.name, exc_info=True)
         return ChapterResult(ChapterOutcome.FAILED, str(error))
+
+
+def counted(count: int, one: str, many: str = "") -> str:
+    """``1 push``, ``2 pushes``.
+
+    Parameters
+    ----------
+    count
+        How many.
+    one, many
+        Singular, and the plural where it is more than an s.
+    """
+    return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def done(reason: str, right: bool, *parts: Any) -> ChapterResult:

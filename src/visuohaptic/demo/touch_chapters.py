@@ -126,7 +126,7 @@ def _against_truth(one: DemoObject) -> list[Measure]:
 
     error = error_figures(one).get("rms error [N]")
     if error is not None:
-        rows.append(Measure(f"{one.name}: rms error of the force [N]", error, 0.0))
+        rows.append(Measure(f"{one.name}: rms error of the force [N]", error, None))
     return rows
 
 

@@ -14,6 +14,7 @@ from .run_tables import tag_text
 from .style import COLOURS, new_figure, styled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["MapObject", "floor_map"]
@@ -37,6 +38,7 @@ def floor_map(
     *,
     path_world_m: Float[np.ndarray, "n 2"] | None = None,
     objects: Sequence[MapObject] = (),
+    robot_radius_m: float | None = None,
     title: str = "",
 ) -> Figure:
     """A map with the platform's path and the obstacles with their tags.
@@ -53,7 +55,9 @@ def floor_map(
     path_world_m
         Path of the platform.
     objects
-        Obstacles; each is named, with its tag when it has one.
+        Obstacles; each is named, with its tag when it has one, beside all that is drawn.
+    robot_radius_m
+        Size of the platform, which is drawn at the end of its path.
     title
         Of the axes.
     """
@@ -68,6 +72,11 @@ def floor_map(
     if path_world_m is not None and len(path_world_m):
         axes.plot(*np.asarray(path_world_m).T, color=COLOURS["blue"], lw=1.8, label="platform")
         axes.plot(*path_world_m[0], "o", color=COLOURS["blue"], ms=6, label="start")
+        if robot_radius_m is not None:
+            angle = np.linspace(0, 2 * np.pi, 40)
+            disc = path_world_m[-1] + robot_radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
+            axes.fill(*disc.T, fc=COLOURS["sky"], ec=COLOURS["blue"], alpha=0.8, label="end")
+    drawn: list[np.ndarray] = []
     for obj in objects:
         outline = np.vstack([obj.outline_world_m, obj.outline_world_m[:1]])
         fixed = obj.tag is not None and obj.tag.fixed
@@ -77,19 +86,70 @@ def floor_map(
         if obj.end_outline_world_m is not None:
             end = np.vstack([obj.end_outline_world_m, obj.end_outline_world_m[:1]])
             axes.plot(*end.T, color=colour, lw=1.2, ls="--")
-        drawn = outline if obj.end_outline_world_m is None else np.vstack([outline, end])
-        above = (0.5 * (drawn[:, 0].min() + drawn[:, 0].max()), drawn[:, 1].max())
-        text = obj.name if obj.tag is None else f"{obj.name}\n{tag_text(obj.tag)}"
-        axes.annotate(
-            text,
-            above,
-            xytext=(0, 7),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-            bbox={"facecolor": "white", "edgecolor": "#dde2e8", "alpha": 0.9, "boxstyle": "round,pad=0.3"},
-        )
+        drawn.append(outline if obj.end_outline_world_m is None else np.vstack([outline, end]))
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title, xlim=extent[:2], ylim=extent[2:])
     if path_world_m is not None:
         axes.legend(loc="lower right", frameon=True, facecolor="white", edgecolor="#dde2e8")
+    _label(axes, objects, drawn, extent, path_world_m)
     return figure
+
+
+def _label(
+    axes: Axes,
+    objects: Sequence[MapObject],
+    drawn: Sequence[Float[np.ndarray, "n 2"]],
+    extent: tuple[float, float, float, float],
+    path_world_m: Float[np.ndarray, "n 2"] | None,
+) -> None:
+    """Name every object where its label covers no object, no other label, and as little of the path as can be."""
+    from matplotlib.text import Text
+
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()  # the layout decides how large the map is
+    per_px = 1.0 / float(axes.transData.get_matrix()[0, 0])  # metres of the map
+    taken = [(*part.min(axis=0), *part.max(axis=0)) for part in drawn]
+    path_m = np.zeros((0, 2)) if path_world_m is None else np.asarray(path_world_m)
+    for obj, part in zip(objects, drawn, strict=True):
+        middle = 0.5 * (part.min(axis=0) + part.max(axis=0))
+        note = axes.annotate(
+            obj.name if obj.tag is None else f"{obj.name}\n{tag_text(obj.tag)}",
+            middle,
+            xytext=middle,
+            ha="center",
+            va="center",
+            fontsize=8,
+            arrowprops={"arrowstyle": "-", "color": COLOURS["grey"], "lw": 0.8},
+            bbox={"facecolor": "white", "edgecolor": "#dde2e8", "alpha": 0.9, "boxstyle": "round,pad=0.3"},
+        )
+        # The frame of a label is a third of its letters' height wider than they are.
+        size_px = np.array(Text.get_window_extent(note).size) + figure.dpi / 72 * 8 * 0.9
+        half_m = 0.5 * per_px * size_px
+        at = _free_place(part, half_m, taken, path_m, extent)
+        taken.append((*(at - half_m), *(at + half_m)))
+        note.set_position((float(at[0]), float(at[1])))
+
+
+def _free_place(
+    part: Float[np.ndarray, "n 2"],
+    half_m: Float[np.ndarray, "2"],
+    taken: Sequence[tuple[float, ...]],
+    path_m: Float[np.ndarray, "k 2"],
+    extent: tuple[float, float, float, float],
+) -> Float[np.ndarray, "2"]:
+    """Middle of a label around an object: inside the map and free first, then near, then beside the path."""
+    middle, reach = 0.5 * (part.min(axis=0) + part.max(axis=0)), 0.5 * np.ptp(part, axis=0) + half_m
+    best, best_cost = middle, np.inf
+    for ring in range(6):
+        for angle in np.radians(np.arange(0, 360, 30)):
+            at = middle + (reach + half_m[1] * (0.5 + ring)) * np.array([np.cos(angle), np.sin(angle)])
+            low, high = at - half_m, at + half_m
+            inside = (
+                extent[0] <= low[0] and high[0] <= extent[1] and extent[2] <= low[1] and high[1] <= extent[3]
+            )
+            hits = sum(low[0] < b[2] and b[0] < high[0] and low[1] < b[3] and b[1] < high[1] for b in taken)
+            covered = min(20, int(np.count_nonzero(((low < path_m) & (path_m < high)).all(axis=1))))
+            cost = 10.0 * (not inside) + 10.0 * hits + 0.2 * covered + 0.3 * ring
+            if cost < best_cost:
+                best, best_cost = at, cost
+    return best

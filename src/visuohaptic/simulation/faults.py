@@ -185,7 +185,7 @@ class PoseFaults:
     slip_fraction: float = 0.5  #: of the commanded speed that is lost
 
 
-class FaultyBase:
+class FaultyBase(MobileBase):
     """A ``robots.MobileBase`` whose pose is wrong and whose wheels slip.
 
     Parameters
@@ -206,15 +206,7 @@ class FaultyBase:
         self._last_s = self._start_s
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; while the wheels slip less of the speed arrives.
-
-        Parameters
-        ----------
-        speed_m_s
-            Forward speed [m/s].
-        turn_rate_rad_s
-            Turn rate [rad/s].
-        """
+        """Set the velocities; while the wheels slip less of the speed arrives."""
         self._told = (speed_m_s, turn_rate_rad_s)
         self._base.drive(speed_m_s * (1.0 - self._slip()), turn_rate_rad_s)
 

@@ -210,7 +210,7 @@ class ObjectView:
         if shade == "stiffness":
             finite = values[np.isfinite(values)]
             low, high = np.percentile(finite, [2, 98]) / 1e3 if finite.size else (0.0, 0.0)
-            text = f"stiffness from {low:.3g} (blue) to {high:.3g} N/mm (red)"
+            text = f"stiffness from {low:.3g} (dark) to {high:.3g} N/mm (yellow)"
             tint = colours(values)
         else:
             scores = self._scores()

@@ -15,7 +15,7 @@ from ..core.resources import Closing
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["Page", "markdown_text", "quaternion"]
+__all__ = ["Page", "has_screen", "markdown_text", "quaternion"]
 
 _log = logging.getLogger(__name__)
 
@@ -53,21 +53,26 @@ class Page(Closing):
 
     def show(self) -> bool:
         """Open the page in this machine's browser; ``False`` where there is no screen for one."""
-        import os
-        import sys
         import webbrowser
 
-        screen = sys.platform in ("darwin", "win32") or any(
-            os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-        )
         # Without a screen Python would start a text browser in the middle of our output.
-        return screen and webbrowser.open(self.url)
+        return has_screen() and webbrowser.open(self.url)
 
     def close(self) -> None:
         """Stop serving; harmless when repeated."""
         if self._server is not None:
             server, self._server = self._server, None
             server.stop()
+
+
+def has_screen() -> bool:
+    """Whether this machine can show a window."""
+    import os
+    import sys
+
+    return sys.platform in ("darwin", "win32") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
 
 
 def _start(port: int, title: str) -> viser.ViserServer:

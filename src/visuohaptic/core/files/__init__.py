@@ -11,6 +11,7 @@ from .arrays import MAX_ARRAY_BYTES, read_npy, read_npz
 from .atomic import atomic_path, keep_unfinished, write_text
 from .image_header import MAX_PIXELS, image_size
 from .images import MAX_IMAGE_BYTES, ImageMode, decode_image, read_image
+from .problems import field_problems
 from .regular import file_size, read_bytes, read_head, read_text
 from .yaml_text import load_yaml, load_yaml_model, parse_yaml, save_yaml
 
@@ -21,6 +22,7 @@ __all__ = [
     "ImageMode",
     "atomic_path",
     "decode_image",
+    "field_problems",
     "file_size",
     "image_size",
     "keep_unfinished",

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import stat
+from difflib import get_close_matches
+from itertools import islice
 from pathlib import Path
 
 from ..errors import InputError
 
-__all__ = ["file_size", "read_bytes", "read_head", "read_text"]
+__all__ = ["file_size", "read_bytes", "read_head", "read_text", "similar_names"]
+
+#: Of a folder with more files the first are looked at.
+MAX_BESIDE = 1000
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -38,13 +43,35 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
     try:
         found = Path(path).stat()
     except (OSError, ValueError) as problem:
-        raise error(path, _unreadable(problem)) from problem
+        raise error(path, _unreadable(problem), remedy=similar_names(path)) from problem
     if not stat.S_ISREG(found.st_mode):
         kind = next((name for check, name in _KINDS if check(found.st_mode)), "a special file")
         raise error(path, f"cannot be read: it is {kind}, expected a file")
     if max_bytes is not None and found.st_size > max_bytes:
         raise error(path, f"has {found.st_size} bytes, expected at most {max_bytes}")
     return found.st_size
+
+
+def similar_names(path: Path | str) -> str:
+    """What a missing file may have been meant to be: a file beside it with almost its name.
+
+    Parameters
+    ----------
+    path
+        A file that is not there.
+
+    Returns
+    -------
+    str
+        ``did you mean map.yaml?``; empty when nothing there is similar.
+    """
+    path = Path(path)
+    try:
+        beside = [other.name for other in islice(path.parent.iterdir(), MAX_BESIDE)]
+    except (OSError, ValueError):
+        return ""
+    found = get_close_matches(path.name, [name for name in beside if name != path.name], n=1)
+    return f"did you mean {path.parent / found[0]}?" if found else ""
 
 
 def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> bytes:

@@ -6,8 +6,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..errors import InputError, brief
+from ..errors import InputError
 from .atomic import write_text
+from .problems import field_problems
 from .regular import read_text
 
 if TYPE_CHECKING:
@@ -188,13 +189,9 @@ def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        problems = error.errors(include_url=False, include_context=False)
-        first = ".".join(str(part) for part in problems[0]["loc"]) or "file"
-        texts = []
-        for index, problem in enumerate(problems):
-            place = ".".join(str(part) for part in problem["loc"]) or "file"
-            said = f"{problem['msg']} (found {brief(problem['input'])})"
-            texts.append(said if index == 0 else f"{place}: {said}")
+        problems = field_problems(error, model)
+        first, text = problems[0]
+        texts = [text, *(f"{place}: {said}" for place, said in problems[1:])]
         raise InputError(path, "; ".join(texts), field=first) from error
 
 

@@ -17,9 +17,9 @@ from ...core.objects import StiffnessMap
 __all__ = ["check_suffix", "colours", "load_map", "plot_map", "save_map"]
 
 _ARRAYS = ("vertices_m", "faces", "stiffness_N_per_m", "stiffness_sigma_N_per_m")
-#: From soft to stiff, as in figure 6.5.
+#: From soft to stiff: viridis, whose lightness rises evenly.
 _COLOURS = np.array(
-    [[0, 0, 143], [0, 96, 255], [64, 255, 191], [255, 223, 0], [255, 64, 0], [128, 0, 0]], float
+    [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]], float
 )
 
 
@@ -101,7 +101,7 @@ def load_map(path: Path | str) -> StiffnessMap:
 
 
 def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
-    """Colours of a map: blue is soft, red is stiff, on a logarithmic scale from the 2nd to the 98th percentile.
+    """Colours of a map: dark is soft, bright is stiff, on a logarithmic scale from the 2nd to the 98th percentile.
 
     Parameters
     ----------
@@ -135,6 +135,7 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     """
     check_suffix(None, Path(path))
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -154,14 +155,13 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
         axes.set_ylabel("y [mm]")
     axes = figure.add_subplot(1, 3, 3)
     use = np.isfinite(found.stiffness_N_per_m)
-    axes.scatter(
-        found.stiffness_N_per_m[use],
-        points_mm[use, 2],
-        c=colours(found.stiffness_N_per_m)[use] / 255,
-        s=4,
-    )
+    stiffness = 1e-3 * found.stiffness_N_per_m[use]
+    _, low_log, high_log = _logarithm(1e-3 * found.stiffness_N_per_m)
+    bounds = LogNorm(np.exp(low_log), np.exp(high_log))
+    shown = axes.scatter(stiffness, points_mm[use, 2], c=stiffness, cmap="viridis", norm=bounds, s=6)
+    figure.colorbar(shown, ax=axes, label="stiffness [N/mm]", extend="both")
     axes.set_xscale("log")
-    axes.set_xlabel("stiffness [N/m]")
+    axes.set_xlabel("stiffness [N/mm]")
     axes.set_ylabel("height [mm]")
     axes.grid(alpha=0.3)
     figure.suptitle(title)

@@ -76,8 +76,11 @@ def meetings(
     low = np.empty(3)
     size = np.empty(3, dtype=np.int64)
     for k in range(3):
-        low[k] = points[:, k].min() - near
-        size[k] = int((points[:, k].max() + near - low[k]) / cell) + 1
+        lowest = highest = points[0, k]
+        for v in range(points.shape[0]):
+            lowest, highest = min(lowest, points[v, k]), max(highest, points[v, k])
+        low[k] = lowest - near
+        size[k] = int((highest + near - low[k]) / cell) + 1
     begin = np.zeros(size[0] * size[1] * size[2] + 1, dtype=np.int64)
     bottom = np.empty(3, dtype=np.int64)
     top = np.empty(3, dtype=np.int64)

@@ -10,18 +10,19 @@ from ...core.kernels import kernel
 
 
 @kernel
-def ring_crossings(points: Any, faces: Any, heights: Any, around: int, radius: Any, count: Any) -> None:
+def ring_crossings(
+    points: Any, faces: Any, heights: Any, first_row: Any, around: int, radius: Any, count: Any
+) -> None:
     """Radii at which the rays from (0, 0) at ``around`` angles cross the mesh, at each height.
 
-    ``heights`` ascend. ``radius`` (h, around, most) is filled in no order, ``count`` (h, around)
+    ``heights`` ascend, ``first_row`` is the first of each face that is not below it. ``radius`` (h, around, most) is filled in no order, ``count`` (h, around)
     says how many there are, also beyond ``most``. Each wall is hit once: edges count half open.
     """
     step = 2 * np.pi / around
     segment = np.empty((2, 2))
     for face in range(faces.shape[0]):
-        low = min(points[faces[face, 0], 2], points[faces[face, 1], 2], points[faces[face, 2], 2])
         high = max(points[faces[face, 0], 2], points[faces[face, 1], 2], points[faces[face, 2], 2])
-        row = np.searchsorted(heights, low)
+        row = first_row[face]
         while row < heights.size and heights[row] <= high:
             z = heights[row]
             found = 0

@@ -336,6 +336,7 @@ def _crossings(
         np.ascontiguousarray(points),
         np.ascontiguousarray(faces, dtype=np.int64),
         np.ascontiguousarray(heights, dtype=float),
+        np.searchsorted(heights, points[faces, 2].min(axis=1)),
         around,
         radius,
         count,

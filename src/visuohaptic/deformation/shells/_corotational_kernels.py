@@ -27,7 +27,8 @@ def rotation_vector(r: np.ndarray, out: np.ndarray) -> None:
 @kernel
 def rotate_nodes(rotations: np.ndarray, spins: np.ndarray) -> np.ndarray:
     """exp(spin) R for each node."""
-    out = np.empty_like(rotations)
+    out = np.empty((rotations.shape[0], 3, 3))
+    e = np.empty((3, 3))
     for v in range(rotations.shape[0]):
         x, y, z = spins[v, 0], spins[v, 1], spins[v, 2]
         square = x * x + y * y + z * z
@@ -36,19 +37,26 @@ def rotate_nodes(rotations: np.ndarray, spins: np.ndarray) -> np.ndarray:
             a, b = 1.0 - square / 6.0, 0.5 - square / 24.0
         else:
             a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
-        e = np.array(
-            [
-                [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
-                [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
-                [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
-            ]
-        )
+        e[0, 0], e[0, 1], e[0, 2] = 1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y
+        e[1, 0], e[1, 1], e[1, 2] = b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x
+        e[2, 0], e[2, 1], e[2, 2] = b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)
         for i in range(3):
             for j in range(3):
                 out[v, i, j] = (
                     e[i, 0] * rotations[v, 0, j] + e[i, 1] * rotations[v, 1, j] + e[i, 2] * rotations[v, 2, j]
                 )
     return out
+
+
+@kernel
+def _subtract_half_skew(v: np.ndarray, out: np.ndarray) -> None:
+    """out -= [v]x / 2."""
+    out[0, 1] += 0.5 * v[2]
+    out[0, 2] -= 0.5 * v[1]
+    out[1, 0] -= 0.5 * v[2]
+    out[1, 2] += 0.5 * v[0]
+    out[2, 0] += 0.5 * v[1]
+    out[2, 1] -= 0.5 * v[0]
 
 
 @kernel
@@ -66,25 +74,22 @@ def _spin_to_rate(theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.nd
         mu = (square + 4 * np.cos(angle) + angle * np.sin(angle) - 4) / (
             4 * square * square * np.sin(half) ** 2
         )
-    skew = np.array([[0.0, -t2, t1], [t2, 0.0, -t0], [-t1, t0, 0.0]])
     twice = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             twice[i, j] = theta[i] * theta[j] - (square if i == j else 0.0)
-            h[i, j] = (1.0 if i == j else 0.0) - 0.5 * skew[i, j] + eta * twice[i, j]
+            h[i, j] = (1.0 if i == j else 0.0) + eta * twice[i, j]
+    _subtract_half_skew(theta, h)
     dot = t0 * moment[0] + t1 * moment[1] + t2 * moment[2]
     inner = np.empty((3, 3))
-    cross = np.array(
-        [[0.0, -moment[2], moment[1]], [moment[2], 0.0, -moment[0]], [-moment[1], moment[0], 0.0]]
-    )
     for i in range(3):
         along = twice[i, 0] * moment[0] + twice[i, 1] * moment[1] + twice[i, 2] * moment[2]
         for j in range(3):
             inner[i, j] = (
                 eta * ((dot if i == j else 0.0) + theta[i] * moment[j] - 2 * moment[i] * theta[j])
                 + mu * along * theta[j]
-                - 0.5 * cross[i, j]
             )
+    _subtract_half_skew(moment, inner)
     for i in range(3):
         for j in range(3):
             m[i, j] = inner[i, 0] * h[0, j] + inner[i, 1] * h[1, j] + inner[i, 2] * h[2, j]
@@ -296,13 +301,15 @@ def pressure_tangent(
         scale = fraction[e] * pressure / 6.0
         for k in range(3):
             # The face's area vector times 2 is the sum over corners of x_k x x_k+1.
-            nxt, prv = points[faces[e, (k + 1) % 3]], points[faces[e, (k + 2) % 3]]
-            # d(a x b + b x c + c x a) by corner k: skew of (previous - next).
-            u = prv - nxt
+            following, previous = faces[e, (k + 1) % 3], faces[e, (k + 2) % 3]
+            # d(a x b + b x c + c x a) by corner k: skew of (previous - following).
+            ux = scale * (points[previous, 0] - points[following, 0])
+            uy = scale * (points[previous, 1] - points[following, 1])
+            uz = scale * (points[previous, 2] - points[following, 2])
             for i in range(3):
-                out[e, 6 * i, 6 * k + 1] += scale * u[2]
-                out[e, 6 * i, 6 * k + 2] -= scale * u[1]
-                out[e, 6 * i + 1, 6 * k] -= scale * u[2]
-                out[e, 6 * i + 1, 6 * k + 2] += scale * u[0]
-                out[e, 6 * i + 2, 6 * k] += scale * u[1]
-                out[e, 6 * i + 2, 6 * k + 1] -= scale * u[0]
+                out[e, 6 * i, 6 * k + 1] += uz
+                out[e, 6 * i, 6 * k + 2] -= uy
+                out[e, 6 * i + 1, 6 * k] -= uz
+                out[e, 6 * i + 1, 6 * k + 2] += ux
+                out[e, 6 * i + 2, 6 * k] += uy
+                out[e, 6 * i + 2, 6 * k + 1] -= ux

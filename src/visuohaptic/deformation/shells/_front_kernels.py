@@ -13,13 +13,16 @@ def split(
     label: np.ndarray,
     mark: int,
     points: np.ndarray,
+    middle: np.ndarray,
+    extent: np.ndarray,
     starts: np.ndarray,
     neighbours: np.ndarray,
     side: np.ndarray,
 ) -> bool:
     """Cut a part in two with the smallest separator among cuts across x, y and z.
 
-    ``label[n] == mark`` for the part's nodes. Fills ``side`` (0 below, 1 above, 2 separator) for
+    ``label[n] == mark`` for the part's nodes; ``middle`` and ``extent`` (3,) are median and size of the part.
+    Fills ``side`` (0 below, 1 above, 2 separator) for
     them and returns whether a cut was found.
     """
     count = nodes.size
@@ -28,20 +31,14 @@ def split(
     trial = np.zeros(count, dtype=np.int8)
     found = False
     for axis in range(3):
-        values = np.empty(count)
-        for i in range(count):
-            values[i] = points[nodes[i], axis]
-        ordered = np.sort(values)
-        extent = ordered[-1] - ordered[0]
-        if extent <= 0:
+        if extent[axis] <= 0:
             continue
-        middle = ordered[count // 2]
         # Rows of a structured mesh share a coordinate up to rounding: never cut through one.
         for sign in (-1.0, 1.0):
-            limit = middle + sign * 1e-7 * extent
+            limit = middle[axis] + sign * 1e-7 * extent[axis]
             below = 0
             for i in range(count):
-                side[nodes[i]] = 0 if values[i] < limit else 1
+                side[nodes[i]] = 0 if points[nodes[i], axis] < limit else 1
                 below += side[nodes[i]] == 0
             if below == 0 or below == count:
                 continue
@@ -62,7 +59,8 @@ def split(
                 cost = (separator + 1.0) * (1.0 + 0.5 * abs(count - separator - 2 * small) / count)
                 if small > 0 and cost < best:
                     best, found = cost, True
-                    chosen[:] = trial
+                    for i in range(count):
+                        chosen[i] = trial[i]
     for i in range(count):
         side[nodes[i]] = chosen[i]
     return found
@@ -72,7 +70,7 @@ def split(
 def borders(
     order: np.ndarray, first: np.ndarray, starts: np.ndarray, neighbours: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Border nodes of every front, as positions in the elimination order, and each front's parent."""
+    """Border nodes of every front, as positions in the elimination order (unsorted), and each front's parent."""
     fronts = first.size - 1
     place = np.empty(order.size, dtype=np.int64)
     owner = np.empty(order.size, dtype=np.int64)
@@ -92,7 +90,8 @@ def borders(
         end = first[f + 1]
         if used + order.size > found.size:
             grown = np.empty(2 * found.size + order.size, dtype=np.int64)
-            grown[:used] = found[:used]
+            for i in range(used):
+                grown[i] = found[i]
             found = grown
         for i in range(first[f], end):
             node = order[i]
@@ -111,10 +110,12 @@ def borders(
                     found[used] = other
                     used += 1
             c = sibling[c]
-        found[begin:used] = np.sort(found[begin:used])
         offset[f + 1] = used
         if used > begin:
-            p = owner[found[begin]]
+            nearest = found[begin]
+            for j in range(begin, used):
+                nearest = min(nearest, found[j])
+            p = owner[nearest]
             parent[f] = p
             sibling[f] = child[p]
             child[p] = f

@@ -17,7 +17,9 @@ def across(
     """
     count = first.size
     slabs = max(1, int(np.sqrt(faces.shape[0])))
-    bottom, top = points[:, 2].min(), points[:, 2].max()
+    bottom = top = points[0, 2]
+    for v in range(points.shape[0]):
+        bottom, top = min(bottom, points[v, 2]), max(top, points[v, 2])
     scale = slabs / max(top - bottom, 1e-300)
     slack = 1e-9 * max(top - bottom, 1e-300)
     begin = np.zeros(slabs + 1, dtype=np.int64)

@@ -14,28 +14,36 @@ from ...core.kernels import kernel
 MEMBRANE = np.array([0, 1, 5, 6, 7, 11, 12, 13, 17])
 PLATE = np.array([2, 3, 4, 8, 9, 10, 14, 15, 16])
 
+#: Felippa 2003: Q_1, Q_2, Q_3 for the chosen beta, and their means (midpoint of a side, row, corner).
+_CORNER = np.array(
+    [
+        [[1, 2, 1], [0, 1, -1], [-1, -1, -2]],
+        [[-2, -1, -1], [1, 1, 2], [-1, 0, 1]],
+        [[1, -1, 0], [-1, -2, -1], [2, 1, 1]],
+    ],
+    dtype=float,
+)
+_MIDPOINT = 0.5 * (_CORNER + np.roll(_CORNER, -1, axis=0))
+
 
 @kernel
 def triangle_frame(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Axes (rows) with x along a-b and z along the normal, corner coordinates (3, 2), area."""
     frame = np.empty((3, 3))
-    edge, other = b - a, c - a
-    n0 = edge[1] * other[2] - edge[2] * other[1]
-    n1 = edge[2] * other[0] - edge[0] * other[2]
-    n2 = edge[0] * other[1] - edge[1] * other[0]
+    x0, x1, x2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    y0, y1, y2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    n0, n1, n2 = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
     twice = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-    length = np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
-    for i in range(3):
-        frame[0, i] = edge[i] / length
+    length = np.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+    frame[0, 0], frame[0, 1], frame[0, 2] = x0 / length, x1 / length, x2 / length
     frame[2, 0], frame[2, 1], frame[2, 2] = n0 / twice, n1 / twice, n2 / twice
     frame[1, 0] = frame[2, 1] * frame[0, 2] - frame[2, 2] * frame[0, 1]
     frame[1, 1] = frame[2, 2] * frame[0, 0] - frame[2, 0] * frame[0, 2]
     frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[2, 1] * frame[0, 0]
     corners = np.zeros((3, 2))
     corners[1, 0] = length
-    for i in range(3):
-        corners[2, 0] += frame[0, i] * other[i]
-        corners[2, 1] += frame[1, i] * other[i]
+    corners[2, 0] = frame[0, 0] * y0 + frame[0, 1] * y1 + frame[0, 2] * y2
+    corners[2, 1] = frame[1, 0] * y0 + frame[1, 1] * y1 + frame[1, 2] * y2
     return frame, corners, 0.5 * twice
 
 
@@ -62,7 +70,6 @@ def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0
     y12, y23, y31 = xy[0, 1] - xy[1, 1], xy[1, 1] - xy[2, 1], xy[2, 1] - xy[0, 1]
     x21, x32, x13 = -x12, -x23, -x31
     y21, y32, y13 = -y12, -y23, -y31
-    l21, l32, l13 = x21 * x21 + y21 * y21, x32 * x32 + y32 * y32, x13 * x13 + y13 * y13
     alpha = 1.5
     # Basic part: mean strain from the boundary, exact for constant stress.
     mean = np.zeros((3, 9))
@@ -83,33 +90,28 @@ def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0
     mean[2, 8] = alpha * (x23 * y32 - x31 * y13) / 3
     out = np.zeros((9, 9))
     _add_congruent(out, mean, stiffness, 0.25 / area)
-    # Higher-order part: natural strains of the deviatoric corner rotations.
+    # Higher-order part: natural strains of the deviatoric corner rotations. The squared lengths of the
+    # sides that scale the columns of T and divide the rows of Q cancel.
     natural = np.empty((3, 3))
-    factor = 0.25 / (area * area)
-    natural[0, 0], natural[0, 1], natural[0, 2] = y23 * y13 * l21, y31 * y21 * l32, y12 * y32 * l13
-    natural[1, 0], natural[1, 1], natural[1, 2] = x23 * x13 * l21, x31 * x21 * l32, x12 * x32 * l13
-    natural[2, 0] = (y23 * x31 + x32 * y13) * l21
-    natural[2, 1] = (y31 * x12 + x13 * y21) * l32
-    natural[2, 2] = (y12 * x23 + x21 * y32) * l13
+    factor = 0.25 / (area * area) * (2 * area / 3)
+    natural[0, 0], natural[0, 1], natural[0, 2] = y23 * y13, y31 * y21, y12 * y32
+    natural[1, 0], natural[1, 1], natural[1, 2] = x23 * x13, x31 * x21, x12 * x32
+    natural[2, 0] = y23 * x31 + x32 * y13
+    natural[2, 1] = y31 * x12 + x13 * y21
+    natural[2, 2] = y12 * x23 + x21 * y32
     hierarchical = np.zeros((3, 9))
     for i in range(3):
         hierarchical[i, 0], hierarchical[i, 1] = x32 / (4 * area), y32 / (4 * area)
         hierarchical[i, 3], hierarchical[i, 4] = x13 / (4 * area), y13 / (4 * area)
         hierarchical[i, 6], hierarchical[i, 7] = x21 / (4 * area), y21 / (4 * area)
         hierarchical[i, 3 * i + 2] = 1.0
-    third = 2 * area / 3
-    a, b, c = third / l21, third / l32, third / l13
-    q1 = np.array([[a, 2 * a, a], [0, b, -b], [-c, -c, -2 * c]])
-    q2 = np.array([[-2 * a, -a, -a], [b, b, 2 * b], [-c, 0, c]])
-    q3 = np.array([[a, -a, 0], [-b, -2 * b, -b], [2 * c, c, c]])
     for k in range(3):
-        q = 0.5 * (q1 + q2) if k == 0 else (0.5 * (q2 + q3) if k == 1 else 0.5 * (q3 + q1))
         strain = np.zeros((3, 9))
         for i in range(3):
             for m in range(3):
                 tq = 0.0
                 for j in range(3):
-                    tq += natural[i, j] * q[j, m]
+                    tq += natural[i, j] * _MIDPOINT[k, j, m]
                 tq *= factor
                 for j in range(9):
                     strain[i, j] += tq * hierarchical[m, j]
@@ -185,23 +187,6 @@ def plate_curvature(xy: np.ndarray, area: float, xi: float, eta: float) -> np.nd
 
 
 @kernel
-def local_stiffness(
-    xy: np.ndarray, area: float, membrane: np.ndarray, plate: np.ndarray, beta0: float
-) -> np.ndarray:
-    """Element stiffness (18, 18) in the element's own frame."""
-    in_plane = membrane_stiffness(xy, area, membrane, beta0)
-    across = np.zeros((9, 9))
-    for xi, eta in ((0.5, 0.0), (0.5, 0.5), (0.0, 0.5)):
-        _add_congruent(across, plate_curvature(xy, area, xi, eta), plate, area / 3)
-    out = np.zeros((18, 18))
-    for i in range(9):
-        for j in range(9):
-            out[MEMBRANE[i], MEMBRANE[j]] = 0.5 * (in_plane[i, j] + in_plane[j, i])
-            out[PLATE[i], PLATE[j]] = 0.5 * (across[i, j] + across[j, i])
-    return out
-
-
-@kernel
 def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None:
     """out = T^T local T, T the block diagonal of six times ``frame`` (rows are local axes)."""
     half = np.empty((3, 3))
@@ -222,19 +207,11 @@ def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None
 
 
 @kernel
-def element_stiffness(
-    vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
-) -> np.ndarray:
-    """Element stiffness (f, 18, 18) in the global frame.
-
-    ``membrane`` and ``plate`` (f, 3, 3): force per length and moment per length for unit strain
-    and curvature, in the element's frame.
-    """
-    out = np.empty((faces.shape[0], 18, 18))
-    for e in range(faces.shape[0]):
-        a, b, c = vertices[faces[e, 0]], vertices[faces[e, 1]], vertices[faces[e, 2]]
-        frame, xy, area = triangle_frame(a, b, c)
-        rotate_blocks(local_stiffness(xy, area, membrane[e], plate[e], beta0[e]), frame, out[e])
+def rotate_elements(frames: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Element stiffness (f, 18, 18) in the global frame, from what :func:`element_frames` gives."""
+    out = np.empty((len(frames), 18, 18))
+    for e in range(len(frames)):
+        rotate_blocks(stiffness[e], frames[e], out[e])
     return out
 
 
@@ -242,16 +219,31 @@ def element_stiffness(
 def element_frames(
     vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frames (f, 3, 3), corners about the centroid (f, 3, 2), local stiffness (f, 18, 18)."""
+    """Frames (f, 3, 3), corners about the centroid (f, 3, 2), local stiffness (f, 18, 18).
+
+    ``membrane`` and ``plate`` (f, 3, 3): force per length and moment per length for unit strain
+    and curvature, in the element's frame.
+    """
     count = faces.shape[0]
     frames = np.empty((count, 3, 3))
     corners = np.empty((count, 3, 2))
-    stiffness = np.empty((count, 18, 18))
+    stiffness = np.zeros((count, 18, 18))
     for e in range(count):
         a, b, c = vertices[faces[e, 0]], vertices[faces[e, 1]], vertices[faces[e, 2]]
         frame, xy, area = triangle_frame(a, b, c)
-        stiffness[e] = local_stiffness(xy, area, membrane[e], plate[e], beta0[e])
-        frames[e] = frame
+        in_plane = membrane_stiffness(xy, area, membrane[e], beta0[e])
+        across = np.zeros((9, 9))
+        for k in range(3):
+            # The midpoints of the sides, in natural coordinates (xi, eta).
+            xi, eta = 0.5 if k < 2 else 0.0, 0.5 if k > 0 else 0.0
+            _add_congruent(across, plate_curvature(xy, area, xi, eta), plate[e], area / 3)
+        for i in range(9):
+            for j in range(9):
+                stiffness[e, MEMBRANE[i], MEMBRANE[j]] = 0.5 * (in_plane[i, j] + in_plane[j, i])
+                stiffness[e, PLATE[i], PLATE[j]] = 0.5 * (across[i, j] + across[j, i])
+        for i in range(3):
+            for j in range(3):
+                frames[e, i, j] = frame[i, j]
         for i in range(2):
             middle = (xy[0, i] + xy[1, i] + xy[2, i]) / 3
             for j in range(3):

@@ -75,6 +75,7 @@ def front_tree(
     order, first = _dissect(np.ascontiguousarray(points_m, dtype=float), starts, neighbours, leaf)
     place, owner, parent, offset, border = kernels.borders(order, first, starts, neighbours)
     fronts = parent.size
+    border = border[np.lexsort((border, np.repeat(np.arange(fronts), np.diff(offset))))]
     lead = owner[place[elements].min(axis=1)]
     by_front = np.argsort(lead, kind="stable")
     local = kernels.local_places(place[elements[by_front]], lead[by_front], first, offset, border, count)
@@ -136,7 +137,9 @@ def _dissect(
             continue
         mark += 1
         label[nodes] = mark
-        if not kernels.split(nodes, label, mark, points, starts, neighbours, side):
+        ordered = np.sort(points[nodes], axis=0)
+        middle, extent = ordered[nodes.size // 2], ordered[-1] - ordered[0]
+        if not kernels.split(nodes, label, mark, points, middle, extent, starts, neighbours, side):
             blocks.append(nodes)
             continue
         where = side[nodes]

@@ -164,7 +164,8 @@ class ShellModel:
         """Element stiffness in the global frame, without the supports."""
         from . import _shell_kernels as kernels
 
-        return kernels.element_stiffness(self.mesh.vertices_m, self.mesh.faces, *self.sections)
+        frames, _, local = kernels.element_frames(self.mesh.vertices_m, self.mesh.faces, *self.sections)
+        return kernels.rotate_elements(frames, local)
 
     @cached_property
     def tree(self) -> FrontTree:

@@ -31,7 +31,7 @@ def find() -> list[FoundCamera]:
     if uvc is not None:
         devices = uvc.device_list() or []
         return [
-            FoundCamera(f"uvc:{number}", str(device.get("name", "")), str(device.get("uid", "")))
+            FoundCamera(f"camera:{number}", str(device.get("name", "")), str(device.get("uid", "")))
             for number, device in enumerate(devices)
         ]
     found = []
@@ -52,7 +52,9 @@ def _listed(found: Sequence[FoundCamera]) -> str:
 
 
 def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBackend:
-    """The best driver for a camera given by number or part of its name."""
+    """The best driver for a camera given by number, part of its name, device file or address of a stream."""
+    if which.startswith("/") or "://" in which:
+        return OpenCvBackend(which, settings)
     uvc = _uvc()
     if uvc is not None:
         return UvcBackend(uvc, which, settings)
@@ -81,15 +83,15 @@ class UvcBackend:
         if not match and not self._which.isdigit():
             match = [d for d in devices if self._which.lower() in str(d.get("name", "")).lower()]
         if not match:
-            found = [FoundCamera(f"uvc:{n}", str(d.get("name", "")), "") for n, d in enumerate(devices)]
-            raise DeviceError(f"no camera uvc:{self._which}; found: {_listed(found)}")
+            found = [FoundCamera(f"camera:{n}", str(d.get("name", "")), "") for n, d in enumerate(devices)]
+            raise DeviceError(f"no camera {self._which!r}; found: {_listed(found)}")
         try:
             self._capture = self._uvc.Capture(match[0]["uid"])
             self._set_mode()
             self._set_controls()
         except (RuntimeError, OSError, ValueError) as error:
             self.close()
-            raise DeviceError(f"camera uvc:{self._which} cannot be opened ({error})") from error
+            raise DeviceError(f"camera:{self._which} cannot be opened ({error})") from error
         self._offset_s = None
 
     def _set_mode(self) -> None:
@@ -129,7 +131,7 @@ class UvcBackend:
             image = np.array(frame.gray if self._settings.grey else frame.bgr)
         except Exception as error:
             # The library's own errors (StreamError, InitError) are not all of one family.
-            raise DeviceError(f"camera uvc:{self._which} is silent ({error})") from error
+            raise DeviceError(f"camera:{self._which} is silent ({error})") from error
         if self._offset_s is None:
             # Its stamps run steadily, but from a start of their own.
             self._offset_s = time_s() - float(frame.timestamp)
@@ -142,19 +144,24 @@ class UvcBackend:
 
 
 class OpenCvBackend:
-    """Any camera of the system; stamped when the image arrives, which is later than its exposure."""
+    """Any camera or stream that OpenCV opens; stamped when the image arrives, later than its exposure."""
 
-    def __init__(self, number: int, settings: CameraSettings) -> None:
-        self._number, self._settings = number, settings
+    def __init__(self, device: int | str, settings: CameraSettings) -> None:
+        self._device, self._settings = device, settings
+        self._name = f"camera:{device}" if isinstance(device, int) else device
         self._capture: Any = None
 
     def open(self) -> None:
         import cv2
 
-        capture = cv2.VideoCapture(self._number)
+        capture = cv2.VideoCapture(self._device)
         if not capture.isOpened():
             capture.release()
-            raise DeviceError(f"no camera camera:{self._number}; found: {_listed(find())}")
+            if "://" in self._name:
+                raise DeviceError(
+                    f"{self._name} does not answer; check the address, the network and the login"
+                )
+            raise DeviceError(f"no camera {self._name}; found: {_listed(find())}")
         requested = self._settings
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         properties = [
@@ -175,18 +182,18 @@ class OpenCvBackend:
             ]
         for key, value, name in properties:
             if value is not None and not capture.set(key, float(value)):
-                _log.warning("camera:%d does not take %s %s", self._number, re.sub("_", " ", name), value)
+                _log.warning("%s does not take %s %s", self._name, re.sub("_", " ", name), value)
         self._capture = capture
 
     def read(self) -> tuple[UInt8[np.ndarray, "rows columns *colour"], float]:
         import cv2
 
         if self._capture is None or not self._capture.grab():
-            raise DeviceError(f"camera:{self._number} is silent")
+            raise DeviceError(f"{self._name} is silent")
         t_s = time_s()
         good, image = self._capture.retrieve()
         if not good:
-            raise DeviceError(f"camera:{self._number} has sent a damaged image")
+            raise DeviceError(f"{self._name} has sent a damaged image")
         if self._settings.grey and image.ndim == 3:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         return image, t_s

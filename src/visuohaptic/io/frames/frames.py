@@ -10,13 +10,12 @@ from ...core.errors import InputError
 from ...core.files import read_head
 from ...core.robots import FrameSource
 from ..image_folder import ImageFolderSource
-from .live import open_camera
+from .live import camera_of, open_camera
 from .mcap_frames import McapSource
 from .video import VideoSource
 
 __all__ = ["open_source"]
 
-_LIVE = re.compile(r"^(uvc|camera):(.+)$")
 _TOPIC = re.compile(r"^(.+\.mcap(?:\.part)?):(/.*)$")
 
 
@@ -36,8 +35,9 @@ def open_source(
     source
         - a folder of images (times: ``times.csv``, file names, or ``rate_Hz``)
         - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images
-        - ``camera:0`` or ``camera:NAME``, a live camera by number or part of its name;
-          ``uvc:0`` warns where the precise driver is missing
+        - ``0``, ``camera:0``, ``camera:NAME`` or ``/dev/video0``, a live camera by number, part of its
+          name or device file; ``uvc:0`` warns where the precise driver is missing
+        - ``rtsp://host/path`` and other addresses of streams
         - any other file: a video
     camera
         Model of the camera; the images must have its size.
@@ -70,13 +70,19 @@ def open_source(
     0.067 s (8, 10) 100
     """
     text = str(source)
-    live = _LIVE.match(text)
+    live = camera_of(text)
     if live:
         if start_s > 0 or stop_s != float("inf"):
             raise InputError(text, "is live: start and stop are for recordings only")
-        return open_camera(live[2], uvc_only=live[1] == "uvc", camera=camera, rate_Hz=rate_Hz, grey=grey)
+        return open_camera(live[0], uvc_only=live[1], camera=camera, rate_Hz=rate_Hz, grey=grey)
     topic = _TOPIC.match(text)
     path = Path(topic[1] if topic else text)
+    if path.suffix == ".db3" or (path.is_dir() and any(path.glob("*.db3"))):
+        raise InputError(
+            text,
+            "is a ROS 2 bag in SQLite, expected MCAP",
+            remedy="convert it: ros2 bag convert, with storage_id: mcap, or rosbags-convert --dst-storage mcap",
+        )
     if path.is_dir():
         return ImageFolderSource(
             path, camera=camera, rate_Hz=rate_Hz, start_s=start_s, stop_s=stop_s, grey=grey
@@ -87,7 +93,8 @@ def open_source(
         raise InputError(
             text,
             error.problem,
-            remedy="expected a video, a folder of images, file.mcap[:/topic] or camera:0",
+            remedy=error.remedy
+            or "expected a video, a folder of images, file.mcap[:/topic] or a camera (0, /dev/video0, rtsp://...)",
         ) from error
     if not head:
         raise InputError(text, "is empty")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,9 +17,13 @@ from ...core.errors import DeviceError, InputError, StaleFrameError
 from ...core.resources import Closing
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
-__all__ = ["LiveSource", "find_cameras", "open_camera"]
+__all__ = ["LiveSource", "camera_of", "find_cameras", "open_camera"]
 
 _log = logging.getLogger(__name__)
+
+#: ``camera:0`` and ``uvc:NAME``; a bare number; a device file; the address of a stream.
+_LIVE = re.compile(r"(?:(?P<driver>uvc|camera):)?(?P<which>.+)")
+_BARE = re.compile(r"\d+|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
 
 
 class LiveSource(Closing):
@@ -206,6 +211,32 @@ class LiveSource(Closing):
             self._new.notify_all()
 
 
+def camera_of(source: str) -> tuple[str, bool] | None:
+    """Which live camera a source names; ``None`` when it names a recording.
+
+    Parameters
+    ----------
+    source
+        ``0``, ``camera:0``, ``camera:NAME``, ``uvc:0``, ``/dev/video0``, ``rtsp://host/path``, or a file.
+
+    Returns
+    -------
+    tuple or None
+        What :func:`open_camera` takes as ``which``, and as ``uvc_only``.
+
+    Examples
+    --------
+    >>> camera_of("0"), camera_of("/dev/video2"), camera_of("uvc:Wide")
+    (('0', False), ('/dev/video2', False), ('Wide', True))
+    >>> camera_of("rtsp://robot/front")[0], camera_of("push.mp4")
+    ('rtsp://robot/front', None)
+    """
+    match = _LIVE.fullmatch(source)
+    if match is None or not (match["driver"] or _BARE.fullmatch(source)):
+        return None
+    return match["which"], match["driver"] == "uvc"
+
+
 def find_cameras() -> list[FoundCamera]:
     """Cameras that are connected; an empty list when there are none.
 
@@ -235,7 +266,7 @@ def open_camera(
     Parameters
     ----------
     which
-        Number, or part of the name.
+        Number, part of the name, device file or address of a stream, see :func:`camera_of`.
     uvc_only
         Warn when the precise driver (pupil-labs-uvc), which fixes focus and exposure by their UVC
         controls, is not installed. OpenCV is the fallback.

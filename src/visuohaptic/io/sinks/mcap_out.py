@@ -86,19 +86,7 @@ class MeasurementWriter(MeasurementSink, Closing):
         self._open = True
 
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
-        """Write the fields of any standard message that this library knows.
-
-        Parameters
-        ----------
-        topic
-            Name such as ``/foam/wrench``.
-        datatype
-            Name such as ``geometry_msgs/msg/WrenchStamped``.
-        t_s
-            Time of the measurement, seconds since the epoch.
-        message
-            Fields of the message.
-        """
+        """Write the fields of any standard message that this library knows."""
         if not self._open:
             raise InputError(self.path, "is closed")
         if datatype not in self._schemas:

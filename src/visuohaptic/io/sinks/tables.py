@@ -231,5 +231,5 @@ def arrow() -> tuple[Any, Any]:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as error:
-        raise MissingExtraError("pyarrow", "recording", "Parquet") from error
+        raise MissingExtraError("pyarrow", "tables", "Parquet") from error
     return pa, pq

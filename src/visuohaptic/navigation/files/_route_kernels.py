@@ -83,7 +83,7 @@ def chord_clearance(
 
 @kernel(error_model="numpy", boundscheck=False)
 def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_blocks: bool) -> np.ndarray:
-    """Places in a path (k, 2) of cells, first and last among them, between which straight lines keep a radius.
+    """Cells of a path, first and last among them, between which straight lines keep a radius: whether each is one.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_bl
         stack[waiting, 0], stack[waiting, 1] = begin, middle
         stack[waiting + 1, 0], stack[waiting + 1, 1] = middle, end
         waiting += 2
-    return np.flatnonzero(cut)
+    return cut
 
 
 @kernel(error_model="numpy", boundscheck=False)

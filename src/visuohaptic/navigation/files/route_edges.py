@@ -53,7 +53,7 @@ def route_pieces(graph: NavigationGraph, layers: GridLayers) -> RoutePieces:
         if first == second:
             continue
         path = np.ascontiguousarray(graph.edge_path(edge))
-        cuts = split_path(distance, path, radius, outside)
+        cuts = np.flatnonzero(split_path(distance, path, radius, outside))
         inner = list(range(number, number + len(cuts) - 2))
         number += len(inner)
         nodes = [first, *inner, second]

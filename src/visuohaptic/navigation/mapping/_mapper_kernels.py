@@ -108,7 +108,10 @@ def correlate(field, points, rows, columns, cosines, sines):
                     j = int(math.floor(q + columns[b]))
                     if 0 <= j < wide:
                         result[turn, a, b] += field[i, j]
-    return result / len(points)
+        for a in range(len(rows)):
+            for b in range(len(columns)):
+                result[turn, a, b] /= len(points)
+    return result
 
 
 @kernel

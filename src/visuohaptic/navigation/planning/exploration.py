@@ -9,9 +9,10 @@ import numpy as np
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
-from .planner import plan_in_domain, pull_string
+from .planner import plan_in_domain
+from .search.drives import pull_string
+from .search.push_heuristic import STAND_OFF_M
 from .search.push_states import SearchLimits
-from .search.push_successors import STAND_OFF
 from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
 
 __all__ = ["via_exploration"]
@@ -45,12 +46,13 @@ def via_exploration(
     if index is None:
         return refused
     body = domain.bodies[index]
-    clearance = domain.clearance_with(np.zeros((len(domain.bodies), 2)))
+    shifts = np.zeros((len(domain.bodies), 2))
+    stand_off = STAND_OFF_M / problem.map.resolution_m
     start = grid_from_world(problem.map, problem.start_m)
     paths = []
     for contact in body.contacts:
-        approach = body.centre + contact.robot - STAND_OFF * contact.direction
-        path, cost = pull_string(domain, clearance, start, approach)
+        approach = body.centre + contact.robot - stand_off * contact.direction
+        path, cost = pull_string(domain, shifts, start, approach)
         if len(path):
             paths.append((cost, path, contact))
     if not paths:
@@ -72,7 +74,8 @@ def via_exploration(
         failure_probability=failure_probability(obj.tag, 0.0, problem.robot, costs),
     )
     onward = replace(problem, start_m=path_m[-1])
-    rest = plan_in_domain(onward, build_search_domain(onward, costs, unknown=False), costs, limits)
+    known = [k for k, other in enumerate(domain.bodies) if not other.allowed.unknown]
+    rest = plan_in_domain(onward, domain, costs, limits, active=known)
     if not rest.reachable:
         return replace(rest, tasks=())
     return replace(rest, tasks=(*((drive,) if len(path) > 1 else ()), touch, *rest.tasks))

@@ -32,8 +32,8 @@ from .off_centre_rollouts import (
     retreat,
     rollouts,
 )
-from .planner import pull_string
 from .replanning import after_push
+from .search.drives import pull_string
 from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
 
 __all__ = ["OffCentrePush", "plan_off_centre_pushes"]
@@ -110,7 +110,7 @@ def plan_off_centre_pushes(
         raise InputError(
             "plan_off_centre_pushes", f"found a margin of {margin_m} m, expected 0 to the robot's radius"
         )
-    domain = build_search_domain(problem, costs, unknown=False)
+    domain = build_search_domain(problem, costs)
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
     ends = rollouts(domain, start, goal, margin_m)
@@ -163,9 +163,11 @@ def _evaluated(
 ) -> OffCentrePush:
     robot, domain = problem.robot, rollout.scene.domain
     moved_m, direction_rad = _predicted(rollout)
-    clearance = domain.clearance_with(np.zeros((len(domain.bodies), 2)))
     path, _ = pull_string(
-        domain, clearance, grid_from_world(problem.map, problem.start_m), rollout.approach_at
+        domain,
+        np.zeros((len(domain.bodies), 2)),
+        grid_from_world(problem.map, problem.start_m),
+        rollout.approach_at,
     )
     tag = rollout.scene.body.obj.tag
     # Drift and turn of straight pushes say nothing here: the counters and the force do.

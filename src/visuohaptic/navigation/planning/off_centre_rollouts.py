@@ -13,8 +13,9 @@ from ...core.errors import InputError
 from ..pushing.contact_candidates import push_contacts
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
+from .search.object_cells import fill_cells
 from .search.push_states import seed_cells
-from .search.search_domain import Body, SearchDomain, fill_cells, grid_from_world, lower_clearance
+from .search.search_domain import Body, SearchDomain, grid_from_world, lower_clearance
 
 #: Directions that are tried, and places across the object as fractions of half its width.
 DIRECTIONS = 24
@@ -68,13 +69,17 @@ def rollouts(
         return []
     nothing = np.zeros((0, 0), np.int32)
     none = np.zeros(0, np.int32)
-    cost, _, _ = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0)
+    cost, _ = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none)
     found: list[Rollout] = []
     for index, body in enumerate(domain.bodies):
+        if body.allowed.unknown:
+            continue
         blocked = domain.occupied.copy()
         for other in domain.bodies:
             if other is not body:
                 fill_cells(blocked, other.outline)
+        for outline in domain.immovable_outlines:
+            fill_cells(blocked, outline)
         resolution_m = domain.map.resolution_m
         aside = grid_from_world(domain.map, body.obj.centre_m + np.array(body.obj.friction_offset_m))
         offset_m = (aside - body.centre) * resolution_m
@@ -98,7 +103,7 @@ def _approaches(
 ) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
     """Directions of drives, where they start, and what it costs to get there [units]."""
     from ..pushing._outline_kernels import disc_touches_at
-    from .search._travel_kernels import FAR, reach_cost
+    from .search._travel_kernels import FAR, reach_costs
 
     domain, body = scene.domain, scene.body
     shape = np.ascontiguousarray(body.outline - body.centre)
@@ -115,7 +120,7 @@ def _approaches(
             if away == -1.0:
                 continue  # it passes
             approach_at = body.centre + aside - (away + scene.stand_off) * ahead
-            approach = reach_cost(clearance, cost, approach_at[0], approach_at[1], domain.radius, domain.slow)
+            approach = reach_costs(clearance, cost, approach_at[None], domain.radius, domain.slow, 1)[0]
             if approach < FAR:
                 yield ahead, approach_at, float(approach)
 

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Collection
+from dataclasses import replace
+
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
+from .search.drives import pull_string
 from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
-from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
+from .search.search_domain import (
+    SearchDomain,
+    build_search_domain,
+    grid_from_world,
+    world_from_grid,
+)
 
 __all__ = ["assemble", "plan_in_domain"]
 
-#: Points of a grid path that one straight segment may span.
-STRING_WINDOW = 80
-#: Corners are cut at most so many times.
-STRING_ROUNDS = 12
+#: Clearance interpolated between cells may fall by this along a straight way out [cells].
+ESCAPE_SLACK = 0.02
 
 
 def plan_in_domain(
@@ -26,6 +34,8 @@ def plan_in_domain(
     costs: PushCosts | None = None,
     limits: SearchLimits | None = None,
     *,
+    active: Collection[int] | None = None,
+    oblique: bool = False,
     name: str = "cheapest",
     report_costs: PushCosts | None = None,
 ) -> Plan:
@@ -39,6 +49,10 @@ def plan_in_domain(
         From :func:`~visuohaptic.navigation.planning.search.search_domain.build_search_domain`.
     costs, limits
         What a push costs; how long to search.
+    active
+        Indices of the bodies that may be pushed; all of them by default.
+    oblique
+        Whether pushes may be oblique to a face.
     name
         Side condition, for the plan's label.
     report_costs
@@ -47,8 +61,19 @@ def plan_in_domain(
     costs = costs or PushCosts()
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
-    result = search_pushes(domain, start, goal, costs, limits)
-    return assemble(problem, domain, result, report_costs or costs, name=name)
+    begin = escape(domain, start)
+    if begin is None:
+        return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
+    limits = limits or SearchLimits()
+    deadline_s = time.monotonic() + limits.budget_s
+    while True:
+        result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
+        plan = assemble(problem, domain, result, report_costs or costs, name=name, begin=begin)
+        if plan.reachable or not result.found or domain.block == 1:
+            return plan
+        # A block is as clear as its clearest cell: where the map has no such drive, smaller blocks.
+        domain = build_search_domain(problem, costs, block=domain.block // 2)
+        limits = replace(limits, budget_s=max(deadline_s - time.monotonic(), 0.05 * limits.budget_s))
 
 
 def assemble(
@@ -58,6 +83,7 @@ def assemble(
     costs: PushCosts,
     *,
     name: str = "cheapest",
+    begin: Float[np.ndarray, "2"] | None = None,
 ) -> Plan:
     """Tasks of a search result: driving along string-pulled paths, pushes with contact, goal and risk.
 
@@ -73,8 +99,10 @@ def assemble(
         What the seconds of the tasks are computed with.
     name
         Side condition, for the plan's label.
+    begin
+        Where the search began, after an escape from a start in collision; the start by default [cells].
     """
-    notes = _notes(domain)
+    notes = _notes(domain, result)
     if not result.found:
         return Plan(
             False,
@@ -86,23 +114,77 @@ def assemble(
         )
     tasks: list[Task] = []
     at = grid_from_world(problem.map, problem.start_m)
+    if begin is not None and (begin != at).any():
+        tasks += _drive(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
+        notes = (
+            f"the start is too near to an obstacle: {tasks[0].length_m:.2f} m away from it first",
+            *notes,
+        )
+        at = begin
     shifts = np.zeros((len(domain.bodies), 2))
-    for step in result.steps:
-        tasks += _drive(domain, shifts, at, step.approach)
-        tasks += _push_tasks(domain, step, costs)
-        at, shifts = step.retreat, step.shifts_after
-    tasks += _drive(domain, shifts, at, grid_from_world(problem.map, problem.goal_m))
-    return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes)
+    ends = [step.approach for step in result.steps] + [grid_from_world(problem.map, problem.goal_m)]
+    for step, end in zip([*result.steps, None], ends, strict=True):
+        path, cost = pull_string(domain, shifts, at, end)
+        if not len(path):
+            return Plan(False, reason="a drive of the plan is too narrow on the map", name=name, notes=notes)
+        tasks += _drive(domain, path, cost)
+        if step is not None:
+            tasks += _push_tasks(domain, step, costs)
+            at, shifts = step.retreat, step.shifts_after
+    gap = max(result.cost / result.bound - 1.0, 0.0) if result.bound > 0 else float("inf")
+    return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes, gap=gap)
 
 
-def _drive(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-) -> list[Task]:
+def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:
+    """Where a robot that starts in collision gets away straight, from nothing nearer than it is; else its start.
+
+    Parameters
+    ----------
+    domain
+        Static map and bodies.
+    start
+        Grid coordinates [cells].
+
+    Returns
+    -------
+    The start where the robot fits there or beside it; none where no free cell is within its radius.
+    """
+    from .search._travel_kernels import UNITS, clearances_at
+
+    shifts = np.zeros((len(domain.bodies), 2))
+    near, _ = seed_cells(
+        domain.lattice_with(shifts), start, domain.radius, domain.slow, UNITS, reach=2, block=domain.block
+    )
+    if near.size:
+        return start
     clearance = domain.clearance_with(shifts)
-    path, cost = pull_string(domain, clearance, start, goal)
+    if clearances_at(clearance, start[None])[0] <= 0.0:
+        return None
+    reach = int(np.ceil(domain.radius)) + 1
+    cells, costs = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=reach)
+    columns = clearance.shape[1]
+    for cell in cells[np.argsort(costs, kind="stable")]:
+        place = np.array([cell % columns + 0.5, cell // columns + 0.5])
+        steps = np.linspace(0.0, 1.0, 4 * reach)[:, None]
+        if (np.diff(clearances_at(clearance, start + steps * (place - start))) >= -ESCAPE_SLACK).all():
+            return place
+    return None
+
+
+def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
+    """Why a robot cannot leave where it starts."""
+    from ..pushing._outline_kernels import polygon_distance
+
+    outlines = [(body.obj.id, body.outline) for body in domain.bodies]
+    outlines += [
+        (obj.id, outline) for obj, outline in zip(domain.immovable, domain.immovable_outlines, strict=True)
+    ]
+    near = [id for id, outline in outlines if polygon_distance(*start, outline) < domain.radius]
+    blamed = " and ".join(near) or "a wall or unknown cells"
+    return f"the robot does not fit where it starts, {blamed} in its way, and has no straight way out"
+
+
+def _drive(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: float) -> list[Task]:
     if len(path) < 2:
         return []
     path_m = world_from_grid(domain.map, path)
@@ -110,71 +192,11 @@ def _drive(
     return [Task("navigate", domain.seconds(cost), length_m, tuple((float(x), float(y)) for x, y in path_m))]
 
 
-def pull_string(
-    domain: SearchDomain,
-    clearance: Float32[np.ndarray, "rows columns"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Cheapest any-angle path between two points: over the grid, then string pulling where that costs no more.
-
-    Returns
-    -------
-    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is none
-    """
-    from .search._travel_kernels import FAR, UNITS, string_pull, travel_field
-
-    if np.hypot(*(goal - start)) < 1e-9:
-        return start[None], 0.0
-    radius, slow = domain.radius, domain.slow
-    cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=2)
-    ends, end_costs = seed_cells(clearance, goal, radius, slow, UNITS, reach=1)
-    nothing = np.zeros((0, 0), np.int32)
-    none = np.zeros(0, np.int32)
-    if not cells.size or not ends.size:
-        return np.zeros((0, 2)), float("inf")
-    cost, came, _ = travel_field(clearance, radius, slow, cells, costs, nothing, none, none, 0)
-    total = cost[ends].astype(np.int64) + end_costs
-    if total.min() >= FAR:
-        return np.zeros((0, 2)), float("inf")
-    cell = int(ends[int(total.argmin())])
-    columns = clearance.shape[1]
-    points = [goal]
-    while cell >= 0:
-        points.append(np.array([cell % columns + 0.5, cell // columns + 0.5]))
-        cell = int(came[cell])
-    points.append(start)
-    path = np.array(points[::-1])
-    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
-    path = path[kept]
-    # A second look joins pieces that were cut by the window.
-    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
-    path = path[kept]
-    # The path over cells has eight directions only; chords between points along it cut its corners.
-    for _ in range(STRING_ROUNDS):
-        dense = _resampled(path, STRING_WINDOW)
-        kept, cost_now = string_pull(clearance, radius, slow, dense, STRING_WINDOW)
-        if not cost_now < string_pulled_cost:
-            break
-        gain = 1.0 - cost_now / string_pulled_cost
-        path, string_pulled_cost = dense[kept], cost_now
-        if gain < 1e-4:
-            break
-    distinct = np.ones(len(path), dtype=bool)
-    distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
-    return path[distinct], float(string_pulled_cost)
-
-
-def _resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
-    """The corners of a path and about ``count`` points between them, evenly along it."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
-    return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
-
-
 def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:
     body = domain.bodies[step.body]
-    contact = body.contacts[step.contact]
+    contact = (
+        body.with_oblique[step.contact] if step.contact >= len(body.contacts) else body.contacts[step.contact]
+    )
     before, after = step.shifts_before[step.body], step.shifts_after[step.body]
     grid = np.array(
         [
@@ -228,7 +250,9 @@ def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def _notes(domain: SearchDomain) -> tuple[str, ...]:
+def _notes(domain: SearchDomain, result: SearchResult) -> tuple[str, ...]:
     notes = [f"{obj.id} is not pushed: {domain.why_immovable[obj.id]}" for obj in domain.immovable]
-    notes += [f"{body.obj.id} has no stable contact" for body in domain.bodies if not body.contacts]
+    if result.left_out:
+        names = ", ".join(domain.bodies[index].obj.id for index in result.left_out)
+        notes.append(f"left out, beside no bottleneck between start and goal: {names}")
     return tuple(notes)

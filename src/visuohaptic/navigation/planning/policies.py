@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,16 +13,16 @@ from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts
 from .planner import plan_in_domain
 from .search.push_states import SearchLimits
-from .search.search_domain import build_search_domain
+from .search.search_domain import SearchDomain, build_search_domain
 
 __all__ = ["alternatives", "make_plan", "without_pushing"]
 
 #: How much reliability is worth to the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
-#: Oblique pushes are searched with this fraction of the budget: they are a last resort.
-OBLIQUE_BUDGET = 0.25
-#: ... of which little goes to the cheapest one: that there is one at all is what counts.
-OBLIQUE_FIRST, OBLIQUE_WEIGHTS = 60, (4.0,)
+#: Fraction of the budget for the search.
+SEARCH_FRACTION = 0.9
+#: Fraction of the budget for a plan that explores nothing, where objects are unknown.
+KNOWN_FRACTION = 0.5
 #: Of the unknown objects on the map, so many nearest ones are considered for the most informative plan.
 MAX_UNKNOWN = 5
 
@@ -56,23 +57,37 @@ def make_plan(
     (['navigate'], 1.2)
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
-    unknown = [obj for obj in problem.objects if obj.tag is None]
-    safe_plan = _planned(problem, costs, limits, unknown=False)
+    return _cheapest(problem, build_search_domain(problem, costs), costs, limits)
+
+
+def _cheapest(problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits) -> Plan:
+    # What is left is for the drives of the plan.
+    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
+    deadline_s = time.monotonic() + limits.budget_s
+    unknown = any(body.allowed.unknown for body in domain.bodies)
+    first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
+    safe_plan = _planned(problem, domain, costs, first, unknown=False)
     if safe_plan.pushes:
-        # The search compares estimates on the grid; what is driven is shortened by string pulling.
-        around = without_pushing(problem, limits)
+        # The search compares estimates on the lattice; what is driven is shortened by string pulling.
+        around = plan_in_domain(problem, domain, costs, limits, active=())
         if around.reachable and around.cost_s < safe_plan.cost_s:
-            safe_plan = replace(around, name=safe_plan.name, notes=safe_plan.notes)
+            safe_plan = replace(around, name=safe_plan.name, notes=safe_plan.notes, gap=safe_plan.gap)
     if not unknown:
         return safe_plan
-    risky_plan = _planned(problem, costs, limits, unknown=True)
-    first = next((i for i, task in enumerate(risky_plan.tasks) if task.kind == "explore"), None)
-    if not risky_plan.reachable or first is None:
+    risky_plan = _planned(problem, domain, costs, _until(deadline_s, limits), unknown=True)
+    explored = next((i for i, task in enumerate(risky_plan.tasks) if task.kind == "explore"), None)
+    if not risky_plan.reachable or explored is None:
         return safe_plan if safe_plan.reachable else risky_plan
-    expected_s = _expected(problem, risky_plan, first, costs, limits)
+    expected_s = _expected(problem, risky_plan, explored, costs, _until(deadline_s, limits))
     if safe_plan.reachable and safe_plan.cost_s <= expected_s:
         return safe_plan
     return replace(risky_plan, expected_s=expected_s)
+
+
+def _until(deadline_s: float, limits: SearchLimits) -> SearchLimits:
+    """Limits for what is left of a budget, at least a tenth of it."""
+    left_s = max(deadline_s - time.monotonic(), 0.1 * limits.budget_s)
+    return replace(limits, budget_s=min(left_s, limits.budget_s))
 
 
 def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None) -> Plan:
@@ -85,9 +100,7 @@ def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None
     limits
         How long to search.
     """
-    return plan_in_domain(
-        problem, build_search_domain(problem, pushes=False), None, limits, name="no pushing"
-    )
+    return plan_in_domain(problem, build_search_domain(problem), None, limits, active=(), name="no pushing")
 
 
 def alternatives(
@@ -109,11 +122,11 @@ def alternatives(
     Plans by name.
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
-    reliable = _planned(
-        problem, replace(costs, risk_s=RELIABLE_RISK_S), limits, unknown=True, report_costs=costs
-    )
-    cheapest = make_plan(problem, costs, limits)
-    free = without_pushing(problem, limits)
+    domain = build_search_domain(problem, costs)
+    cautious = replace(costs, risk_s=RELIABLE_RISK_S)
+    reliable = _planned(problem, domain, cautious, limits, unknown=True, report_costs=costs)
+    cheapest = _cheapest(problem, domain, costs, limits)
+    free = plan_in_domain(problem, domain, costs, limits, active=(), name="no pushing")
     found = {
         "cheapest": cheapest,
         "most reliable": min(
@@ -122,33 +135,34 @@ def alternatives(
             default=reliable,
         ),
         "no pushing": free,
-        "most information": _most_information(problem, costs, limits, cheapest),
+        "most information": _most_information(problem, domain, costs, limits, cheapest),
     }
     return {name: replace(plan, name=name) for name, plan in found.items()}
 
 
 def _planned(
     problem: PlanningProblem,
+    domain: SearchDomain,
     costs: PushCosts,
     limits: SearchLimits,
     *,
     unknown: bool,
     report_costs: PushCosts | None = None,
 ) -> Plan:
-    domain = build_search_domain(problem, costs, unknown=unknown)
-    found = plan_in_domain(problem, domain, costs, limits, report_costs=report_costs)
-    if found.reachable or not domain.bodies:
+    deadline_s = time.monotonic() + limits.budget_s
+    active = [k for k, body in enumerate(domain.bodies) if unknown or not body.allowed.unknown]
+    found = plan_in_domain(problem, domain, costs, limits, active=active, report_costs=report_costs)
+    if found.reachable or not active:
         return found
     # Oblique pushes hold by friction alone: only where nothing else clears a path.
-    domain = build_search_domain(problem, costs, unknown=unknown, oblique=True)
-    less = replace(
-        limits,
-        expansions=max(1, int(limits.expansions * OBLIQUE_BUDGET)),
-        first_expansions=min(limits.first_expansions, OBLIQUE_FIRST),
-        heuristic_weights=OBLIQUE_WEIGHTS,
+    left = _until(deadline_s, limits)
+    oblique = plan_in_domain(
+        problem, domain, costs, left, active=active, oblique=True, report_costs=report_costs
     )
-    oblique = plan_in_domain(problem, domain, costs, less, report_costs=report_costs)
-    return oblique if oblique.reachable or not oblique.proved else found
+    if oblique.reachable:
+        return oblique
+    note = "oblique pushes do not help either" + ("" if oblique.proved else ", as far as was looked")
+    return replace(found, notes=(*found.notes, note))
 
 
 def _expected(
@@ -168,16 +182,19 @@ def _expected(
             for obj in problem.objects
         ),
     )
-    other = _planned(refused, costs, limits, unknown=False)
+    other = _planned(refused, build_search_domain(refused, costs), costs, limits, unknown=False)
     p = explore.failure_probability
     return before_s + (1.0 - p) * after_s + p * other.cost_s
 
 
 def _most_information(
-    problem: PlanningProblem, costs: PushCosts, limits: SearchLimits, cheapest: Plan
+    problem: PlanningProblem,
+    domain: SearchDomain,
+    costs: PushCosts,
+    limits: SearchLimits,
+    cheapest: Plan,
 ) -> Plan:
     """The plan that learns most per second: of what it touches, the entropy of "it moves"."""
-    domain = build_search_domain(problem, costs)
     middle = 0.5 * (problem.start_m + problem.goal_m)
     uncertain = sorted(
         (body.obj for body in domain.bodies if _entropy(body.obj, costs) > 0.3),

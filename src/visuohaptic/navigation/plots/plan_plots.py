@@ -80,7 +80,8 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     if plan.reachable:
-        axes.set_title(f"{plan.cost_s:.1f} s, {plan.length_m:.2f} m, {len(plan.pushes)} pushes", fontsize=10)
+        pushes = f"{len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}"
+        axes.set_title(f"{plan.cost_s:.1f} s, {plan.length_m:.2f} m, {pushes}", fontsize=10)
     else:
         axes.set_title(plan.reason, fontsize=10)
     axes.legend(loc="upper right", fontsize=8)

@@ -15,6 +15,9 @@ __all__ = ["Plan", "Task", "plan_from_json"]
 #: Kinds of tasks. ``explore`` touches an unknown object and decides; ``wait`` and ``door`` come from their nodes.
 KINDS = ("navigate", "push", "explore", "wait", "door")
 
+#: Costs of drives are whole units: a gap below this is rounding.
+OPTIMAL_GAP = 0.005
+
 Point = tuple[float, float]
 
 
@@ -64,6 +67,16 @@ class Plan:
     name: str = "cheapest"  #: side condition it was made under
     expected_s: float | None = None  #: with what is driven when an exploration finds that nothing moves
     notes: tuple[str, ...] = field(default=())  #: e.g. objects that are never pushed, and why
+    gap: float = 0.0  #: no plan of the model is cheaper by more than this fraction of the bound
+
+    @property
+    def answer(self) -> str:
+        """How good the plan is known to be, or how certain it is that there is none."""
+        if not self.reachable:
+            return "no plan (proved)" if self.proved else "no plan found (not proved)"
+        if not np.isfinite(self.gap):
+            return "no bound"
+        return "optimal" if self.gap < OPTIMAL_GAP else f"within {np.ceil(100 * self.gap):.0f} %"
 
     @property
     def cost_s(self) -> float:
@@ -97,6 +110,8 @@ class Plan:
             "length_m": round(self.length_m, 6) if self.reachable else None,
             "failure_probability": round(self.failure_probability, 6) if self.reachable else None,
             "name": self.name,
+            "answer": self.answer,
+            "gap": round(self.gap, 6) if self.reachable and np.isfinite(self.gap) else None,
             "tasks": [task.to_json() for task in self.tasks],
             "expanded": self.expanded,
         }
@@ -136,6 +151,7 @@ def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
             str(data.get("name", "cheapest")),
             _expected(data),
             tuple(str(note) for note in data.get("notes", ())),
+            float("inf") if data.get("gap") is None else float(data["gap"]),
         )
     except KeyError as error:
         raise InputError(where, "is missing", field=str(error.args[0])) from error

@@ -79,7 +79,9 @@ def cut_nodes(
     feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cost: float
 ) -> np.ndarray:
     """Which nodes (n,) are leaves in the smallest subtree with the least errors + cost * leaves."""
-    best = error + cost
+    best = np.empty(len(error))
+    for node in range(len(error)):
+        best[node] = error[node] + cost
     cut = np.ones(len(feature), dtype=np.bool_)
     for node in range(len(feature) - 1, -1, -1):  # children come after their parents
         if feature[node] >= 0:
@@ -101,11 +103,10 @@ def weakest_link(
         if feature[node] >= 0 and not cut[node]:
             leaves[node] = leaves[left[node]] + leaves[right[node]]
             below[node] = below[left[node]] + below[right[node]]
-    stack = [0]
-    while len(stack) > 0:
-        node = stack.pop()
-        if feature[node] >= 0 and not cut[node]:
+    kept = np.zeros(len(feature), dtype=np.bool_)
+    kept[0] = True
+    for node in range(len(feature)):
+        if kept[node] and feature[node] >= 0 and not cut[node]:
             least = min(least, (error[node] - below[node]) / (leaves[node] - 1.0))
-            stack.append(left[node])
-            stack.append(right[node])
+            kept[left[node]] = kept[right[node]] = True
     return least

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from ...core.errors import InputError
+from ...core.files import field_problems
 
 __all__ = ["HoleRegion", "load_hole_regions"]
 
@@ -148,9 +149,8 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in problem["loc"])
-        raise InputError(path, f"{problem['msg']}; expected clusters with hull", field=place) from error
+        place, said = field_problems(error, _RegionsFile)[0]
+        raise InputError(path, said, field=place, remedy="expected clusters with hull") from error
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

@@ -47,7 +47,7 @@ def run(out: Output) -> None:
 
     def draw(left: Any, right: Any) -> None:
         shown = left.imshow(
-            np.log10(values), origin="lower", aspect="auto", cmap="turbo", extent=(-0.5, 3.5, 0.5, 16.5)
+            np.log10(values), origin="lower", aspect="auto", cmap="viridis", extent=(-0.5, 3.5, 0.5, 16.5)
         )
         left.figure.colorbar(shown, ax=left, label="log10 of the stiffness [N/m]")
         left.set(title="a  stiffness features", ylabel="height", xlabel="side")

@@ -20,7 +20,7 @@ __all__ = ["CAPTION", "TITLE", "run"]
 TITLE = "Simulated deformation shapes of two models"
 CAPTION = (
     "A cup without (a) and with a reinforced rim (b) under the same pinch near the top, colour: how far the wall moves; "
-    "(c) local stiffness of (b), blue soft, red stiff (simulated, as in the dissertation)."
+    "(c) local stiffness of (b), dark soft, bright stiff (simulated, as in the dissertation)."
 )
 FORCE_N, HEIGHT = 3.0, 0.9
 
@@ -65,7 +65,7 @@ def run(out: Output) -> None:
     used = np.isfinite(found.stiffness_N_per_m)
     # The scale of `colours`: logarithmic, from the 2nd to the 98th percentile.
     ends = np.exp(np.percentile(np.log(found.stiffness_N_per_m[used]), (2, 98)))
-    _scale(figure, axes[0, 2], "jet", LogNorm(*ends), "stiffness [N/m]")
+    _scale(figure, axes[0, 2], "viridis", LogNorm(*ends), "stiffness [N/m]")
     out.picture("deformation", figure, dpi=90)
     out.table("pinch", rows)
     out.table("map", {"x_m": found.vertices_m[used, 0], "y_m": found.vertices_m[used, 1],

@@ -40,7 +40,7 @@ def run(out: Output) -> None:
     for axis, (name, found) in zip(axes[0], maps.items(), strict=True):
         points, stiffness = found.vertices_m, found.stiffness_N_per_m
         per_face = np.nanmean(np.where(np.isfinite(stiffness), stiffness, np.nan)[found.faces], axis=1)
-        colours = colormaps["turbo"](norm(np.nan_to_num(per_face, nan=float(values.max()))))
+        colours = colormaps["viridis"](norm(np.nan_to_num(per_face, nan=float(values.max()))))
         axis.add_collection3d(
             Poly3DCollection(1e3 * points[found.faces], facecolors=colours, edgecolors="none")
         )
@@ -52,7 +52,7 @@ def run(out: Output) -> None:
             here = used & (fraction >= low) & (fraction < low + 0.1)
             if here.any():
                 rows.append((name, low + 0.05, *np.percentile(stiffness[here], [10, 50, 90])))
-    figure.colorbar(ScalarMappable(norm, "turbo"), ax=list(axes[0]), label="stiffness [N/m]", shrink=0.6)
+    figure.colorbar(ScalarMappable(norm, "viridis"), ax=list(axes[0]), label="stiffness [N/m]", shrink=0.6)
     out.picture("maps", figure, dpi=80)
     columns = ("object", "height_share", "p10_N_per_m", "median_N_per_m", "p90_N_per_m")
     out.table("profiles", dict(zip(columns, zip(*rows, strict=True), strict=True)))

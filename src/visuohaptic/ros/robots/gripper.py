@@ -8,7 +8,7 @@ from typing import Any
 
 from ...core.errors import DeviceError, InputError
 from ...core.resources import Closing
-from ...core.robots import GripperState
+from ...core.robots import Gripper, GripperState
 from ...io.ros.ros_messages import header, stamp_ns
 from ..frames import message_time_s
 from ..latest import LatestMessage, finite
@@ -17,7 +17,7 @@ from ..node import Received, RosNode
 __all__ = ["RosGripper"]
 
 
-class RosGripper(Closing):
+class RosGripper(Closing, Gripper):
     """Implements :class:`visuohaptic.core.robots.Gripper`.
 
     A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the distance divided by the speed.
@@ -62,13 +62,6 @@ class RosGripper(Closing):
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Begin to move to an opening.
-
-        Parameters
-        ----------
-        opening_m
-            Target opening, 0 to ``max_opening_m`` [m].
-        speed_m_s
-            Rate of change of the opening, more than 0 [m/s].
 
         Raises
         ------

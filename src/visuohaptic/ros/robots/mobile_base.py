@@ -9,7 +9,7 @@ import time
 
 from ...core.errors import DeviceError, InputError
 from ...core.resources import Closing
-from ...core.robots import BaseState
+from ...core.robots import BaseState, MobileBase
 from ...io.ros.ros_messages import header
 from ..frames import message_time_s
 from ..latest import LatestMessage, Repeater, finite
@@ -18,7 +18,7 @@ from ..node import Received, RosNode
 __all__ = ["RosBase"]
 
 
-class RosBase(Closing):
+class RosBase(Closing, MobileBase):
     """Implements :class:`visuohaptic.core.robots.MobileBase`.
 
     Parameters
@@ -61,13 +61,6 @@ class RosBase(Closing):
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
-
-        Parameters
-        ----------
-        speed_m_s
-            Forward [m/s].
-        turn_rate_rad_s
-            Counter-clockwise [rad/s].
 
         Raises
         ------

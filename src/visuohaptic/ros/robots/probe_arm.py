@@ -12,6 +12,7 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.geometry import so3_log
 from ...core.resources import Closing
+from ...core.robots import ProbeArm
 from ...io.ros import ros_messages as ros
 from ..frames import message_time_s
 from ..latest import LatestMessage, Repeater, finite
@@ -20,7 +21,7 @@ from ..node import RosNode
 __all__ = ["RosArm"]
 
 
-class RosArm(Closing):
+class RosArm(Closing, ProbeArm):
     """Implements :class:`visuohaptic.core.robots.ProbeArm`.
 
     The straight line is made here: ``geometry_msgs/PoseStamped`` targets along it, at a rate. Any controller
@@ -64,13 +65,6 @@ class RosArm(Closing):
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Begin to move the tip in a straight line.
-
-        Parameters
-        ----------
-        T_base_tip
-            Target pose of the tip in the base frame [m].
-        speed_m_s
-            Of the tip along the line, more than 0 [m/s].
 
         Raises
         ------

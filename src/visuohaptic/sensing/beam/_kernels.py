@@ -98,7 +98,9 @@ def integrate_rod(
                 for j in range(3):
                     state[i, j] += h / 6.0 * (k1[i, j] + 2.0 * (k2[i, j] + k3[i, j]) + k4[i, j])
         s = stations[n]
-        out[n] = state
+        for i in range(4):
+            for j in range(3):
+                out[n, i, j] = state[i, j]
 
 
 @kernel(error_model="numpy")

@@ -69,9 +69,14 @@ class FingerSensor(FoamSensor):
 
     Examples
     --------
-    >>> sensor = FingerSensor.load("sensor.yaml")                            # doctest: +SKIP
-    >>> reading = sensor.read_finger(frame)                                  # doctest: +SKIP
-    >>> reading.finger.position_m, reading.profile.force_N                   # doctest: +SKIP
+    With a gripper and ``sensor.yaml`` it is ``FingerSensor.load("sensor.yaml")``; here both are simulated:
+
+    >>> from visuohaptic.rigs import GripperSensor
+    >>> virtual, rng = GripperSensor(stripe=False), np.random.default_rng(0)
+    >>> sensor = virtual.build(".", rng, zero_frames=5)
+    >>> reading = sensor.read_finger(virtual.gripper(rng=rng).frame())
+    >>> reading.finger.valid, abs(reading.finger.position_m) < 1e-4
+    (True, True)
     """
 
     optics: FingerOptics

@@ -94,7 +94,7 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
         else:
             b = q
     start = 0.5 * (a + b)
-    ends = np.array([start, start])
+    ends = np.full(2, start)
     for which in range(2):
         side = -1.0 if which == 0 else 1.0
         edge = left if which == 0 else right
@@ -158,12 +158,15 @@ def profile_and_jacobian(family, theta, steps, rest, scale, low, high, u, delta,
     moved = theta.copy()
     for j in range(len(theta)):
         if steps[j] == 0.0:
-            jacobian[:, j] = 0.0
+            for i in range(len(u)):
+                jacobian[i, j] = 0.0
             continue
         moved[j] = theta[j] + steps[j]
         contact_profile(family, moved, rest, scale, low, high, u, other, flags)
-        jacobian[:, j] = other
+        for i in range(len(u)):
+            jacobian[i, j] = other[i]
         moved[j] = theta[j] - steps[j]
         contact_profile(family, moved, rest, scale, low, high, u, other, flags)
-        jacobian[:, j] = (jacobian[:, j] - other) / (2.0 * steps[j])
+        for i in range(len(u)):
+            jacobian[i, j] = (jacobian[i, j] - other[i]) / (2.0 * steps[j])
         moved[j] = theta[j]

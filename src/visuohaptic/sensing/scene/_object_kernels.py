@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
-from ...tracking._solve_kernels import solve_step
+from ...tracking._solve_kernels import median, solve_step
 from ...tracking.pose._pose_kernels import project_point, turn
 
 __all__ = ["fit_motion"]
@@ -67,8 +67,10 @@ def fit_motion(
         Filled with the information of the points inside, (6, 6).
     """
     n = len(body)
+    if n < least:
+        return np.nan
     pixel, by_point, in_foam = np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3))
-    residual, jacobian = np.zeros((n, 2)), np.zeros((n, 2, 6))
+    residual, jacobian, work = np.zeros((n, 2)), np.zeros((n, 2, 6)), np.zeros(n)
     information, gradient, step = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     free = 0
     for k in range(6):
@@ -103,12 +105,12 @@ def fit_motion(
                 jacobian[i, k, 0] = d[2] * q - d[1] * r
                 jacobian[i, k, 1] = d[0] * r - d[2] * p
                 jacobian[i, k, 2] = d[1] * p - d[0] * q
-                jacobian[i, k, 3:] = d
+                jacobian[i, k, 3], jacobian[i, k, 4], jacobian[i, k, 5] = d[0], d[1], d[2]
             distance[i] = np.sqrt(squared)
             if not np.isfinite(squared):
                 return np.nan
         # Wide at first, so that a start some pixels off still finds its points.
-        scale = max(1.0, np.median(distance) / 1.177) if iteration < 5 else max(1.0, scale)
+        scale = max(1.0, median(distance, n, work) / 1.177) if iteration < 5 else max(1.0, scale)
         gate = gate_sigmas * scale
         information[:], gradient[:] = 0.0, 0.0
         count = 0
@@ -135,12 +137,16 @@ def fit_motion(
             information[a, a] += 1e-9 * trace
         if not solve_step(information, gradient, active, 0.0, step):
             return np.nan
-        largest = np.abs(step).max()
+        largest = 0.0
+        for k in range(6):
+            largest = max(largest, abs(step[k]))
         if not largest < 1.0:
             return np.nan
-        rotation[:] = turn(rotation, step[0], step[1], step[2])
+        turned = turn(rotation, step[0], step[1], step[2])
         for k in range(3):
             shift[k] += step[3 + k]
+            for m in range(3):
+                rotation[k, m] = turned[k, m]
         # A hundredth of the information of a good image.
         if largest < 2e-6:
             break

@@ -107,7 +107,7 @@ class FloorPush:
         try:
             import mujoco
         except ImportError as error:
-            raise MissingExtraError("mujoco", "sim", "the simulated push") from error
+            raise MissingExtraError("mujoco-core", "sim", "the simulated push") from error
         self._mujoco: Any = mujoco
         self.thing, self.radius_m = thing, radius_m
         self._model: Any = mujoco.MjModel.from_xml_string(_mjcf(thing, radius_m, time_step_s, walls_m))

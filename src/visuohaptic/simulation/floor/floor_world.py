@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError, MissingExtraError
 from ...core.geometry import polygon_centroid
-from ...core.robots import BaseState
+from ...core.robots import BaseState, MobileBase
 from ...io.maps.occupancy_map import OccupancyMap
 from .floor_model import FloorObject, FloorRobot, floor_mjcf
 from .walls import wall_boxes
@@ -69,7 +69,7 @@ class FloorWorld:
         try:
             import mujoco
         except ImportError as error:
-            raise MissingExtraError("mujoco", "sim", "the simulated floor") from error
+            raise MissingExtraError("mujoco-core", "sim", "the simulated floor") from error
         self._mujoco: Any = mujoco
         self.robot = robot if robot is not None else FloorRobot()
         self.items = tuple(items)
@@ -251,7 +251,7 @@ class FloorWorld:
             self.speed_m_s = 0.0
 
 
-class FloorBase:
+class FloorBase(MobileBase):
     """The robot of a :class:`FloorWorld` as a ``robots.MobileBase``.
 
     Parameters
@@ -265,15 +265,7 @@ class FloorBase:
         self.target_speed_m_s = self.target_turn_rate_rad_s = 0.0
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`.
-
-        Parameters
-        ----------
-        speed_m_s
-            Forward speed [m/s].
-        turn_rate_rad_s
-            Turn rate [rad/s].
-        """
+        """Set the velocities; they hold until the next call or :meth:`stop`."""
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
             raise InputError(
                 "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"

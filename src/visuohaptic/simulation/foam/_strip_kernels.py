@@ -94,11 +94,8 @@ def solve_strip(
     height: float,
     table_start: float,
     table_step: float,
-    stress_table: Float[np.ndarray, "t"],
-    shear_table: Float[np.ndarray, "t"],
-    shear_slope_table: Float[np.ndarray, "t"],
-    loss: Float[np.ndarray, "j"],
-    loss_strain: Float[np.ndarray, "j"],
+    tables: Float[np.ndarray, "3 t"],
+    losses: Float[np.ndarray, "2 j"],
     relaxation: float,
     relaxation_strain: float,
     decay: float,
@@ -130,10 +127,10 @@ def solve_strip(
         Height of the strip across the sensor plane [m].
     table_start, table_step
         First strain and step of the tables.
-    stress_table, shear_table, shear_slope_table
-        Stress [Pa], shear modulus [Pa] and its slope by strain [Pa], at the strains of the tables (t,).
-    loss, loss_strain
-        Hysteresis elements: relative stress and scale of the strain (j,).
+    tables
+        Stress [Pa], shear modulus [Pa] and its slope by strain [Pa], at the strains of the tables (3, t).
+    losses
+        Hysteresis elements: relative stress and scale of the strain (2, j).
     relaxation, relaxation_strain, decay
         Relaxation: relative stress, scale of the strain, and decay over the step.
     shear_limit
@@ -152,8 +149,10 @@ def solve_strip(
     K, N = u.shape
     count = K * N
     band = N + 1
-    J = len(loss)
-    last = len(stress_table) - 2
+    J = losses.shape[1]
+    last = tables.shape[1] - 2
+    stress_table, shear_table, shear_slope_table = tables[0], tables[1], tables[2]
+    loss, loss_strain = losses[0], losses[1]
     gradient = np.zeros(count)
     matrix = np.zeros((count, band + 1))
     active = np.zeros(K, nb.boolean)

@@ -79,10 +79,10 @@ class FoamStrip:
         self.geometry = geometry if geometry is not None else FoamStripGeometry()
         self.law = law
         self.s_m = self.geometry.positions_m()
-        self._stress, self._shear = law.tables()
-        self._shear_slope = np.gradient(self._shear, (TABLE_END - TABLE_START) / (TABLE_SIZE - 1))
-        self._loss = np.asarray(law.loss, dtype=np.float64)
-        self._loss_strain = np.asarray(law.loss_strain, dtype=np.float64)
+        self._stress, shear = law.tables()
+        slope = np.gradient(shear, (TABLE_END - TABLE_START) / (TABLE_SIZE - 1))
+        self._tables = np.stack([self._stress, shear, slope])
+        self._losses = np.array([law.loss, law.loss_strain], dtype=np.float64)
         self._thickness = np.asarray(law.layers) * self.geometry.width_m
         middle = np.cumsum(self._thickness) - 0.5 * self._thickness
         self._stretch = np.array([[self.geometry.stretch(float(y)) for y in middle]])
@@ -91,7 +91,7 @@ class FoamStrip:
 
     def reset(self) -> None:
         """Back to rest: no deflection and no memory."""
-        k, n, j = len(self.s_m), len(self._thickness), len(self._loss)
+        k, n, j = len(self.s_m), len(self._thickness), self._losses.shape[1]
         # One row per column: displacements, strains, chi (n each), xi (n j), touched (1).
         self._memory = np.zeros((k, 3 * n + n * j + 1))
         self._memory[:, 3 * n : -1] = 1.0
@@ -150,7 +150,7 @@ class FoamStrip:
             u, xi, chi, strain, np.minimum(depth, 0.97 * TABLE_END * w), cell[:, None] * self._stretch,
             distance[:, None] * self._stretch, self._thickness, geometry.height_m,
             TABLE_START, (TABLE_END - TABLE_START) / (TABLE_SIZE - 1),
-            self._stress, self._shear, self._shear_slope, self._loss, self._loss_strain,
+            self._tables, self._losses,
             law.relaxation, law.relaxation_strain, decay, law.shear_limit,
             60, old[:, -1] > 0.5, reaction,
         )  # fmt: skip
@@ -215,7 +215,7 @@ class FoamStrip:
         new = np.diff(u[keep], axis=1, prepend=0.0) / self._thickness
         change = new - strain[keep]
         free = new <= FREE_STRAIN
-        moved = np.clip(xi[keep] + change[:, :, None] / self._loss_strain, -1.0, 1.0)
+        moved = np.clip(xi[keep] + change[:, :, None] / self._losses[1], -1.0, 1.0)
         moved[free] = 1.0
         relaxed = np.where(free, 0.0, (chi[keep] + change / self.law.relaxation_strain) * decay)
         first = int(at[0])
@@ -232,7 +232,7 @@ class FoamStrip:
         low = x.astype(np.int64)
         stress = self._stress[low]
         slope = (self._stress[low + 1] - stress) / (TABLE_END - TABLE_START) * (TABLE_SIZE - 1)
-        gain = slope + stress * float(np.sum(self._loss / self._loss_strain))
+        gain = slope + stress * float(np.sum(self._losses[0] / self._losses[1]))
         return float(gain @ cell[touching]) * self.geometry.height_m / self.geometry.width_m
 
     def _result(

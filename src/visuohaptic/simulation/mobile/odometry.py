@@ -23,7 +23,7 @@ class OdometryErrors:
     slip_m: float = 0.001  #: of the place along and across, per square root of a metre
 
 
-class DriftingBase:
+class DriftingBase(MobileBase):
     """A ``robots.MobileBase`` whose state drifts away from the truth; commands go through.
 
     Both agree at the start.
@@ -49,15 +49,7 @@ class DriftingBase:
         self._true = self._told = base.state()
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities.
-
-        Parameters
-        ----------
-        speed_m_s
-            Forward speed [m/s].
-        turn_rate_rad_s
-            Turn rate [rad/s].
-        """
+        """Set the velocities."""
         self._base.drive(speed_m_s, turn_rate_rad_s)
 
     def stop(self) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from ...core.errors import InputError
-from ...core.robots import BaseState
+from ...core.robots import BaseState, MobileBase
 from ..foam.strip_geometry import FoamStripGeometry
 
 __all__ = ["DrivenWorld", "PlatformConfig", "SimulatedBase"]
@@ -77,7 +77,7 @@ class DrivenWorld(Protocol):
         """Velocity of the platform in its own frame: (forward, left [m/s], turn rate [rad/s])."""
 
 
-class SimulatedBase:
+class SimulatedBase(MobileBase):
     """The platform of a simulated world as a ``robots.MobileBase``.
 
     Velocities are reached with limited acceleration; time passes only in the ``step`` of the world.
@@ -96,15 +96,7 @@ class SimulatedBase:
         self._turn_rate_rad_s = 0.0
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`.
-
-        Parameters
-        ----------
-        speed_m_s
-            Forward speed [m/s].
-        turn_rate_rad_s
-            Turn rate [rad/s].
-        """
+        """Set the velocities; they hold until the next call or :meth:`stop`."""
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
             raise InputError(
                 "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"

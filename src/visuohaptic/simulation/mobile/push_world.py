@@ -75,7 +75,7 @@ class FoamPushWorld:
         try:
             import mujoco
         except ImportError as error:
-            raise MissingExtraError("mujoco", "sim", "the simulated world") from error
+            raise MissingExtraError("mujoco-core", "sim", "the simulated world") from error
         from dataclasses import replace
 
         names = [o.name for o in obstacles]

@@ -74,13 +74,7 @@ class QuickFrames(BlankFrames):
         self.world, self.frame_rate_Hz = world, frame_rate_Hz
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s].
-
-        Parameters
-        ----------
-        dt_s
-            Simulated time [s].
-        """
+        """Let time pass; returns the new time [s]."""
         return self.world.step(dt_s).t_s
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.robots import BaseState
+from ...core.robots import BaseState, MobileBase
 from ..foam.outline import Outline
 from ..foam.strip import FoamStrip, StripState
 from ..foam.strip_geometry import FoamStripGeometry
@@ -37,7 +37,7 @@ class QuickTruth:
 
 
 @dataclass
-class QuickWorld:
+class QuickWorld(MobileBase):
     """Platform with a foam bumper among obstacles; a ``robots.MobileBase`` with exact odometry."""
 
     obstacles: Sequence[SimulatedObstacle]
@@ -68,15 +68,7 @@ class QuickWorld:
         return self
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities.
-
-        Parameters
-        ----------
-        speed_m_s
-            Forward speed [m/s].
-        turn_rate_rad_s
-            Turn rate [rad/s].
-        """
+        """Set the velocities."""
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
             raise InputError(
                 "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"

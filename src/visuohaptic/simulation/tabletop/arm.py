@@ -10,11 +10,12 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError, InputError
 from ...core.geometry import so3_log
+from ...core.robots import ProbeArm
 
 __all__ = ["SimulatedArm"]
 
 
-class SimulatedArm:
+class SimulatedArm(ProbeArm):
     """A ``robots.ProbeArm`` whose tip goes straight; time passes by :meth:`advance`.
 
     Parameters
@@ -60,13 +61,6 @@ class SimulatedArm:
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Start to move the tip in a straight line, turning evenly on the way.
-
-        Parameters
-        ----------
-        T_base_tip
-            Pose to reach.
-        speed_m_s
-            Speed of the tip [m/s].
 
         Raises
         ------

@@ -146,13 +146,7 @@ class CrownCapCell(BlankFrames):
         self._points, self._k, self._is_hook = self.opener.points()
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s].
-
-        Parameters
-        ----------
-        dt_s
-            Simulated time [s].
-        """
+        """Let time pass; returns the new time [s]."""
         for _ in range(2):
             self.arm.advance(0.5 * dt_s)
             self._balance()

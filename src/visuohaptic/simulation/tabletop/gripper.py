@@ -19,7 +19,7 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.resources import Closing
-from ...core.robots import GripperState
+from ...core.robots import Gripper, GripperState
 from ..foam.strip import FoamStrip
 from ..foam.strip_geometry import FoamStripGeometry
 from ..foam.strip_law import StripLaw
@@ -35,7 +35,7 @@ __all__ = ["VirtualGripper"]
 STEP_M, STEP_S = 1e-4, 0.005
 
 
-class VirtualGripper(Closing):
+class VirtualGripper(Closing, Gripper):
     """The gripper and its camera; implements ``Gripper`` and ``FrameSource``.
 
     Time passes only by :meth:`advance_to`, :meth:`skip_to` or by taking frames: each takes one frame period.
@@ -90,13 +90,6 @@ class VirtualGripper(Closing):
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Start to move to an opening; the drive stops by itself at its maximum force.
-
-        Parameters
-        ----------
-        opening_m
-            Distance between the fronts of both rods to reach [m].
-        speed_m_s
-            Speed of the opening [m/s].
 
         Raises
         ------

@@ -14,7 +14,7 @@ import numpy as np
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.robots import GripperState
+from ...core.robots import Gripper, GripperState
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 from .deformable import DeformableContainer
@@ -36,7 +36,7 @@ class FingerObservation:
 
 
 @dataclass
-class KitchenTable(BlankFrames):
+class KitchenTable(BlankFrames, Gripper):
     """A container at a place, between the fingers when the arm is there; ``Gripper`` and ``FrameSource`` in one.
 
     The tip is the middle between the fingers; z of the base is height above the table.
@@ -68,15 +68,7 @@ class KitchenTable(BlankFrames):
         self._held_z: float | None = None
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Start to move to an opening.
-
-        Parameters
-        ----------
-        opening_m
-            Distance between the fingers to reach [m].
-        speed_m_s
-            Speed of the opening [m/s].
-        """
+        """Start to move to an opening."""
         if not (0.0 <= opening_m <= self.open_m and speed_m_s > 0):
             raise InputError(
                 "move",
@@ -96,13 +88,7 @@ class KitchenTable(BlankFrames):
         return GripperState(self.arm.t_s, self._opening, moving)
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s].
-
-        Parameters
-        ----------
-        dt_s
-            Simulated time [s].
-        """
+        """Let time pass; returns the new time [s]."""
         self.arm.advance(dt_s)
         step = self._limit * dt_s
         way = max(-step, min(step, self._target - self._opening))

@@ -30,13 +30,7 @@ class ProbeCell(BlankFrames):
     duration_s: float = math.inf
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s].
-
-        Parameters
-        ----------
-        dt_s
-            Simulated time [s].
-        """
+        """Let time pass; returns the new time [s]."""
         self.arm.advance(dt_s)
         return self.arm.t_s
 

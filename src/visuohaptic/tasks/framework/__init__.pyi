@@ -2,6 +2,9 @@ from .machine import Machine as Machine
 from .machine import Observation as Observation
 from .machine import Rule as Rule
 from .machine import replay as replay
+from .robot_contract import ContractRule as ContractRule
+from .robot_contract import RobotParts as RobotParts
+from .robot_contract import check_robot as check_robot
 from .trace import Ending as Ending
 from .trace import Step as Step
 from .trace import Trace as Trace

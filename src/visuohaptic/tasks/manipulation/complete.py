@@ -158,13 +158,7 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
         return ProbeCommand()
 
     def decide(self, seen: ProbeObservation) -> ProbeCommand:
-        """Motion of the probe after one frame.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Motion of the probe after one frame."""
         s = self.settings
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= s.blind_frames:
@@ -321,6 +315,28 @@ def complete_by_touch(
     ------
     InputError
         ``arm`` or ``source`` lacks a member of its protocol.
+
+    Examples
+    --------
+    A simulated arm probes a bottle whose middle was not seen:
+
+    >>> from visuohaptic.core import Reason
+    >>> from visuohaptic.reconstruction.completion import Completion
+    >>> from visuohaptic.rigs import virtual_completion
+    >>> from visuohaptic.simulation.tabletop import ProbeCell, SimulatedArm, random_bottle
+    >>> rng = np.random.default_rng(4)
+    >>> bottle = random_bottle(rng, "elliptic")
+    >>> place = Pose(np.eye(3), np.array([0.5, 0.1, 0.0]))  # of the bottle before the arm
+    >>> completion = Completion(*virtual_completion.scene(bottle), T_visual_haptic=place.inverse())
+    >>> before_m = completion.expected_error_m()
+    >>> arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.3])), rng=rng)
+    >>> cell = ProbeCell(arm, bottle, rng, T_base_bottle=place, force_sigma_N=0.02)
+    >>> def feel(frame):
+    ...     return Wrench(frame.t_s, True, Reason.OK, cell.force(), np.zeros(3), 4e-4 * np.eye(6))
+    >>> settings = CompleteSettings(bound_m=0.0005, touches=2, top_m=bottle.height_m)
+    >>> done = complete_by_touch(arm, cell, feel, completion, settings, T_base_visual=place)
+    >>> len(done.touches), done.error_m < before_m
+    (2, True)
     """
     require_members(arm, ProbeArm, "complete_by_touch", "arm")
     require_members(source, FrameSource, "complete_by_touch", "frame source", members=("__iter__",))

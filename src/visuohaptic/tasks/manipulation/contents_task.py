@@ -50,7 +50,10 @@ class ContentsFinding:
     def why(self) -> str:
         """One clause."""
         weight = "could not be weighed" if self.mass_kg is None else f"weighs {1e3 * self.mass_kg[0]:.0f} g"
-        found = f"{self.best} {self.belief[self.best]:.2f} after {len(self.curves)} firm squeezes"
+        found = (
+            f"{self.best} (probability {self.belief[self.best]:.2f}, "
+            f"{len(self.curves)} firm squeeze{'s' * (len(self.curves) != 1)})"
+        )
         if self.best == UNKNOWN:
             return f"its contents are not known to the model: {found}, {weight}"
         return f"{found}, {weight}"

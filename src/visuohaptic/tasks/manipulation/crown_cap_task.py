@@ -79,13 +79,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         return _STOP
 
     def decide(self, seen: CapObservation) -> CapCommand:
-        """Motion of the arm after one frame.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Motion of the arm after one frame."""
         tip = np.array(seen.tip_m)
         self._blind = 0 if seen.felt else self._blind + 1
         haptic = self.state not in (CapState.FIND, CapState.TRACK)

@@ -111,13 +111,7 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
         return HandCommand()
 
     def decide(self, seen: HandObservation) -> HandCommand:
-        """Motion of arm and gripper after one frame.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Motion of arm and gripper after one frame."""
         p = self.plan
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= p.blind_frames:

@@ -140,13 +140,7 @@ class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
         return HandCommand()
 
     def decide(self, seen: HandObservation) -> HandCommand:
-        """Motion of arm and gripper after one frame.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Motion of arm and gripper after one frame."""
         s = self.settings
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= s.blind_frames:

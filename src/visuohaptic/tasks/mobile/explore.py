@@ -116,6 +116,22 @@ def explore_obstacle(
     ------
     InputError
         ``base`` or ``source`` lacks a member of its protocol.
+
+    Examples
+    --------
+    A simulated platform, 3 mm before a bin that its camera and foam feel:
+
+    >>> from visuohaptic.rigs import VirtualSensor
+    >>> from visuohaptic.simulation.mobile import FoamPushWorld, SimulatedSensorCamera, cylinder
+    >>> virtual = VirtualSensor()
+    >>> sensor = virtual.build(".", np.random.default_rng(0), zero_frames=5)
+    >>> bin = cylinder("bin", 0.273, 0.0, 0.08, 0.12, mass_kg=0.3, friction=0.35, static_ratio=1.2)
+    >>> world = FoamPushWorld([bin])
+    >>> brief = ExploreSettings(approach_m_s=0.04, push_m_s=0.03, push_m=0.01, halt_s=0.1, back_off_m=0.005)
+    >>> with SimulatedSensorCamera(world, virtual.renderer(), seed=1) as source:
+    ...     found = explore_obstacle(world.base, source, sensor, brief)
+    >>> found.tag.fixed, abs(found.tag.static_friction_N.value / bin.static_friction_N - 1) < 0.15
+    (False, True)
     """
     require_members(base, MobileBase, "explore_obstacle")
     require_members(source, FrameSource, "explore_obstacle", "frame source", members=("__iter__",))

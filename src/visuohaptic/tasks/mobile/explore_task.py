@@ -67,13 +67,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         return ExploreCommand(0.0)
 
     def decide(self, seen: ExploreObservation) -> ExploreCommand:
-        """Speed of the platform after one frame.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Speed of the platform after one frame."""
         self._first = self._first or seen
         if seen.sight and not self.touched:
             self.ahead.update(seen.sight_valid, seen.ahead_m, seen.travel_m, at_border=seen.at_border)

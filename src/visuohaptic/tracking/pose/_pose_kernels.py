@@ -38,7 +38,8 @@ def project_point(x, y, z, lens, pixel, derivative):
     a, b = x / z, y / z
     aa, ab, bb = a * a, a * b, b * b
     r = aa + bb
-    k1, k2, p1, p2, k3, k4, k5, k6 = lens[4:]
+    k1, k2, p1, p2 = lens[4], lens[5], lens[6], lens[7]
+    k3, k4, k5, k6 = lens[8], lens[9], lens[10], lens[11]
     above = 1.0 + r * (k1 + r * (k2 + r * k3))
     below = 1.0 + r * (k4 + r * (k5 + r * k6))
     radial = above / below
@@ -54,6 +55,11 @@ def project_point(x, y, z, lens, pixel, derivative):
     derivative[0, 0], derivative[0, 1], derivative[0, 2] = ua / z, ub / z, -(ua * a + ub * b) / z
     derivative[1, 0], derivative[1, 1], derivative[1, 2] = va / z, vb / z, -(va * a + vb * b) / z
     return True
+
+
+@kernel(**_JIT)
+def _column_product(matrix, j, k):
+    return matrix[0, j] * matrix[0, k] + matrix[1, j] * matrix[1, k] + matrix[2, j] * matrix[2, k]
 
 
 @kernel(**_JIT)
@@ -80,10 +86,12 @@ def turn(rotation, rx, ry, rz):
         result[1, k] = b + sine * v + versine * (rz * u - rx * w)
         result[2, k] = c + sine * w + versine * (rx * v - ry * u)
     for k in range(2):
-        if k == 1:
-            along = (result[:, 0] * result[:, 1]).sum()
-            result[:, 1] -= along * result[:, 0]
-        result[:, k] /= np.sqrt((result[:, k] ** 2).sum())
+        along = 0.0 if k == 0 else _column_product(result, 0, 1)
+        for i in range(3):
+            result[i, k] -= along * result[i, 0]
+        length = np.sqrt(_column_product(result, k, k))
+        for i in range(3):
+            result[i, k] /= length
     result[0, 2] = result[1, 0] * result[2, 1] - result[2, 0] * result[1, 1]
     result[1, 2] = result[2, 0] * result[0, 1] - result[0, 0] * result[2, 1]
     result[2, 2] = result[0, 0] * result[1, 1] - result[1, 0] * result[0, 1]
@@ -130,6 +138,19 @@ def _residual(points, corners, whiten, lens, rotation, translation, error, jacob
 
 
 @kernel(**_JIT)
+def _normal_equations(error, jacobian, gradient, normal):
+    """J^T e into ``gradient`` (6,) and J^T J into ``normal`` (6, 6)."""
+    for i in range(6):
+        gradient[i] = 0.0
+        for k in range(len(error)):
+            gradient[i] += jacobian[k, i] * error[k]
+        for j in range(6):
+            normal[i, j] = 0.0
+            for k in range(len(error)):
+                normal[i, j] += jacobian[k, i] * jacobian[k, j]
+
+
+@kernel(**_JIT)
 def refine_pose(points, corners, whiten, lens, rotation, translation, normal):
     """Pose of points (n, 3) seen at ``corners`` (n, 2), in place on ``rotation`` and ``translation``.
 
@@ -154,30 +175,28 @@ def refine_pose(points, corners, whiten, lens, rotation, translation, normal):
     size = 2 * len(points)
     error, jacobian = np.zeros(size), np.zeros((size, 6))
     next_error, next_jacobian = np.zeros(size), np.zeros((size, 6))
-    gradient, step = np.zeros(6), np.zeros(6)
+    gradient, step, shifted = np.zeros(6), np.zeros(6), np.zeros(3)
     active = np.ones(6, np.bool_)
     chi2 = _residual(points, corners, whiten, lens, rotation, translation, error, jacobian)
     if not np.isfinite(chi2):
         return np.inf
     damping = 1e-6
     for _ in range(20):
-        for i in range(6):
-            gradient[i] = 0.0
-            for k in range(size):
-                gradient[i] += jacobian[k, i] * error[k]
-            for j in range(6):
-                normal[i, j] = 0.0
-                for k in range(size):
-                    normal[i, j] += jacobian[k, i] * jacobian[k, j]
+        _normal_equations(error, jacobian, gradient, normal)
         done = True
         for _ in range(8):
             if solve_step(normal, gradient, active, damping, step):
                 turned = turn(rotation, step[3], step[4], step[5])
-                shifted = translation + step[:3]
+                for i in range(3):
+                    shifted[i] = translation[i] + step[i]
                 found = _residual(points, corners, whiten, lens, turned, shifted, next_error, next_jacobian)
                 if found <= chi2 * (1 + 1e-12):
-                    rotation[:], translation[:] = turned, shifted
-                    error[:], jacobian[:] = next_error, next_jacobian
+                    for i in range(3):
+                        translation[i] = shifted[i]
+                        for j in range(3):
+                            rotation[i, j] = turned[i, j]
+                    error, next_error = next_error, error
+                    jacobian, next_jacobian = next_jacobian, jacobian
                     chi2, damping, done = found, max(damping / 10, 1e-9), False
                     break
             damping *= 10
@@ -188,9 +207,5 @@ def refine_pose(points, corners, whiten, lens, rotation, translation, normal):
         # In units of the standard deviations of the parameters: a thousandth of a sigma is enough.
         if done or length < 1e-6:
             break
-    for i in range(6):
-        for j in range(6):
-            normal[i, j] = 0.0
-            for k in range(size):
-                normal[i, j] += jacobian[k, i] * jacobian[k, j]
+    _normal_equations(error, jacobian, gradient, normal)
     return chi2

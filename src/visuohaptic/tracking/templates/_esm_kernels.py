@@ -106,7 +106,7 @@ def gauss_newton_sums(
     offset
         (2, R, C), added to the warped position [px]; (2, 1, 1): none.
     h
-        Column, row, 1 to the image, (9,).
+        Column, row, 1 to the image, (3, 3).
     gain, bias
         Image = gain template + bias.
     cut, margin
@@ -156,8 +156,9 @@ def gauss_newton_sums(
             # Three rows of the warped image are kept; of the next row's, one or two are there already.
             for k in (-1, 0, 1):
                 if v + k <= newest:
-                    value[1 + k] = value[1 + v + k - previous]
-                    seen[1 + k] = seen[1 + v + k - previous]
+                    for i in range(columns):
+                        value[1 + k, i] = value[1 + v + k - previous, i]
+                        seen[1 + k, i] = seen[1 + v + k - previous, i]
                     continue
                 ox = offset[0, v + k] if moved else nothing
                 oy = offset[1, v + k] if moved else nothing
@@ -165,7 +166,8 @@ def gauss_newton_sums(
                 row_bilinear(flat, width, columns, index, fx, fy, value[1 + k], energy)
             newest = v + 1
             previous = v
-            inside[:] = seen[1]
+            for i in range(columns):
+                inside[i] = seen[1, i]
         else:
             ox = offset[0, v] if moved else nothing
             oy = offset[1, v] if moved else nothing
@@ -213,34 +215,45 @@ def _exponential(step, result):
     a[0, 0], a[0, 1], a[0, 2] = step[1] - trace, step[2], step[0]
     a[1, 0], a[1, 1], a[1, 2] = step[4], step[5] - trace, step[3]
     a[2, 0], a[2, 1], a[2, 2] = step[6], step[7], -trace
-    size = np.abs(a).max()
+    size = 0.0
+    for k in range(9):
+        size = max(size, abs(a[k // 3, k % 3]))
     halvings = 0
     while size > 0.25 and halvings < 40:
         size *= 0.5
         halvings += 1
-    a /= 2.0**halvings
-    result[:] = np.eye(3)
-    term = np.eye(3)
+    term, spare = np.zeros((3, 3)), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            result[i, j] = term[i, j] = 1.0 if i == j else 0.0
+    scale = 0.5**halvings
     for k in range(1, 9):
-        term = _product(term, a) / k
-        result += term
+        _product(term, a, scale / k, spare)
+        term, spare = spare, term
+        for i in range(3):
+            for j in range(3):
+                result[i, j] += term[i, j]
     for _ in range(halvings):
-        result[:] = _product(result, result)
+        _product(result, result, 1.0, spare)
+        for i in range(3):
+            for j in range(3):
+                result[i, j] = spare[i, j]
 
 
 @kernel(**_JIT)
-def _product(a, b):
-    c = np.zeros((3, 3))
+def _product(a, b, scale, out):
+    """out = scale a b for (3, 3)."""
     for i in range(3):
         for j in range(3):
-            c[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
-    return c
+            out[i, j] = scale * (a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j])
 
 
 @kernel(**_JIT)
 def _spread(histogram, fraction, sigmas):
     """Standard deviation of a normal law of which ``fraction`` lies within ``sigmas``, from the |residual| histogram."""
-    total = histogram.sum()
+    total = 0
+    for k in range(256):
+        total += histogram[k]
     if total == 0:
         return 1.0
     seen = 0
@@ -273,8 +286,8 @@ def _corner_shift(before, after, x_end, y_end):
 
 @kernel(**_JIT)
 def refine_level(
-    image, template, gradient_x, gradient_y, x, y, rows, offset, h, light, active, fraction, unit, cubic,
-    cut_factor, margin, damping, passes, tolerance, matrix, stats,
+    image, template, gradient_x, gradient_y, x, y, rows, offset, h, light, fraction, unit, cubic, cut_factor,
+    margin, damping, passes, tolerance, matrix, stats,
 ):  # fmt: skip
     """Gauss-Newton passes on one level of the pyramid, in place on ``h`` and ``light``.
 
@@ -290,8 +303,6 @@ def refine_level(
     light
         Gain, bias, spread of the residual, its spread where nothing but noise is in it, and the part of the
         squared residual that the last step leaves; changed in place, (5,).
-    active
-        Unknowns that are solved for, (10,).
     cut_factor
         Residuals beyond this many standard deviations lose their weight.
     damping
@@ -303,8 +314,9 @@ def refine_level(
     """
     vector = np.zeros(10)
     step = np.zeros(10)
+    active = np.ones(10, np.bool_)
     histogram = np.zeros(256, np.int64)
-    growth = np.zeros((3, 3))
+    growth, moved, to_pixels = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     to_centred = np.zeros((3, 3))
     to_centred[0, 0] = 1.0 / unit
     to_centred[1, 1] = 1.0 / unit
@@ -313,7 +325,7 @@ def refine_level(
     to_centred[1, 2] = y[0]
     shift = np.inf
     for _ in range(passes):
-        pixel_h = _product(h, to_centred).reshape(-1)
+        _product(h, to_centred, 1.0, to_pixels)
         gauss_newton_sums(
             image,
             template,
@@ -323,7 +335,7 @@ def refine_level(
             y,
             rows,
             offset,
-            pixel_h,
+            to_pixels,
             light[0],
             light[1],
             cut_factor * light[2],
@@ -348,11 +360,13 @@ def refine_level(
         light[4] = max(0.0, 1.0 - taken / max(stats[5], 1e-9))
         light[3] *= np.sqrt(light[4])
         _exponential(step, growth)
-        moved = _product(h, growth)
+        _product(h, growth, 1.0, moved)
         shift = _corner_shift(h, moved, x[-1], y[-1])
         if not shift < 1e6:
             return np.inf
-        h[:] = moved / moved[2, 2]
+        for i in range(3):
+            for j in range(3):
+                h[i, j] = moved[i, j] / moved[2, 2]
         light[0] = max(0.02, light[0] + step[8])
         light[1] += step[9]
         if shift < tolerance:

@@ -34,7 +34,7 @@ def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, f
     Parameters
     ----------
     h
-        Column, row, 1 to the image, (9,).
+        Column, row, 1 to the image, (3, 3).
     y
         The row.
     columns
@@ -46,10 +46,10 @@ def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, f
     index, fx, fy, inside
         Filled, (C,).
     """
-    h0, h3, h6 = np.float32(h[0]), np.float32(h[3]), np.float32(h[6])
-    a = np.float32(h[1] * y + h[2])
-    b = np.float32(h[4] * y + h[5])
-    c = np.float32(h[7] * y + h[8])
+    h0, h3, h6 = np.float32(h[0, 0]), np.float32(h[1, 0]), np.float32(h[2, 0])
+    a = np.float32(h[0, 1] * y + h[0, 2])
+    b = np.float32(h[1, 1] * y + h[1, 2])
+    c = np.float32(h[2, 1] * y + h[2, 2])
     one = np.float32(1.0)
     # One pixel of margin on the low side and two on the high side, for the cubic kernel.
     x_max, y_max = np.float32(width - 2.001), np.float32(height - 2.001)

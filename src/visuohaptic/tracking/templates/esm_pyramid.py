@@ -31,7 +31,6 @@ class EsmSettings:
 #: Largest pixel of the template's chain in pixels of the image, where a finer chain is there.
 _COARSER = 1.0
 #: All ten unknowns: eight of the homography, gain and bias.
-_ALL = np.ones(10, dtype=bool)
 #: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
 _PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
 _PREFILTER /= _PREFILTER.sum()
@@ -268,7 +267,7 @@ class Work:
         return float(
             refine_level(
                 image, level.image, level.gradient_x, level.gradient_y, level.x, level.y, rows, offset, h,
-                self.light, _ALL, how.fraction, level.unit, how.cubic, how.cut, self.margin, how.damping,
+                self.light, how.fraction, level.unit, how.cubic, how.cut, self.margin, how.damping,
                 how.passes, how.tolerance, self.matrix, self.stats,
             )
         )  # fmt: skip

@@ -97,7 +97,8 @@ def run(args: Arguments) -> dict[str, Any]:
         x, y, z = region.centroid_m
         size = " x ".join(f"{edge:.3f}" for edge in region.size_m)
         args.report(f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}")
-    args.report(f"{len(found.regions)} transparent parts, {len(found.surface.faces)} triangles in {args.out}")
+    parts = f"{len(found.regions)} transparent part{'s' * (len(found.regions) != 1)}"
+    args.report(f"{parts}, {len(found.surface.faces)} triangles in {args.out}")
     args.report(f"{'searched' if found.search.found else 'nothing found'}: {found.search.text}")
     if args.view:
         _show(found, args)

@@ -33,7 +33,25 @@ def run(args: Namespace) -> dict[str, Any]:
         with path.open("rb") as stream:
             if stream.read(8) == b"\x89MCAP0\r\n":
                 return _mcap(path)
-    return _frames(args)
+    return _depth(path) if (path / "sequence.yaml").is_file() else _frames(args)
+
+
+def _depth(path: Any) -> dict[str, Any]:
+    from ....io.depth.depth_sequence import DepthSequence
+
+    sequence = DepthSequence(path)
+    frames = list(sequence)
+    times = [frame.t_s for frame in frames]
+    return {
+        "file": str(path),
+        "kind": "depth sequence",
+        "frames": len(frames),
+        "skipped": sequence.skipped,
+        "start_s": min(times, default=0.0),
+        "duration_s": max(times, default=0.0) - min(times, default=0.0),
+        "width": sequence.camera.width,
+        "height": sequence.camera.height,
+    }
 
 
 def _mcap(path: Any) -> dict[str, Any]:

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
-    from ....navigation.problem.planning_problem import PlanningProblem
 
-__all__ = ["EPILOG", "add_arguments", "run"]
+__all__ = ["EPILOG", "NO_PLAN", "add_arguments", "run"]
 
+#: Exit code where there is no plan, or none was found.
+NO_PLAN = 3
+#: A proof may take so many times the budget of a plan.
+PROOF_BUDGETS = 10.0
 
 EPILOG = """\
 reads
@@ -23,7 +26,8 @@ writes
   --plot       the map with objects, path and pushes
 
 An object with fixed or falls is never pushed. The tasks' seconds add up to cost_s.
-contact_m is where the robot touches the outline, goal_m where the object's centre goes.
+The answer is optimal, within so many per cent of the best, no plan (proved), or no plan found (not proved);
+without a plan the exit code is 3. contact_m is where the robot touches the outline, goal_m where the object's centre goes.
 
 example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml --start 0.8 0.8 --goal 3 1 --json
 """
@@ -46,9 +50,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plot", type=Path, help="plot to write (PNG)")
     parser.add_argument("--compare", action="store_true", help="with plans under other side conditions")
     parser.add_argument(
+        "--budget",
+        type=float,
+        default=2.0,
+        metavar="S",
+        help="wall time of the search [s] (default %(default)s)",
+    )
+    parser.add_argument("--memory", type=float, default=500.0, metavar="MB", help="memory of the search [MB]")
+    parser.add_argument(
         "--prove",
         action="store_true",
-        help="ask the exact oracle: small maps with one or two movable objects",
+        help="search for the cheapest plan, or a proof that there is none, for ten times the budget",
     )
 
 
@@ -58,6 +70,7 @@ def run(args: Any) -> dict[str, Any]:
 
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.planning.policies import alternatives, make_plan
+    from ....navigation.planning.search.push_states import SearchLimits
     from ....navigation.problem.objects_file import load_objects, load_robot
     from ....navigation.problem.planning_problem import PlanningProblem
 
@@ -66,21 +79,22 @@ def run(args: Any) -> dict[str, Any]:
     problem = PlanningProblem(
         OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects
     )
+    budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
+    limits = SearchLimits(budget_s, 0.0 if args.prove else SearchLimits().gap, int(args.memory * 1e6))
     if args.compare:
-        plans = alternatives(problem)
+        plans = alternatives(problem, limits=limits)
         found = plans["cheapest"]
     else:
-        found = make_plan(problem)
+        found = make_plan(problem, limits=limits)
         plans = {found.name: found}
     result = found.to_json()
+    args.exit_code = 0 if found.reachable else NO_PLAN
     _report(args, found)
     if args.compare:
         result["compare"] = {name: plan.to_json() for name, plan in plans.items() if name != "cheapest"}
         args.report()
         for name, plan in plans.items():
             args.report(f"{name:<18}{_line(plan)}")
-    if args.prove:
-        result["proof"] = _prove(args, problem, found)
     if args.plot:
         from ....navigation.plots.plan_plots import plot_path_plan
 
@@ -91,9 +105,10 @@ def run(args: Any) -> dict[str, Any]:
 
 def _line(plan: Plan) -> str:
     if not plan.reachable:
-        return f"no plan: {plan.reason}" + (" (proved)" if plan.proved else "")
+        return f"{plan.answer}: {plan.reason}"
     return (
-        f"{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  {len(plan.pushes)} pushes, "
+        f"{plan.answer:<12}{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  "
+        f"{len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}, "
         f"fails with {plan.failure_probability:.2f}"
     )
 
@@ -107,14 +122,3 @@ def _report(args: Any, plan: Plan) -> None:
         args.report(f"  {task.kind}{what}{where}: {task.cost_s:.1f} s, {task.length_m:.2f} m{risk}")
     for note in plan.notes:
         args.report(f"  note: {note}")
-
-
-def _prove(args: Any, problem: PlanningProblem, found: Plan) -> dict[str, Any]:
-    from ....navigation.planning.oracle.exact_search import certify
-
-    proof = certify(problem)
-    text = proof.text
-    if found.reachable and not proof.reachable:
-        text += "; the plan has what it does not look at: slanting pushes, which friction holds"
-    args.report(f"oracle: {text}")
-    return {**proof.to_json(), "text": text}

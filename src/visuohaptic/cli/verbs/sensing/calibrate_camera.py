@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from contextlib import nullcontext, suppress
 from typing import Any
+
+from ..._sensor_run import is_live
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -18,7 +21,9 @@ Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --mar
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("source", help="folder of images, video, or file.mcap[:/topic]")
+    parser.add_argument(
+        "source", help="folder of images, video, file.mcap[:/topic], or a camera until Ctrl-C (with --every)"
+    )
     parser.add_argument(
         "--squares", required=True, metavar="COLUMNSxROWS", help="squares of the board, as 9x6"
     )
@@ -54,7 +59,9 @@ def run(args: Namespace) -> dict[str, Any]:
     size = (0, 0)
     next_s = -float("inf")
     # The times of a folder of photos mean nothing here.
-    with open_source(args.source, rate_Hz=1.0, grey=True) as source:
+    # A camera has no end: there Ctrl-C ends the taking of pictures.
+    ends = suppress(KeyboardInterrupt) if is_live(args.source) else nullcontext()
+    with open_source(args.source, rate_Hz=None if is_live(args.source) else 1.0, grey=True) as source, ends:
         for frame in source:
             if frame.t_s < next_s:
                 continue

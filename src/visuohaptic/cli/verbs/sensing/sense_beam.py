@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ....core.errors import InputError
-from ..._sensor_run import Outputs, SensorRun, add_part, is_live, opened_frames, run_sensor, zero_frames
+from ..._sensor_run import (
+    Outputs,
+    SensorRun,
+    add_part,
+    is_live,
+    opened_frames,
+    run_sensor,
+    shown_frames,
+    zero_frames,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -30,7 +39,7 @@ EPILOG = """\
 reads
   --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; camera and
              templates_folder to read from images)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
   --poses    instead of --source, poses.csv: t_s, name, valid, reason, x_m, y_m, z_m, qx, qy, qz, qw and
              the covariance of each template in the camera, rows of a frame together
 writes
@@ -98,7 +107,7 @@ def _images(args: Any, stack: ExitStack) -> tuple[SensorReader[Any], Iterator[An
     beam = TrackedBeam.load(args.config, threaded=is_live(args.source))
     reader = stack.enter_context(BeamReader(beam, templates=True))
     source = stack.enter_context(opened_frames(args, reader.camera, grey=not args.view))
-    return reader, iter(args.progress(source, _doing(args)))
+    return reader, shown_frames(args, source, _doing(args))
 
 
 def _poses(args: Any) -> tuple[SensorReader[Any], Iterator[Any]]:

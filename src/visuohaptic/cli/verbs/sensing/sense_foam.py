@@ -6,7 +6,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, zero_frames
+from ..._sensor_run import (
+    SensorRun,
+    add_part,
+    force_outputs,
+    opened_frames,
+    run_sensor,
+    shown_frames,
+    zero_frames,
+)
 
 if TYPE_CHECKING:
     from ....core.measurement import ForceProfile
@@ -22,17 +30,19 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 EPILOG = """\
 reads
   --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...;
+             a camera's force is shown until Ctrl-C
 writes
   --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
              section finger in sensor.yaml also the finger's pose, geometry_msgs/PoseWithCovarianceStamped
   --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, a row a frame
   --parquet  the same, with the profiles along the strip
+  --plot     force over time with its uncertainty, events, and why frames are not valid
   --zero     the zero reference that sensor.yaml names, from frames of a strip that nothing touches
 
 examples
   visuohaptic sense foam --config sensor.yaml --source rest.mp4 --zero
-  visuohaptic sense foam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv
+  visuohaptic sense foam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv --plot force.png
 """
 
 
@@ -43,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, help="MCAP recording to write")
     parser.add_argument("--csv", type=Path, help="table to write")
     parser.add_argument("--parquet", type=Path, help="table with profiles to write")
+    parser.add_argument("--plot", type=Path, help="plot of the force to write (PNG)")
     parser.add_argument("--zero", action="store_true", help="take and store the zero reference, then stop")
     parser.add_argument(
         "--zero-frames",
@@ -89,19 +100,13 @@ def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
 
 def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
     from ....core.robots import BaseState
-    from ....io.sinks.tables import TableWriter
     from ....sensing.foam.finger import FingerSensor
 
     finger = sensor if isinstance(sensor, FingerSensor) else None
     reader = _reader(sensor, finger)
     if args.speed is not None:
         reader.odometry = lambda t_s: BaseState(t_s, 0.0, 0.0, 0.0, args.speed, 0.0)
-    outputs: Outputs[ForceProfile] = Outputs(
-        TableWriter,
-        rows=lambda profile: (profile,),
-        show=lambda frame, profile: {"frame_bgr": frame.image, "profile": profile},
-        describe=_force,
-    )
+    readings: list[SensorReading[ForceProfile]] = []
     max_profile: ForceProfile | None = None
     positions: list[float] = []
 
@@ -112,12 +117,36 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
             max_profile = profile
         if finger is not None and finger.finger.valid:
             positions.append(finger.finger.position_m)
+        if args.plot:
+            readings.append(reading)
 
-    done = run_sensor(args, reader, iter(args.progress(source, "measuring")), outputs, note)
+    done = run_sensor(args, reader, shown_frames(args, source, "measuring"), force_outputs(), note)
+    if args.plot:
+        _plot(args.plot, readings)
+        done.out.append(str(args.plot))
     result = _summary(args, done, max_profile)
     if finger is not None:
         result["finger"] = _stroke(args, positions)
     return result
+
+
+def _plot(path: Path, readings: list[SensorReading[ForceProfile]]) -> None:
+    """Force over time."""
+    import numpy as np
+
+    from ....core.files import atomic_path
+    from ....report.charts import force_over_time
+
+    profiles = [reading.measured for reading in readings]
+    figure = force_over_time(
+        *np.array([(p.t_s, p.force_N, p.force_sigma_N) for p in profiles]).T,
+        valid=np.array([p.valid for p in profiles]),
+        reasons=[p.reason.value for p in profiles],
+        events=[event for reading in readings for event in reading.events],
+        title="force of the foam sensor",
+    )
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format=path.suffix[1:] or "png", dpi=150)
 
 
 def _summary(args: Any, done: SensorRun, max_profile: ForceProfile | None) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
-from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, zero_frames
+from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, shown_frames, zero_frames
 
 if TYPE_CHECKING:
     from ....core.robots import FrameSource
@@ -23,7 +23,7 @@ EPILOG = """\
 reads
   --config    scene.yaml: camera, its pose, height above the floor (docs: Scene); with a field sensor the
               foam's force is read, too, and the object that it touches is tracked
-  --source    a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
+  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
   --odometry  t_s, speed_m_s, turn_rate_rad_s of the platform, CSV; fused with the motion of the floor
 writes
   --out       run.mcap with the platform's pose and covariance (geometry_msgs/PoseWithCovarianceStamped),
@@ -92,7 +92,7 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
             tilt_rad = max(tilt_rad, reading.object_motion.tilt_rad)
 
     outputs: Outputs[SceneReading] = Outputs(SceneTable, rows=lambda reading: (reading,))
-    done = run_sensor(args, reader, iter(args.progress(source, "tracking")), outputs, note)
+    done = run_sensor(args, reader, shown_frames(args, source, "tracking"), outputs, note)
     assert last is not None  # of a run with frames
     result = _summary(args, done, last, nearest_m)
     if reader.foam is not None:

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..._sensor_run import Outputs, add_part, is_live, opened_frames, run_sensor
+from ..._sensor_run import Outputs, add_part, is_live, opened_frames, run_sensor, shown_frames
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +25,7 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 EPILOG = """\
 reads
   --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
-  --source     a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
   --camera     camera.yaml, a ROS camera_info file
 writes
   --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
@@ -65,7 +65,7 @@ def run(args: Any) -> dict[str, Any]:
         source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
         # A live camera must not wait for the detector; a recording must give the same result each time.
         tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=is_live(args.source)))
-        frames = iter(args.progress(source, "tracking"))
+        frames = shown_frames(args, source, "tracking")
         done = run_sensor(
             args,
             _template_reader(tracker),

@@ -8,13 +8,15 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "needs", "run"]
 
 #: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
 PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 
-#: Modules beyond the core on its way.
-NEEDS = ("av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage")
+
+def needs(args: argparse.Namespace) -> set[str]:
+    """Modules beyond the core on its way: none for the recorded mission."""
+    return set() if args.quick else {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"}
 
 
 EPILOG = """\
@@ -34,6 +36,7 @@ writes, into --out
 with --map, into --out: report.html, picture.jpg, run.mcap, run.csv, sensor.yaml, foam.yaml, zero.yaml
 
 examples
+  visuohaptic demo --quick
   visuohaptic demo
   visuohaptic demo bottle --seed 3
   visuohaptic demo foam --map office.yaml --out results/office --view
@@ -43,6 +46,9 @@ examples
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("part", nargs="?", choices=PARTS, help="run this part alone")
+    parser.add_argument(
+        "--quick", action="store_true", help="replay a recorded mission: seconds, needs no extra"
+    )
     parser.add_argument("--map", type=Path, metavar="YAML", help="touch three obstacles in this map")
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder (results/demo)")
     parser.add_argument("--seed", type=int, default=2, help="of everything random (2)")
@@ -53,6 +59,10 @@ def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from contextlib import ExitStack
 
+    if args.quick and (args.part or args.map):
+        raise InputError(
+            "--quick", f"found with {args.part or args.map}", remedy="it replays the whole mission"
+        )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
     if args.seed < 0:
@@ -65,11 +75,35 @@ def run(args: Any) -> dict[str, Any]:
             page = stack.enter_context(LivePage())
             args.report(f"live page: {page.url}")
             page.show()
-        result = _touch_in_map(args, page) if args.map is not None else _tell(args, page)
+        work = _replay if args.quick else _touch_in_map if args.map is not None else _tell
+        result = work(args, page)
         if page is not None:
             args.report(f"the page stays at {page.url}; end with Ctrl-C")
             _wait()
     return result
+
+
+def _replay(args: Any, page: Any) -> dict[str, Any]:
+    """The recorded mission."""
+    from ....demo.recorded import replay
+
+    args.report("a recorded mission; visuohaptic demo computes one, with your --seed")
+    report = replay(args.out, on_message=args.report, page=page)
+    args.report("")
+    args.report(f"report: {report}")
+    _open(report)
+    return {"report": str(report), "recorded": True}
+
+
+def _open(report: Path) -> None:
+    """Show the report in a browser where there is a screen for one."""
+    import sys
+    import webbrowser
+
+    from ....viewer.server import has_screen
+
+    if sys.stdout.isatty() and has_screen():
+        webbrowser.open(report.resolve().as_uri())
 
 
 def _tell(args: Any, page: Any) -> dict[str, Any]:

@@ -1,8 +1,10 @@
-"""``visuohaptic doctor``: try every library in a process of its own and say what to install."""
+"""``visuohaptic doctor``: try every library in a process of its own, or a robot against its protocols."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import os
 import platform
 import re
 import subprocess
@@ -10,17 +12,24 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from ....core.errors import VisuohapticError
+from ....core.errors import InputError, VisuohapticError
 from ..._console import Arguments
 from ..._extras import CORE, OPTIONAL, Library
 
 __all__ = ["EPILOG", "Finding", "add_arguments", "examine", "run"]
 
 EPILOG = """\
-reads   nothing
-writes  nothing; ends with code 2 when a library of the core does not work
+reads   nothing; with --robot the module, which is looked for in this folder, too
+writes  nothing; ends with code 2 when a library of the core does not work, or the robot breaks a rule
 
-example: visuohaptic doctor
+The function that --robot names returns the parts of the robot: base, arm, gripper, camera (a mapping, or
+RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
+the fingers close by 1 cm: have room, and a hand on the emergency stop.
+
+examples
+  visuohaptic doctor
+  visuohaptic doctor --robot my_robot:connect
+  visuohaptic doctor --robot my_robot:connect --still
 """
 
 #: Seconds after which a library counts as hanging.
@@ -60,11 +69,19 @@ class Finding:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """It has no arguments of its own."""
+    """Arguments of the verb."""
+    parser.add_argument(
+        "--robot", metavar="MODULE:FUNCTION", help="try a robot of one's own instead of the libraries"
+    )
+    parser.add_argument(
+        "--still", action="store_true", help="do not move the robot: signatures and readings only"
+    )
 
 
 def run(args: Arguments) -> dict[str, Any]:
-    """Examine all libraries, core first."""
+    """Examine all libraries, core first; or a robot."""
+    if args.robot is not None:
+        return _robot(args)
     args.report(f"Python {platform.python_version()} on {platform.platform()}")
     findings = []
     for library in (*CORE, *OPTIONAL):
@@ -91,6 +108,37 @@ def run(args: Arguments) -> dict[str, Any]:
             for finding in findings
         },
     }
+
+
+def _robot(args: Arguments) -> dict[str, Any]:
+    """Try a robot, and say what of its protocols it keeps."""
+    from ....tasks.framework import check_robot
+
+    rules = check_robot(_made(args.robot), motion=not args.still, where=args.robot)
+    for rule in rules:
+        args.report(f"{rule.part:<9}{'BROKEN' if rule.problem else 'kept':<8}{rule.rule}")
+        if rule.problem:
+            args.report(f"{'':<17}{rule.problem}")
+    broken = [rule for rule in rules if rule.problem]
+    if broken:
+        first = f"{broken[0].part}: {broken[0].rule}: {broken[0].problem}"
+        raise VisuohapticError(f"{args.robot} breaks {len(broken)} of {len(rules)} rules; the first: {first}")
+    return {"robot": args.robot, "rules": [{"part": rule.part, "rule": rule.rule} for rule in rules]}
+
+
+def _made(name: str) -> Any:
+    """What the function of a module returns."""
+    module, _, function = name.partition(":")
+    if not (module and function):
+        raise InputError("--robot", f"found {name!r}, expected MODULE:FUNCTION such as my_robot:connect")
+    sys.path.insert(0, os.getcwd())
+    try:
+        make = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError) as problem:
+        raise InputError("--robot", f"{name!r} cannot be imported: {problem}") from problem
+    finally:
+        sys.path.remove(os.getcwd())
+    return make()
 
 
 def examine(library: Library, *, patience_s: float = PATIENCE_S) -> Finding:

@@ -1,7 +1,7 @@
-"""Kernels of pushing on a grid: collision-free push distance, and where a push clears a passage.
+"""Kernels of pushing on a grid: collision-free push distance, blocks of the lattice, and where a push clears a passage.
 
 All lengths are in cells, points are (x, y) with cell (row, column) covering
-``column..column + 1`` and ``row..row + 1``.
+``column..column + 1`` and ``row..row + 1``. A block is ``block`` x ``block`` cells.
 """
 
 from __future__ import annotations
@@ -16,7 +16,65 @@ from ._travel_kernels import clearance_at
 
 
 @kernel
-def free_push_steps(
+def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
+    """The largest clearance in each block."""
+    rows, columns = clearance.shape
+    out = np.zeros(((rows + block - 1) // block, (columns + block - 1) // block), np.float32)
+    for r in range(rows):
+        for c in range(columns):
+            if clearance[r, c] > out[r // block, c // block]:
+                out[r // block, c // block] = clearance[r, c]
+    return out
+
+
+@kernel
+def block_patch(
+    clearance: np.ndarray, polygon: np.ndarray, radius: float, reach: float, block: int
+) -> tuple[np.ndarray, int, int]:
+    """Largest of min(clearance, distance from a polygon) in the blocks around it, and the first row and column.
+
+    Exact to the cell where it decides whether a robot fits; elsewhere the distance of the block's centre will do.
+    """
+    rows, columns = clearance.shape
+    height, width = (rows + block - 1) // block, (columns + block - 1) // block
+    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(polygon)):
+        x0, y0 = min(x0, polygon[i, 0]), min(y0, polygon[i, 1])
+        x1, y1 = max(x1, polygon[i, 0]), max(y1, polygon[i, 1])
+    c0 = min(width, max(0, int(math.floor((x0 - reach) / block))))
+    c1 = max(c0, min(width, int(math.ceil((x1 + reach) / block)) + 1))
+    r0 = min(height, max(0, int(math.floor((y0 - reach) / block))))
+    r1 = max(r0, min(height, int(math.ceil((y1 + reach) / block)) + 1))
+    patch = np.zeros((r1 - r0, c1 - c0), np.float32)
+    corner = 0.7072 * (block - 1)
+    for r in range(r0, r1):
+        for c in range(c0, c1):
+            centre = polygon_distance((c + 0.5) * block, (r + 0.5) * block, polygon)
+            if block == 1 or centre > radius + corner or centre < radius - corner:
+                patch[r - r0, c - c0] = centre
+                continue
+            best = 0.0
+            for rr in range(r * block, min((r + 1) * block, rows)):
+                for cc in range(c * block, min((c + 1) * block, columns)):
+                    if clearance[rr, cc] > best:
+                        best = max(
+                            best, min(clearance[rr, cc], polygon_distance(cc + 0.5, rr + 0.5, polygon))
+                        )
+            patch[r - r0, c - c0] = best
+    return patch, r0, c0
+
+
+@kernel
+def _meets(points: np.ndarray, dx: float, dy: float, others: np.ndarray, first: int, last: int) -> bool:
+    """Whether any of some moved points is inside one of the other outlines."""
+    for i in range(len(points)):
+        if inside_polygon(points[i, 0] + dx, points[i, 1] + dy, others[first:last]):
+            return True
+    return False
+
+
+@kernel
+def free_push_length(
     occupied: np.ndarray,
     clearance: np.ndarray,
     outline: np.ndarray,
@@ -24,137 +82,194 @@ def free_push_steps(
     polygon: np.ndarray,
     others: np.ndarray,
     other_start: np.ndarray,
-    other_points: np.ndarray,
     robot_x: float,
     robot_y: float,
     dir_x: float,
     dir_y: float,
     radius: float,
-    limit: int,
-) -> int:
-    """How many whole cells an object and the robot behind it can move.
+    limit: float,
+) -> float:
+    """How far an object and the robot behind it can move, in half cells.
 
     ``outline`` holds points along the object's edge, a little inside; ``others`` the
-    polygons of the other objects one after the other, ``other_points`` such points of theirs. One that lies in an
+    polygons of the other objects one after the other. A point that lies in an
     occupied cell at the start (the object leans on a wall) is not looked at, so
     that the object may slide along the wall. ``around`` holds points outside the
     edge that are not looked at either where they begin in something: room that
-    is not there need not be kept. ``clearance`` is that without the object.
+    is not there need not be kept. ``clearance`` is that of what never moves.
     """
     rows, columns = occupied.shape
-    k = len(outline)
-    leans = np.zeros(k, np.bool_)
-    for i in range(k):
-        r, c = int(math.floor(outline[i, 1])), int(math.floor(outline[i, 0]))
-        if r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]:
-            leans[i] = True
-    moved = polygon.copy()
+    n, m = len(outline), len(around)
+    # When each point has to be looked at again: before that it is too far from every occupied cell.
+    due = np.zeros(n + m)
     count = len(other_start) - 1
-    kept = np.empty((len(around), 2))
-    roomy = 0
-    for i in range(len(around)):
-        px, py = around[i, 0], around[i, 1]
+    for i in range(n + m):
+        px, py = (outline[i, 0], outline[i, 1]) if i < n else (around[i - n, 0], around[i - n, 1])
         r, c = int(math.floor(py)), int(math.floor(px))
         begins = r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]
         for o in range(count):
-            begins = begins or inside_polygon(px, py, others[other_start[o] : other_start[o + 1]])
-        if not begins:
-            kept[roomy, 0], kept[roomy, 1] = px, py
-            roomy += 1
-    boxes = np.empty((count, 4))
-    for o in range(count):
-        part = others[other_start[o] : other_start[o + 1]]
-        boxes[o, 0], boxes[o, 1] = part[:, 0].min(), part[:, 1].min()
-        boxes[o, 2], boxes[o, 3] = part[:, 0].max(), part[:, 1].max()
-    x0, y0, x1, y1 = polygon[:, 0].min(), polygon[:, 1].min(), polygon[:, 0].max(), polygon[:, 1].max()
-    near = np.zeros(count, np.bool_)
-    for step in range(1, 2 * limit + 1):
+            if i >= n and not begins:
+                begins = inside_polygon(px, py, others[other_start[o] : other_start[o + 1]])
+        if begins:
+            due[i] = np.inf
+    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(polygon)):
+        x0, y0 = min(x0, polygon[i, 0]), min(y0, polygon[i, 1])
+        x1, y1 = max(x1, polygon[i, 0]), max(y1, polygon[i, 1])
+    for i in range(m):
+        x0, y0 = min(x0, around[i, 0]), min(y0, around[i, 1])
+        x1, y1 = max(x1, around[i, 0]), max(y1, around[i, 1])
+    moved = np.zeros_like(polygon)
+    for step in range(1, int(2.0 * limit + 1e-6) + 1):
         t = 0.5 * step
         x, y = robot_x + t * dir_x, robot_y + t * dir_y
         if clearance_at(clearance, x, y) < radius - 0.05:
-            return (step - 1) // 2
+            return t - 0.5
         dx, dy = t * dir_x, t * dir_y
-        close = False
-        for o in range(count):
-            near[o] = (
-                x0 + dx <= boxes[o, 2]
-                and x1 + dx >= boxes[o, 0]
-                and y0 + dy <= boxes[o, 3]
-                and y1 + dy >= boxes[o, 1]
-            )
-            close = close or near[o]
-        for i in range(k):
-            px, py = outline[i, 0] + t * dir_x, outline[i, 1] + t * dir_y
-            r, c = int(math.floor(py)), int(math.floor(px))
-            if r < 0 or c < 0 or r >= rows or c >= columns:
-                return (step - 1) // 2
-            if not leans[i] and occupied[r, c]:
-                return (step - 1) // 2
-            for o in range(count):
-                if near[o] and inside_polygon(px, py, others[other_start[o] : other_start[o + 1]]):
-                    return (step - 1) // 2
-        for i in range(roomy):
-            px, py = kept[i, 0] + t * dir_x, kept[i, 1] + t * dir_y
-            r, c = int(math.floor(py)), int(math.floor(px))
+        for i in range(n + m):
+            if due[i] > t:
+                continue
+            px, py = (outline[i, 0], outline[i, 1]) if i < n else (around[i - n, 0], around[i - n, 1])
+            r, c = int(math.floor(py + dy)), int(math.floor(px + dx))
             if r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]:
-                return (step - 1) // 2
-            for o in range(count):
-                if inside_polygon(px, py, others[other_start[o] : other_start[o + 1]]):
-                    return (step - 1) // 2
-        if not close:
-            continue
-        for i in range(len(polygon)):
-            moved[i, 0] = polygon[i, 0] + t * dir_x
-            moved[i, 1] = polygon[i, 1] + t * dir_y
-        for o in range(len(other_points)):
-            if inside_polygon(other_points[o, 0], other_points[o, 1], moved):
-                return (step - 1) // 2
+                return t - 0.5
+            due[i] = t + clearance[r, c] - 2.2
+        for o in range(count):
+            first, last = other_start[o], other_start[o + 1]
+            if polygon_distance(x, y, others[first:last]) < radius - 0.05:
+                return t - 0.5
+            ox0, oy0, ox1, oy1 = np.inf, np.inf, -np.inf, -np.inf
+            for i in range(first, last):
+                ox0, oy0 = min(ox0, others[i, 0]), min(oy0, others[i, 1])
+                ox1, oy1 = max(ox1, others[i, 0]), max(oy1, others[i, 1])
+            if x0 + dx > ox1 or x1 + dx < ox0 or y0 + dy > oy1 or y1 + dy < oy0:
+                continue
+            if _meets(outline, dx, dy, others, first, last):
+                return t - 0.5
+            for i in range(m):
+                free = due[n + i] < np.inf
+                if free and inside_polygon(around[i, 0] + dx, around[i, 1] + dy, others[first:last]):
+                    return t - 0.5
+            for i in range(len(polygon)):
+                moved[i, 0], moved[i, 1] = polygon[i, 0] + dx, polygon[i, 1] + dy
+            for i in range(first, last):
+                if inside_polygon(others[i, 0], others[i, 1], moved):
+                    return t - 0.5
     return limit
 
 
 @kernel
-def opening_steps(
+def opening_lengths(
     without: np.ndarray,
-    beyond: np.ndarray,
-    goal_cells: np.ndarray,
     polygon: np.ndarray,
     dir_x: float,
     dir_y: float,
     radius: float,
-    steps: int,
+    block: int,
+    limit: float,
+    from_x: float,
+    from_y: float,
+    goal_x: float,
+    goal_y: float,
 ) -> np.ndarray:
-    """For each push length, whether it may connect the robot with what is ``beyond``.
+    """Lengths at which a push joins the robot's side of an object with other free space beside it.
 
-    Necessary, not sufficient: some cell that the object frees must touch the
-    goal's component, or be the goal's own cell. A push that fails this needs
-    another push after it.
+    The free blocks around the object fall into pieces while it stands there. Each blocked block has a length
+    after which it stays free; a piece is joined at the smallest length over all paths of the largest on the path.
+    The goal's own block counts as a piece where the object covers it. ``without`` is the clearance without the
+    object, by blocks; ``limit`` the collision-free push distance.
     """
     rows, columns = without.shape
-    c0 = max(0, int(math.floor(polygon[:, 0].min() - radius)))
-    c1 = min(columns, int(math.ceil(polygon[:, 0].max() + radius)) + 1)
-    r0 = max(0, int(math.floor(polygon[:, 1].min() - radius)))
-    r1 = min(rows, int(math.ceil(polygon[:, 1].max() + radius)) + 1)
-    opens = np.zeros(steps + 1, np.bool_)
-    moved = polygon.copy()
-    for r in range(r0, r1):
-        for c in range(c0, c1):
-            if without[r, c] < radius or polygon_distance(c + 0.5, r + 0.5, polygon) >= radius:
+    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(polygon)):
+        x0, y0 = min(x0, polygon[i, 0]), min(y0, polygon[i, 1])
+        x1, y1 = max(x1, polygon[i, 0]), max(y1, polygon[i, 1])
+    c0 = max(0, int(math.floor((x0 - radius) / block)) - 2)
+    c1 = min(columns, int(math.ceil((x1 + radius) / block)) + 3)
+    r0 = max(0, int(math.floor((y0 - radius) / block)) - 2)
+    r1 = min(rows, int(math.ceil((y1 + radius) / block)) + 3)
+    height, width = r1 - r0, c1 - c0
+    if height <= 0 or width <= 0:
+        return np.zeros(0)
+    needed = radius - 0.5 * (block - 1)
+    # From which length on a block is free for good; infinite where it never is.
+    last = np.full(height * width, np.inf)
+    label = np.full(height * width, -1, np.int32)
+    for r in range(height):
+        for c in range(width):
+            if without[r + r0, c + c0] < radius:
                 continue
-            u = r * columns + c
-            touches = False
-            for g in goal_cells:
-                touches = touches or g == u
-            for rr in range(max(r - 1, 0), min(r + 2, rows)):
-                for cc in range(max(c - 1, 0), min(c + 2, columns)):
-                    touches = touches or beyond[rr * columns + cc]
-            if not touches:
-                continue
-            for step in range(1, steps + 1):
-                if opens[step]:
+            x, y = (c + c0 + 0.5) * block, (r + r0 + 0.5) * block
+            u = r * width + c
+            if polygon_distance(x, y, polygon) >= needed:
+                label[u] = -2  # free now
+            t = limit
+            while t >= 0.0:
+                gap = polygon_distance(x - t * dir_x, y - t * dir_y, polygon) - needed
+                if gap < 0.0:
+                    break
+                t -= max(gap, 0.1)
+            last[u] = 0.0 if t < 0.0 else (np.inf if t == limit else t + 0.1)
+    stack = np.zeros(height * width, np.int32)
+    pieces = 0
+    for seed in range(height * width):
+        if label[seed] != -2:
+            continue
+        label[seed] = pieces
+        stack[0] = seed
+        used = 1
+        while used > 0:
+            used -= 1
+            r, c = stack[used] // width, stack[used] % width
+            for rr in range(max(r - 1, 0), min(r + 2, height)):
+                for cc in range(max(c - 1, 0), min(c + 2, width)):
+                    if label[rr * width + cc] == -2:
+                        label[rr * width + cc] = pieces
+                        stack[used] = rr * width + cc
+                        used += 1
+        pieces += 1
+    own = -1
+    nearest = np.inf
+    fr, fc = from_y / block - r0 - 0.5, from_x / block - c0 - 0.5
+    for u in range(height * width):
+        if label[u] >= 0:
+            away = math.hypot(u // width - fr, u % width - fc)
+            if away < nearest:
+                nearest, own = away, label[u]
+    gr, gc = int(math.floor(goal_y / block)) - r0, int(math.floor(goal_x / block)) - c0
+    covered = 0 <= gr < height and 0 <= gc < width and label[gr * width + gc] == -1
+    if own < 0 or (pieces < 2 and not covered):
+        return np.zeros(0)
+    # The smallest over all paths of the largest on the path: relaxation until nothing changes.
+    reached = np.full(height * width, np.inf)
+    for u in range(height * width):
+        if label[u] == own:
+            reached[u] = last[u]
+    changed = True
+    while changed:
+        changed = False
+        for turn in range(2):
+            for k in range(height * width):
+                u = k if turn == 0 else height * width - 1 - k
+                if not last[u] < reached[u]:
                     continue
-                for i in range(len(polygon)):
-                    moved[i, 0] = polygon[i, 0] + step * dir_x
-                    moved[i, 1] = polygon[i, 1] + step * dir_y
-                if polygon_distance(c + 0.5, r + 0.5, moved) >= radius:
-                    opens[step] = True
-    return opens
+                r, c = u // width, u % width
+                for rr in range(max(r - 1, 0), min(r + 2, height)):
+                    for cc in range(max(c - 1, 0), min(c + 2, width)):
+                        value = max(last[u], reached[rr * width + cc])
+                        if value < reached[u]:
+                            reached[u] = value
+                            changed = True
+    found = np.full(pieces + 1, np.inf)
+    for u in range(height * width):
+        if label[u] >= 0 and label[u] != own:
+            found[label[u]] = min(found[label[u]], reached[u])
+    if covered:
+        found[pieces] = reached[gr * width + gc]
+    count = 0
+    lengths = np.zeros(pieces + 1)
+    for i in range(pieces + 1):
+        if found[i] < np.inf:
+            lengths[count] = found[i]
+            count += 1
+    return lengths[:count]

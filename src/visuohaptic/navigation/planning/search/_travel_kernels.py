@@ -19,38 +19,65 @@ FAR = np.int32(2**30)
 
 
 @kernel
-def reach_cost(
-    clearance: np.ndarray, cost: np.ndarray, x: float, y: float, radius: float, slow: float
-) -> int:
-    """Least cost [units] of reaching a point over the free cells around it; FAR when none is."""
+def nodes_around(
+    clearance: np.ndarray, x: float, y: float, radius: float, slow: float, units: int, reach: int, block: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Free nodes in a window of ``reach`` around a point (flat index), and what it costs to get there [units]."""
     rows, columns = clearance.shape
+    x, y = x / block, y / block
     c, r = int(math.floor(x)), int(math.floor(y))
-    best = int(FAR)
-    for rr in range(max(r - 1, 0), min(r + 2, rows)):
-        for cc in range(max(c - 1, 0), min(c + 2, columns)):
+    nodes = np.zeros((2 * reach + 1) ** 2, np.int32)
+    costs = np.zeros((2 * reach + 1) ** 2, np.int32)
+    count = 0
+    for rr in range(max(r - reach, 0), min(r + reach + 1, rows)):
+        for cc in range(max(c - reach, 0), min(c + reach + 1, columns)):
             d = clearance[rr, cc]
-            if d < radius:
-                continue
-            fraction = min((d / radius - 1.0) * 0.5, 1.0)
-            length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
-            total = int(cost[rr * columns + cc]) + int(
-                length * (slow + fraction * (1.0 - slow)) * UNITS + 0.5
-            )
-            best = min(best, total)
-    return best
+            if d >= radius:
+                fraction = min((d / radius - 1.0) * 0.5, 1.0)
+                length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
+                nodes[count] = rr * columns + cc
+                costs[count] = int(length * (slow + fraction * (1.0 - slow)) * units + 0.5)
+                count += 1
+    return nodes[:count].copy(), costs[:count].copy()
 
 
 @kernel
-def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: int) -> None:
-    """Label the cells whose centre is nearer than ``radius`` to a polygon; the first label stays."""
+def reach_costs(
+    clearance: np.ndarray, cost: np.ndarray, points: np.ndarray, radius: float, slow: float, block: int
+) -> np.ndarray:
+    """Least cost [units] of reaching each point over the free blocks around it; FAR where none is free."""
+    rows, columns = clearance.shape
+    found = np.full(len(points), int(FAR), np.int64)
+    for i in range(len(points)):
+        x, y = points[i, 0] / block, points[i, 1] / block
+        c, r = int(math.floor(x)), int(math.floor(y))
+        for rr in range(max(r - 1, 0), min(r + 2, rows)):
+            for cc in range(max(c - 1, 0), min(c + 2, columns)):
+                d = clearance[rr, cc]
+                if d < radius:
+                    continue
+                fraction = min((d / radius - 1.0) * 0.5, 1.0)
+                length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
+                total = int(cost[rr * columns + cc]) + int(
+                    length * (slow + fraction * (1.0 - slow)) * UNITS + 0.5
+                )
+                found[i] = min(found[i], total)
+    return found
+
+
+@kernel
+def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: int, block: int) -> None:
+    """Label the blocks of which every cell's centre is nearer than ``radius`` to a polygon; the first label stays."""
     rows, columns = region.shape
-    c0 = max(0, int(math.floor(polygon[:, 0].min() - radius)))
-    c1 = min(columns, int(math.ceil(polygon[:, 0].max() + radius)) + 1)
-    r0 = max(0, int(math.floor(polygon[:, 1].min() - radius)))
-    r1 = min(rows, int(math.ceil(polygon[:, 1].max() + radius)) + 1)
+    inside = radius - 0.7072 * (block - 1)
+    c0 = max(0, int(math.floor((polygon[:, 0].min() - radius) / block)))
+    c1 = min(columns, int(math.ceil((polygon[:, 0].max() + radius) / block)) + 1)
+    r0 = max(0, int(math.floor((polygon[:, 1].min() - radius) / block)))
+    r1 = min(rows, int(math.ceil((polygon[:, 1].max() + radius) / block)) + 1)
     for r in range(r0, r1):
         for c in range(c0, c1):
-            if region[r, c] == 0 and polygon_distance(c + 0.5, r + 0.5, polygon) < radius:
+            near = polygon_distance((c + 0.5) * block, (r + 0.5) * block, polygon) < inside
+            if region[r, c] == 0 and near:
                 region[r, c] = label
 
 
@@ -63,9 +90,10 @@ def travel_field(
     seed_cost: np.ndarray,
     region: np.ndarray,
     charge: np.ndarray,
-    rest: np.ndarray,
+    cost_to_go: np.ndarray,
     bound: int,
-) -> tuple[np.ndarray, np.ndarray, int]:
+    targets: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Cheapest travel from the seeds to every cell.
 
     A step costs its length times the mean of both cells' costs, Eq. (4.1), 1 far
@@ -85,12 +113,14 @@ def travel_field(
     region, charge
         Where ``region`` is not empty, leaving a labelled cell (seen from the seeds)
         into an unlabelled one costs ``charge[label]`` more [units].
-    rest, bound
-        Where ``rest`` is not empty, cells with cost + rest > bound are not followed.
+    cost_to_go, bound
+        Where ``cost_to_go`` is not empty, cells with cost + cost_to_go > bound are not followed.
+    targets
+        Where there are any, the search ends when all of them have their cost.
 
     Returns
     -------
-    cost [units], the flat index each cell was reached from (-1), least flat index reached
+    cost [units], the flat index each cell was reached from (-1)
     """
     rows, columns = clearance.shape
     n = rows * columns
@@ -99,8 +129,7 @@ def travel_field(
     came = np.full(n, -1, np.int32)
     charged = region.size > 0
     labels = region.ravel()
-    limited = rest.size > 0
-    rests = rest.ravel()
+    limited = cost_to_go.size > 0
     top = 0
     for i in range(len(charge)):
         top = max(top, charge[i])
@@ -132,7 +161,6 @@ def travel_field(
             used += 1
             waiting += 1
     level = 0
-    least = n
     while waiting > 0:
         slot = level % count
         while heads[slot] >= 0:
@@ -145,9 +173,8 @@ def travel_field(
             reached = cost[u]
             if pool_cost[entry] != reached:
                 continue
-            if limited and reached + rests[u] > bound:
+            if limited and reached + cost_to_go[u] > bound:
                 continue
-            least = min(least, u)
             r, c = u // columns, u % columns
             for dr in range(-1, 2):
                 rr = r + dr
@@ -192,7 +219,13 @@ def travel_field(
                         heads[slot_v] = entry
                         waiting += 1
         level += 1
-    return cost, came, least
+        if len(targets) > 0:
+            open_targets = False
+            for i in range(len(targets)):
+                open_targets = open_targets or cost[targets[i]] >= level * UNITS
+            if not open_targets:
+                break
+    return cost, came
 
 
 @kernel
@@ -212,6 +245,15 @@ def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
 
 
 @kernel
+def clearances_at(clearance: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Clearance at points between cell centres, bilinear; 0 off the map."""
+    found = np.zeros(len(points))
+    for i in range(len(points)):
+        found[i] = clearance_at(clearance, points[i, 0], points[i, 1])
+    return found
+
+
+@kernel
 def segment_cost(
     clearance: np.ndarray,
     radius: float,
@@ -227,7 +269,8 @@ def segment_cost(
     ``forced`` counts what is nearer than the radius as at the radius.
     """
     length = math.hypot(x1 - x0, y1 - y0)
-    count = max(1, int(math.ceil(length * 2.0)))
+    # Between samples an obstacle is nearer by at most spacing^2 / (8 radius).
+    count = max(1, int(math.ceil(length / max(0.5, radius / 7.0))))
     total = 0.0
     for i in range(count + 1):
         t = i / count

@@ -1,24 +1,29 @@
 """Cost-to-go of the search over pushes: an admissible lower bound of what is left to the goal.
 
-The bound is the cheapest path to the goal through a map without the bodies, on which entering the place of a body
-that was not pushed yet costs at least its shortest push: the shortest that clears a passage where the body alone
-closes it, or two short ones. It never exceeds the true cost, so that the first solution that A* takes from its queue
-is the cheapest of the model.
+The bound is the cheapest path to the goal on which crossing the place of a body that may be pushed costs at least its
+shortest push. Where a body alone separates start and goal, crossing its place costs what the cheapest plan costs
+without all other bodies more than one without any (a pattern database).
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Int, Int16, Int32
 
 from ...problem.push_costs import PushCosts, push_cost
-from .push_states import SearchState, seed_cells
-from .search_domain import Body, SearchDomain
+from .push_states import seed_cells
+from .search_domain import SearchDomain
 
 __all__ = ["PushHeuristic"]
 
-#: On the goal the robot may be nearer to an obstacle by so much, the rounding of cells [cells].
-GOAL_SLACK = 0.25
+#: The shortest push that is worth a contact [m].
+MIN_PUSH_M = 0.01
+#: The robot stands off by so much before and after a push [m].
+STAND_OFF_M = 0.03
+#: Nodes of fields that are kept.
+MAX_FIELD_NODES = 50_000_000
 #: More than this the lower bound does not charge for crossing a body [s]: the queue of the field grows with it.
 MAX_CROSSING_S = 60.0
 
@@ -34,147 +39,277 @@ class PushHeuristic:
         Grid coordinates of the goal [cells].
     costs
         What a push costs.
+    active
+        Indices of the bodies that may be pushed; the others stay where they are.
+    left_out
+        Bodies that might be pushed, but are not: in no bound.
+    oblique
+        Whether pushes may be oblique to a face.
     """
 
-    def __init__(self, domain: SearchDomain, goal: Float[np.ndarray, "2"], costs: PushCosts) -> None:
+    def __init__(
+        self,
+        domain: SearchDomain,
+        goal: Float[np.ndarray, "2"],
+        costs: PushCosts,
+        active: Collection[int],
+        *,
+        left_out: Collection[int] = (),
+        oblique: bool = False,
+    ) -> None:
         from ._travel_kernels import FAR, UNITS
 
         self.domain, self.goal, self.costs = domain, goal, costs
+        self.active, self.oblique = sorted(active), oblique
         self.far, self.units = int(FAR), int(UNITS)
-        self.units_per_s = UNITS * domain.robot.v_max_m_s / domain.map.resolution_m
-        self.push_costs = [self._table(body, oblique=False) for body in domain.bodies]
-        self.oblique_costs = [self._table(body, oblique=True) for body in domain.bodies]
-        self.min_push = [float(table.min()) for table in self.push_costs]
-        self.min_any_push = min(self.min_push, default=float("inf"))
-        self.crossing = [0.0] * len(domain.bodies)  # lower bounds of crossing the place of each body
-        self.goal_cells, self.goal_costs = self.goal_seeds(domain.clearance)
-        self._fields: dict[int, Int32[np.ndarray, "n"]] = {}
+        self.units_per_s = UNITS * domain.robot.v_max_m_s / (domain.map.resolution_m * domain.block)
+        still = [i for i in range(len(domain.bodies)) if i not in {*self.active, *left_out}]
+        zeros = np.zeros((len(domain.bodies), 2))
+        self.base = domain.lowered(
+            domain.lattice, zeros, still, domain.block
+        )  #: bodies that may move left out
+        self.stand_off = STAND_OFF_M / domain.map.resolution_m
+        self.contacts = {
+            i: domain.bodies[i].with_oblique if oblique else domain.bodies[i].contacts for i in self.active
+        }
+        pairs = [(i, number) for i in self.active for number in range(len(self.contacts[i]))]
+        #: body and contact of every push, and where the robot stands before it from the body's centre [cells]
+        self.pairs: Int[np.ndarray, "m 2"] = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        stands = [
+            self.contacts[i][n].robot - self.stand_off * self.contacts[i][n].direction for i, n in pairs
+        ]
+        self.stands: Float[np.ndarray, "m 2"] = np.array(stands).reshape(-1, 2)
+        self.centres: Float[np.ndarray, "bodies 2"] = np.array(
+            [body.centre for body in domain.bodies]
+        ).reshape(-1, 2)
+        self._costs: dict[tuple[int, float, bool], float] = {}
+        shortest = MIN_PUSH_M / domain.map.resolution_m
+        self.min_push = {i: self.push_units(i, shortest) for i in self.active}
+        self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
+        movable = [self.min_push[i] for i in self.active if self.contacts[i]]
+        self.min_any_push = min(movable, default=float("inf"))
+        self.alone = dict(self.min_push)  #: lower bounds of crossing each body where the map has it [units]
+        self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
+        self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
+        self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
+        self._both: Int[np.ndarray, "r c"] | None = None  # from the start and to the goal, bodies charged
+        self.free_field = self._field(
+            zeros, []
+        )  #: cost-to-go when no body that may be pushed is in the way [units]
 
-    def _table(self, body: Body, *, oblique: bool) -> Float[np.ndarray, "steps"]:
-        """``t_mani`` [units] by whole cells, from 0; infinite beyond what is allowed."""
-        resolution_m = self.domain.map.resolution_m
-        longest = int(body.allowed.longest_m / resolution_m + 1e-9) if body.contacts else 0
-        table = [np.inf]
-        for steps in range(1, longest + 1):
-            cost = push_cost(
-                body.obj.tag, steps * resolution_m, self.domain.robot, self.costs, oblique=oblique
-            )
-            table.append(cost.total_s * self.units_per_s)
-        return np.array(table)
-
-    def table(self, body: int, contact: int) -> Float[np.ndarray, "steps"]:
-        """Cost of a push by its length in whole cells, from 0 [units].
+    def push_units(self, body: int, length: float, *, oblique: bool = False) -> float:
+        """``t_mani`` of a push [units]; infinite beyond what is allowed.
 
         Parameters
         ----------
-        body, contact
-            Index of the body, and of the contact on it.
+        body
+            Its index.
+        length
+            Of the push [cells].
+        oblique
+            Whether it is oblique to the face.
         """
-        oblique = self.domain.bodies[body].contacts[contact].oblique
-        return (self.oblique_costs if oblique else self.push_costs)[body]
+        key = (body, round(length, 6), oblique)
+        if key not in self._costs:
+            domain = self.domain
+            length_m = length * domain.map.resolution_m
+            tag = domain.bodies[body].obj.tag
+            cost = push_cost(tag, length_m, domain.robot, self.costs, oblique=oblique)
+            self._costs[key] = cost.total_s * self.units_per_s
+        return self._costs[key]
+
+    def longest(self, body: int) -> float:
+        """The longest push that a body's tag allows [cells].
+
+        Parameters
+        ----------
+        body
+            Its index.
+        """
+        return self.domain.bodies[body].allowed.longest_m / self.domain.map.resolution_m
 
     def goal_seeds(
         self, clearance: Float32[np.ndarray, "rows columns"]
     ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-        """Free cells around the goal and their cost to it [units]; none when the robot does not fit on the goal.
+        """Free nodes around the goal and their cost to it [units]; none when the robot does not fit on the goal.
 
         Parameters
         ----------
         clearance
-            Distance to the nearest obstacle [cells].
+            Of a configuration [cells].
         """
-        from ._travel_kernels import clearance_at
+        domain = self.domain
+        return seed_cells(clearance, self.goal, domain.radius, domain.slow, self.units, block=domain.block)
 
-        if clearance_at(clearance, self.goal[0], self.goal[1]) < self.domain.radius - GOAL_SLACK:
-            return np.zeros(0, np.int32), np.zeros(0, np.int32)
-        return seed_cells(clearance, self.goal, self.domain.radius, self.domain.slow, self.units)
-
-    def bound_crossings(self, start: Int32[np.ndarray, "k"]) -> None:
-        """Bound from below what crossing the place of each body costs while it was not pushed.
+    def separating(self, start: Int32[np.ndarray, "k"]) -> list[int]:
+        """Bodies that alone keep the robot from the goal while they are where the map has them.
 
         Parameters
         ----------
         start
-            Flat indices of the cells that the robot starts from.
+            Nodes that the robot can be on at the start.
         """
-        from ._push_search_kernels import opening_steps
         from ._travel_kernels import flood
 
         domain = self.domain
-        self.crossing = list(self.min_push)
-        for index, body in enumerate(domain.bodies):
-            if not np.isfinite(self.min_push[index]):
-                continue
-            alone = domain.clearance_of(index, np.zeros(2))
-            beyond = flood(alone, domain.radius, self.goal_cells)
-            if beyond[start].any():
-                continue
-            bound = 2.0 * self.min_push[index]
-            for number, contact in enumerate(body.contacts):
-                table = self.table(index, number)
-                opens = opening_steps(
-                    domain.clearance, beyond, self.goal_cells, body.outline,
-                    contact.direction[0], contact.direction[1], domain.radius, len(table) - 1,
-                )  # fmt: skip
-                if opens.any():
-                    bound = min(bound, float(table[int(opens.argmax())]))
-            self.crossing[index] = max(bound, self.min_push[index])
+        found = []
+        for index in self.active:
+            alone = np.minimum(self.base, domain.lattice_of(index, np.zeros(2)))
+            cells, _ = self.goal_seeds(alone)
+            if not cells.size or not flood(alone, domain.radius, cells)[start].any():
+                found.append(index)
+        return found
 
-    @property
-    def free_field(self) -> Int32[np.ndarray, "n"]:
-        """Cost-to-go from every cell when every body has been pushed [units]."""
-        return self.field((1 << len(self.domain.bodies)) - 1)
-
-    def field(self, pushed: int) -> Int32[np.ndarray, "n"]:
-        """Lower bound of the cost-to-go from every cell [units].
+    def crossing(self, body: int, shift: Float[np.ndarray, "2"]) -> float:
+        """Lower bound of crossing the place of a body [units].
 
         Parameters
         ----------
-        pushed
-            Bit mask of the bodies that were pushed before; their places may be crossed for nothing.
+        body
+            Its index.
+        shift
+            From where the map has it [cells].
         """
-        from ._travel_kernels import mark_region, travel_field
+        if not self.contacts[body]:
+            return float("inf")
+        return self.min_push[body] if shift.any() else self.alone[body]
 
-        if pushed not in self._fields:
-            domain = self.domain
-            region = np.zeros(domain.clearance.shape, np.int16)
-            charge = np.zeros(len(domain.bodies) + 1, np.int32)
-            # Where places overlap the cheapest push counts: a bound must not be too high.
-            order = sorted(range(len(domain.bodies)), key=lambda k: self.crossing[k])
-            for index in order:
-                if not pushed >> index & 1:
-                    mark_region(region, domain.bodies[index].outline, domain.radius, index + 1)
-                    charge[index + 1] = int(min(self.crossing[index], MAX_CROSSING_S * self.units_per_s))
-            blocked = [
-                i + 1 for i, cost in enumerate(self.min_push) if not np.isfinite(cost) and not pushed >> i & 1
-            ]
-            clearance = domain.clearance
-            if blocked:
-                clearance = np.where(np.isin(region, blocked), np.float32(0.0), clearance)
-                charge[blocked] = 0
-            self._fields[pushed] = travel_field(
-                clearance, domain.radius, domain.slow, self.goal_cells, self.goal_costs,
-                region, charge, np.zeros((0, 0), np.int32), 0,
-            )[0]  # fmt: skip
-        return self._fields[pushed]
-
-    def after_push(self, state: SearchState) -> float:
-        """Lower bound of the cost-to-go after the last push of a state [units]; infinite where the goal is cut off.
+    def field(
+        self, shifts: Float[np.ndarray, "bodies 2"], robot: Float[np.ndarray, "2"] | None = None
+    ) -> Int32[np.ndarray, "n"]:
+        """Lower bound of the cost-to-go from every node [units].
 
         Parameters
         ----------
-        state
-            A state that a push led to.
+        shifts
+            Of the bodies from where the map has them [cells].
+        robot
+            Where it is told apart [cells]; what is farther from the goal gets the bound of the farthest settled.
         """
+        key = shifts.tobytes()
+        if key not in self._fields:
+            if len(self._fields) * self.base.size > MAX_FIELD_NODES:
+                self._fields.clear()
+            self._fields[key] = self._field(shifts, self.active, robot)
+        return self._fields[key]
+
+    def _field(
+        self,
+        shifts: Float[np.ndarray, "bodies 2"],
+        bodies: Collection[int],
+        robot: Float[np.ndarray, "2"] | None = None,
+        seeds: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] | None = None,
+    ) -> Int32[np.ndarray, "n"]:
+        from ._travel_kernels import travel_field
+
         domain = self.domain
-        near, extra = seed_cells(domain.clearance, state.robot, domain.radius, domain.slow, self.units)
+        moved = [index for index in bodies if shifts[index].any()]
+        clearance = domain.lowered(self.base, shifts, moved, domain.block)
+        clearance = np.where(clearance < domain.radius, self.base, clearance)
+        charges = [0.0 if i not in bodies else self.crossing(i, shifts[i]) for i in range(len(domain.bodies))]
+        still = self._regions(tuple(index for index in bodies if index not in moved), shifts)
+        region = self._regions(tuple(moved), shifts) if moved else still
+        if moved:  # where places overlap the cheaper push counts: a bound must not be too high
+            region = np.where(region > 0, region, still)
+        for index in bodies:
+            if not np.isfinite(charges[index]):
+                clearance[region == index + 1] = 0.0
+                charges[index] = 0.0
+        charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int32)
+        none = near = np.zeros(0, np.int32)
+        if robot is not None:
+            near, _ = seed_cells(self.base, robot, domain.radius, domain.slow, self.units, block=domain.block)
+        cost = travel_field(
+            clearance, domain.radius, domain.slow, *(seeds or (self.goal_cells, self.goal_costs)),
+            region, charge, none, 0, near,
+        )[0]  # fmt: skip
+        if near.size and cost[near].max() < self.far:
+            np.minimum(cost, np.where(self.free_field < self.far, cost[near].max(), self.far), out=cost)
+        return cost
+
+    def through(self, start: Int32[np.ndarray, "k"], body: int) -> float:
+        """Lower bound of a plan that pushes a body: it drives to the body, pushes, and drives to the goal [units].
+
+        Parameters
+        ----------
+        start
+            Nodes that the robot can be on at the start.
+        body
+            Its index.
+        """
+        domain, both = self.domain, self._from_start_to_goal(start)
+        outline = domain.bodies[body].outline
+        grow = domain.radius + self.stand_off + 2.0 * domain.block
+        c0, r0 = np.maximum((outline.min(axis=0) - grow) // domain.block, 0).astype(int)
+        c1, r1 = ((outline.max(axis=0) + grow) // domain.block).astype(int) + 1
+        near = both[r0:r1, c0:c1]
         if not near.size:
             return float("inf")
-        left = float((self.field(state.pushed)[near].astype(np.int64) + extra).min())
-        if left >= self.far:
-            return float("inf")
-        if not state.opens:  # another push has to follow
-            left = max(
-                left, float((self.free_field[near].astype(np.int64) + extra).min()) + self.min_any_push
-            )
-        return left
+        through = near + self.push_units(body, MIN_PUSH_M / domain.map.resolution_m)
+        if body in self.active:  # a path that crosses its place is charged already
+            place = self._regions((body,), np.zeros((len(domain.bodies), 2)))
+            through = np.where(place[r0:r1, c0:c1] > 0, near, through)
+        return float(through.min())
+
+    def crossed(self, start: Int32[np.ndarray, "k"]) -> list[int]:
+        """Bodies whose places the cheapest path of the bound crosses.
+
+        Parameters
+        ----------
+        start
+            Nodes that the robot can be on at the start.
+        """
+        both, shifts = self._from_start_to_goal(start), np.zeros((len(self.domain.bodies), 2))
+        region = self._regions(tuple(self.active), shifts)
+        cheapest = np.full(len(self.domain.bodies) + 1, np.inf)
+        np.minimum.at(cheapest, region.ravel(), both.ravel())
+        # Both costs are whole units, and a diagonal step is rounded.
+        return [k for k in self.active if cheapest[k + 1] <= 1.001 * both.min() + self.units]
+
+    def _from_start_to_goal(self, start: Int32[np.ndarray, "k"]) -> Int[np.ndarray, "r c"]:
+        """Bound of a plan through each node."""
+        if self._both is None:
+            shifts = np.zeros((len(self.domain.bodies), 2))
+            begin = self._field(shifts, self.active, seeds=(start, np.zeros_like(start)))
+            # Both fields charge for a place where they leave it: inside it neither has yet.
+            charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
+            charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)
+            both = (begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
+            self._both = both + charge[self._regions(tuple(self.active), shifts)]
+        return self._both
+
+    def _regions(
+        self, bodies: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]
+    ) -> Int16[np.ndarray, "r c"]:
+        """Places of some bodies on the lattice: their index + 1, of the cheapest where places overlap."""
+        from ._travel_kernels import mark_region
+
+        known = not shifts[list(bodies)].any()
+        if known and bodies in self._marked:
+            return self._marked[bodies]
+        domain = self.domain
+        region = np.zeros(self.base.shape, np.int16)
+        for index in sorted(bodies, key=lambda k: self.crossing(k, shifts[k])):
+            outline = domain.bodies[index].outline + shifts[index]
+            mark_region(region, outline, domain.radius, index + 1, domain.block)
+        if known:
+            self._marked[bodies] = region
+        return region
+
+    def to_go(self, field: Int32[np.ndarray, "n"], points: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, "m"]:
+        """A field's value at points between the nodes [units].
+
+        Parameters
+        ----------
+        field
+            From :meth:`field`.
+        points
+            Grid coordinates [cells].
+        """
+        from ._travel_kernels import reach_costs
+
+        domain = self.domain
+        found: Int[np.ndarray, "m"] = reach_costs(
+            self.base, field, points, domain.radius, domain.slow, domain.block
+        )
+        return found

@@ -1,169 +1,51 @@
-"""Navigation among movable obstacles (NAMO) by A* over pushes: which object, from where, how far, in which order.
+"""Navigation among movable obstacles (NAMO) by anytime A* over pushes: which object, from where, how far, in which order.
 
-A state is where every body stands and where the robot is. A successor drives to a
-stable contact and pushes straight by a whole number of cells; the last step
-drives to the goal. The heuristic is the admissible lower bound of
-:mod:`~visuohaptic.navigation.planning.search.push_heuristic`, so that the first solution
-taken from the queue is the cheapest of the model. A push that frees no cell
-beside the goal's component needs another one after it, and is charged for that
-at once.
+A state is where every body stands and where the robot is. A successor drives to a stable contact and pushes
+straight; the last step drives to the goal. What it costs to drive is computed once per state on the lattice of the
+domain, whose size does not depend on the cells of the map. A contact waits in the queue with a lower bound and is
+worked out only when it is the best: how far the push is free of collisions, and at which lengths it joins pieces of
+free space. The lengths tried are those, a few longer ones, and a ladder in metres.
 
-A pass of weighted A* comes first: it prefers pushes that open anything the robot
-could not reach, so that passages in series cost one after the other and not all
-combinations. What it finds bounds the passes after it.
-
-The next pass takes pushes that open nothing in lengths of 1 to 6, 8, 12 ...
-cells only; where it finds nothing in its budget, nor had the first one, others
-take all lengths and trade cost for speed with a heuristic weight above 1.
-
-Completeness: of all sequences of straight pushes through the centre, from the
-contacts of :func:`~visuohaptic.navigation.pushing.contact_candidates.push_contacts`, by
-whole cells, with orientations kept, a solution is found if one exists and the
-budget of expansions suffices. The states are finitely many; a queue that runs
-empty proves that there is none.
+A pass of weighted A* finds a first plan, without the bodies that touch no bottleneck; a pass with the admissible
+heuristic of :mod:`~visuohaptic.navigation.planning.search.push_heuristic` and all bodies improves it until it is
+proved cheapest or the budget ends, and gives the bound. That there is no plan is proved by
+:mod:`~visuohaptic.navigation.planning.search.infeasibility`.
 """
 
 from __future__ import annotations
 
-import heapq
+import time
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int32
 
+from ....core.objects import HapticTag
+from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
+from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts
+from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
+from .push_pass import PushPass
 from .push_states import (
     SearchLimits,
-    SearchPass,
     SearchResult,
     SearchState,
-    SeenFields,
-    Successor,
-    push_sequence,
     seed_cells,
 )
-from .push_successors import SuccessorGenerator, generate_state
-from .search_domain import SearchDomain
+from .search_domain import SearchDomain, build_search_domain, grid_from_world
 
 __all__ = ["search_pushes"]
 
-#: Heuristic weight of the pass that opens one passage after the other.
-OPENING_WEIGHT = 5.0
-
-
-@dataclass(slots=True)
-class _Queue:
-    """Open states by their estimated cost; what cannot beat the best plan known is refused."""
-
-    best: float  #: cost of the best plan known [units]
-    entries: list[tuple[float, int, SearchState | Successor, bool]] = field(default_factory=list)
-    pushed: int = 0  #: breaks ties: first in, first out
-
-    def push(self, estimate: float, state: SearchState | Successor) -> None:
-        if estimate < self.best:
-            self._add(estimate, state, False)
-
-    def finish(self, cost: float, state: SearchState) -> None:
-        """Add a plan that ends by driving from a state to the goal."""
-        self.best = cost
-        self._add(cost, state, True)
-
-    def _add(self, estimate: float, state: SearchState | Successor, arrived: bool) -> None:
-        self.pushed += 1
-        heapq.heappush(self.entries, (estimate, self.pushed, state, arrived))
-
-
-class _Search:
-    """What all passes from one start have in common."""
-
-    def __init__(
-        self,
-        domain: SearchDomain,
-        start: Float[np.ndarray, "2"],
-        heuristic: PushHeuristic,
-        limits: SearchLimits,
-    ) -> None:
-        self.domain, self.heuristic, self.limits = domain, heuristic, limits
-        self.first = SearchState(0.0, start, np.zeros((len(domain.bodies), 2)), 0)
-        self.cells: Int32[np.ndarray, "k"] = seed_cells(
-            domain.clearance_with(self.first.shifts),
-            start,
-            domain.radius,
-            domain.slow,
-            heuristic.units,
-            reach=2,
-        )[0]
-        if self.cells.size and heuristic.goal_cells.size:
-            heuristic.bound_crossings(self.cells)
-
-    def impossible(self) -> str:
-        """Why no sequence of pushes can solve the problem; empty where one may."""
-        heuristic = self.heuristic
-        if not heuristic.goal_cells.size:
-            return "the goal is too near to what cannot be moved"
-        if not self.cells.size:
-            return "the robot does not fit where it starts"
-        if heuristic.field(0)[self.cells].min() >= heuristic.far:
-            return "walls separate start and goal" + (", whatever is pushed" if self.domain.bodies else "")
-        return ""
-
-    def run(self, settings: SearchPass, expansions: int, known: float) -> SearchResult:
-        """Search until the cheapest plan is taken from the queue, it runs empty, or the budget is spent."""
-        units, size = self.heuristic.units, self.domain.clearance.size
-        generator = SuccessorGenerator(self.heuristic, settings)
-        seen = SeenFields(self.limits.memory_cells)
-        queue = _Queue(known, [(0.0, 0, self.first, False)])
-        expanded, cut = 0, False
-        while queue.entries:
-            bound, _, taken, arrived = heapq.heappop(queue.entries)
-            state = generate_state(self.heuristic, taken) if isinstance(taken, Successor) else taken
-            if arrived:
-                return SearchResult(True, push_sequence(state), bound / units, expanded, exhausted=not cut)
-            if (estimate := self._refined(state, settings)) is not None:
-                queue.push(estimate, state)
-                continue
-            if expanded >= expansions or expanded * size > self.limits.work_cells:
-                return SearchResult(
-                    False, expanded=expanded, reason=f"no plan among {expanded} configurations, not proved"
-                )
-            expanded += 1
-            finished, successors = generator.expand(state, queue.best, seen)
-            if finished is not None and finished < queue.best:
-                if settings.opening_first and state.depth == 0:
-                    return SearchResult(True, (), finished / units, expanded)
-                queue.finish(finished, state)
-            if state.depth >= self.limits.pushes:
-                cut = cut or bool(successors)
-                continue
-            for estimate, successor in successors:
-                queue.push(estimate, successor)
-        reason = "no plan with so few pushes" if cut else "no sequence of straight pushes clears a path"
-        return SearchResult(False, expanded=expanded, exhausted=not cut, reason=reason)
-
-    def _refined(self, state: SearchState, settings: SearchPass) -> float | None:
-        """A closer estimate of a state's whole cost [units]; none where it can be expanded now."""
-        if state.refined:
-            return None
-        state.refined = True
-        if not settings.opening_first:
-            return state.spent + self.heuristic.after_push(state) * settings.heuristic_weight
-        if self._opened(state):
-            return None
-        assert state.step is not None
-        again = max(self.heuristic.crossing[state.step.body], self.heuristic.min_push[state.step.body])
-        return state.spent + (state.left + again) * settings.heuristic_weight
-
-    def _opened(self, state: SearchState) -> bool:
-        """Whether the last push lets the robot reach anything that it could not reach before."""
-        from ._travel_kernels import flood
-
-        domain = self.domain
-        clearance = domain.clearance_with(state.shifts)
-        near, _ = seed_cells(clearance, state.robot, domain.radius, domain.slow, self.heuristic.units)
-        if not near.size or state.beyond is None:
-            return False
-        return bool((flood(clearance, domain.radius, near) & state.beyond).any())
+#: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
+WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
+#: Configurations looked at with the first weight, and for the bound of one body alone.
+FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
+#: Fractions of the budget after which ends: one body at a time; a first plan with the bodies on the cheapest path of
+#: the bound, with those at bottlenecks, by weight; a proof that there is none; a first plan with all bodies.
+ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0)
 
 
 def search_pushes(
@@ -172,6 +54,9 @@ def search_pushes(
     goal: Float[np.ndarray, "2"],
     costs: PushCosts | None = None,
     limits: SearchLimits | None = None,
+    *,
+    active: Collection[int] | None = None,
+    oblique: bool = False,
 ) -> SearchResult:
     """The cheapest sequence of pushes that lets the robot drive from start to goal.
 
@@ -185,36 +70,199 @@ def search_pushes(
         What a push costs.
     limits
         How long to search.
+    active
+        Indices of the bodies that may be pushed; all of them by default.
+    oblique
+        Whether pushes may be oblique to a face, which friction has to hold.
 
     Returns
     -------
-    The pushes, or the reason why there are none and whether that is certain (``exhausted``).
+    The pushes, or the reason why there are none and whether that is proved (``exhausted``).
     """
-    costs, limits = costs or PushCosts(), limits or SearchLimits()
-    search = _Search(domain, start, PushHeuristic(domain, goal, costs), limits)
-    if reason := search.impossible():
-        return SearchResult(False, exhausted=True, reason=reason)
-    opening, known = SearchResult(False), float("inf")
-    if domain.bodies and limits.opening_expansions:
-        opening = search.run(
-            SearchPass(OPENING_WEIGHT, opening_first=True),
-            min(limits.opening_expansions, limits.expansions),
-            known,
+    _load_kernels()
+    chosen = frozenset(range(len(domain.bodies)) if active is None else active)
+    return _Search(domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique).run()
+
+
+@lru_cache(maxsize=1)
+def _load_kernels() -> None:
+    """Search a small floor once, so that no budget is spent on loading compiled code."""
+    cells = np.zeros((12, 24), np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[:, 12] = OCCUPIED
+    cells[4:8, 12] = FREE
+    outline_m = 0.1 * np.array([[11.0, 4.5], [14.0, 4.5], [14.0, 7.5], [11.0, 7.5]])
+    ends_m = np.array([0.45, 0.6]), np.array([2.0, 0.6])
+    robot, box = RobotModel(0.15), MovableObject("box", outline_m, HapticTag())
+    domain = build_search_domain(PlanningProblem(OccupancyMap(cells, 0.1), robot, *ends_m, (box,)), block=2)
+    start, goal = (grid_from_world(domain.map, end_m) for end_m in ends_m)
+    _Search(domain, start, goal, PushCosts(), SearchLimits(budget_s=600.0), frozenset((0,)), False).run()
+
+
+@dataclass(slots=True, eq=False)
+class _Search:
+    """One search with its budget: a first plan or a proof that there is none, then better plans and bounds."""
+
+    domain: SearchDomain
+    start: Float[np.ndarray, "2"]
+    goal: Float[np.ndarray, "2"]
+    costs: PushCosts
+    limits: SearchLimits
+    active: frozenset[int]
+    oblique: bool
+    begin_s: float = field(default_factory=time.monotonic)
+    expanded: int = 0
+    first: SearchState = field(init=False)
+    cells: Int32[np.ndarray, "k"] = field(init=False)  #: nodes that the robot can be on at the start
+
+    def __post_init__(self) -> None:
+        from ._travel_kernels import UNITS
+
+        domain = self.domain
+        self.first = SearchState(0.0, self.start, np.zeros((len(domain.bodies), 2)))
+        self.cells, _ = seed_cells(
+            domain.lattice_with(self.first.shifts), self.start, domain.radius, domain.slow, UNITS,
+            reach=2, block=domain.block,
+        )  # fmt: skip
+
+    def run(self) -> SearchResult:
+        """The cheapest plan, or the reason why there is none."""
+        needed = _bottlenecks(self.domain, self.goal, self.active)
+        heuristic = self._heuristic(needed)
+        reason = self._impossible(heuristic) or self._bound_crossings(heuristic)
+        if reason:
+            return SearchResult(False, exhausted=True, reason=reason)
+        alone, crossed = heuristic.alone, heuristic.crossed(self.cells)
+        plan = self._first_plan(heuristic, ((WEIGHTS[0], CROSSED),), crossed)
+        if not plan.found:
+            plan = self._first_plan(heuristic, zip(WEIGHTS, SOON, strict=True))
+        through: dict[int, float] = {}
+        worth = self.active
+        if plan.found:
+            # A plan that pushes one of the others costs more than it could save.
+            seconds = self.domain.block / heuristic.units
+            rest = self.active - {step.body for step in plan.steps}
+            through = {k: heuristic.through(self.cells, k) * seconds for k in rest}
+            worth -= {k for k, cost in through.items() if cost * (1.0 + self.limits.gap) >= plan.cost}
+        elif reason := self._proof(heuristic):
+            return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
+        if worth != needed:
+            heuristic = self._heuristic(worth)
+            heuristic.alone |= {k: bound for k, bound in alone.items() if k in worth}
+        if not plan.found:
+            reason = self._proof(heuristic) if worth != needed else ""
+            passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
+            plan = plan if reason else self._first_plan(heuristic, passes)
+            if not plan.found:
+                said = reason or f"no plan among {self.expanded} configurations, not proved"
+                return replace(plan, exhausted=bool(reason), reason=said, expanded=self.expanded)
+        plan = self._improved(heuristic, plan)
+        bound = min([plan.bound, *(through[k] for k in self.active - worth)])
+        left_out = tuple(sorted(self.active - needed - worth))
+        return replace(plan, bound=bound, expanded=self.expanded, left_out=left_out)
+
+    def _heuristic(self, bodies: Collection[int]) -> PushHeuristic:
+        left_out = self.active - frozenset(bodies)
+        return PushHeuristic(
+            self.domain, self.goal, self.costs, bodies, left_out=left_out, oblique=self.oblique
         )
-        if opening.found:
-            known = opening.cost * search.heuristic.units + 1.0
-    found = search.run(SearchPass(all_lengths=False), min(limits.first_expansions, limits.expansions), known)
-    expanded = found.expanded + opening.expanded
-    if found.found or not domain.bodies:
-        return replace(found, expanded=expanded)
-    if opening.found:
-        # Nothing cheaper in the budget, or nothing cheaper at all.
-        return replace(opening, expanded=expanded, exhausted=found.exhausted)
-    for weight in limits.heuristic_weights:
-        found = search.run(
-            SearchPass(weight), max(1, limits.expansions // len(limits.heuristic_weights)), known
-        )
-        expanded += found.expanded
-        if found.found or found.exhausted:
-            break
-    return replace(found, expanded=expanded)
+
+    def _until(self, fraction: float) -> float:
+        return self.begin_s + fraction * self.limits.budget_s
+
+    def _proof(self, heuristic: PushHeuristic) -> str:
+        return Infeasibility(heuristic, self.limits, self._until(PROOF)).prove(self.first, self.cells)
+
+    def _first_plan(
+        self,
+        heuristic: PushHeuristic,
+        passes: Iterable[tuple[float, float]],
+        bodies: Collection[int] | None = None,
+    ) -> SearchResult:
+        """A plan by weighted A*, by weight and fraction of the budget, with pushes of some bodies only."""
+        plan = SearchResult(False)
+        for weight, fraction in passes:
+            # The smallest weight is for a plan that is found straight away.
+            most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
+            most = max(min(most, self.limits.expansions - self.expanded), 1)
+            plan = PushPass(heuristic, weight, self.limits, self._until(fraction), bodies).run(
+                self.first, most
+            )
+            self.expanded += plan.expanded
+            if plan.found or plan.exhausted:
+                break
+        return plan
+
+    def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
+        """The plan, or a better one, with a bound that is as near as the budget allows."""
+        units = heuristic.units / self.domain.block
+        plan = replace(plan, bound=float(heuristic.field(self.first.shifts)[self.cells].min()) / units)
+        for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
+            if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
+                break
+            better = PushPass(heuristic, weight, self.limits, self._until(1.0)).run(
+                self.first,
+                max(self.limits.expansions - self.expanded, 1),
+                plan.cost * units,
+                self.limits.gap if weight == 1.0 else 0.0,
+            )
+            self.expanded += better.expanded
+            bound = max(plan.bound, better.bound / weight)
+            plan = replace(better if better.found else plan, bound=bound)
+        return replace(plan, bound=min(plan.bound, plan.cost))
+
+    def _bound_crossings(self, heuristic: PushHeuristic) -> str:
+        """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
+        domain, limits, deadline_s = self.domain, self.limits, self._until(ALONE)
+        still = [k for k in range(len(domain.bodies)) if k not in self.active]
+        lattice = domain.lowered(domain.lattice, self.first.shifts, still, domain.block)
+        first = SearchState(0.0, self.start, np.zeros((1, 2)))
+        for index in heuristic.separating(self.cells):
+            body = (domain.bodies[index],)
+            alone = replace(domain, bodies=body, lattice=lattice, patches={}, still={}, drives={})
+            part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
+            most = min(ALONE_EXPANSIONS, limits.expansions)
+            found = PushPass(part, 1.0, limits, deadline_s).run(first, most)
+            if not found.found:
+                reason = Infeasibility(part, limits, deadline_s).prove(first, self.cells)
+                if reason:
+                    return reason
+            if np.isfinite(found.bound):
+                free = float(part.free_field[self.cells].min())
+                more = found.bound * heuristic.units / domain.block - free
+                heuristic.alone[index] = max(heuristic.min_push[index], more)
+        return ""
+
+    def _impossible(self, heuristic: PushHeuristic) -> str:
+        """Why no sequence of pushes can solve the problem; empty where one may."""
+        if not heuristic.goal_cells.size:
+            return "the goal is too near to what cannot be moved"
+        if not self.cells.size:
+            return "the robot does not fit where it starts"
+        if heuristic.free_field[self.cells].min() >= heuristic.far:
+            return "walls separate start and goal" + (", whatever is pushed" if self.active else "")
+        return ""
+
+
+def _bottlenecks(
+    domain: SearchDomain, goal: Float[np.ndarray, "2"], active: Collection[int]
+) -> frozenset[int]:
+    """Bodies beside which the free space falls into pieces, or that cover the goal."""
+    from ._push_search_kernels import opening_lengths
+
+    shifts = np.zeros((len(domain.bodies), 2))
+    still = [k for k in range(len(domain.bodies)) if k not in active]
+    base = domain.lowered(domain.lattice, shifts, still, domain.block)
+    found = set()
+    for index in active:
+        body = domain.bodies[index]
+        # Far enough along an axis, every block around the body is free of it: how many pieces there are is seen.
+        far = float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block
+        # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
+        for without in (domain.lattice_with(shifts, index), base):
+            pieces = opening_lengths(
+                without, body.outline, 1.0, 0.0, domain.radius, domain.block, 2.0 * far, *body.centre, *goal
+            )
+            if len(pieces):
+                found.add(index)
+                break
+    return frozenset(found)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Float, Float32, Int32
+
+from ....core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 
 __all__ = [
     "PushStep",
     "SearchLimits",
-    "SearchPass",
     "SearchResult",
     "SearchState",
     "SeenFields",
-    "Successor",
     "push_sequence",
     "seed_cells",
 ]
@@ -24,23 +24,14 @@ __all__ = [
 class SearchLimits:
     """How long to search, and for what."""
 
-    expansions: int = 6000  #: configurations looked at before giving up
-    pushes: int = 12  #: in one plan, at most
-    opening_expansions: int = 120  #: of the pass that opens one passage after the other, for any plan at all
-    first_expansions: int = 400  #: of the pass that looks for the cheapest plan
-    #: weights (weighted A*) of the passes after it, which share the budget: cost at most so many times the optimum
-    heuristic_weights: tuple[float, ...] = (2.0, 8.0)
-    work_cells: int = 400_000_000  #: cells of travel fields computed before giving up: half a minute
-    memory_cells: int = 40_000_000  #: cells of travel fields kept to recognise detours
+    budget_s: float = field(default=2.0, metadata=POSITIVE)  #: wall time of one search
+    gap: float = field(default=0.05, metadata=NON_NEGATIVE)  #: end when the plan is within this of the bound
+    memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for what was expanded
+    expansions: int = field(default=100_000, metadata=POSITIVE)  #: configurations looked at
+    pushes: int = field(default=12, metadata=NON_NEGATIVE)  #: in one plan, at most
 
-
-@dataclass(frozen=True, slots=True)
-class SearchPass:
-    """What one pass over the queue prefers; by default all pushes, the cheapest plan first."""
-
-    heuristic_weight: float = 1.0  #: of weighted A*; 1 keeps the heuristic admissible
-    opening_first: bool = False  #: prefer pushes that connect anything the robot could not reach
-    all_lengths: bool = True  #: also long pushes that open nothing
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +39,8 @@ class PushStep:
     """One push, in grid coordinates."""
 
     body: int
-    contact: int  #: index into the body's contacts
-    steps: int  #: whole cells
+    contact: int  #: index into the body's contacts, the oblique ones after the others
+    length: float  #: [cells]
     shifts_before: Float[np.ndarray, "bodies 2"]
     shifts_after: Float[np.ndarray, "bodies 2"]
     approach: Float[np.ndarray, "2"]  #: the robot's centre, clear of the body
@@ -63,10 +54,12 @@ class SearchResult:
 
     found: bool
     steps: tuple[PushStep, ...] = ()
-    cost: float = float("inf")  #: estimate by the grid [cells at full speed]
+    cost: float = float("inf")  #: estimate by the lattice [cells at full speed]
+    bound: float = 0.0  #: no plan of the model costs less [cells at full speed]
     expanded: int = 0
-    exhausted: bool = False  #: nothing was left to look at
+    exhausted: bool = False  #: that there is no plan is proved
     reason: str = ""
+    left_out: tuple[int, ...] = ()  #: bodies whose places touch no bottleneck between start and goal
 
 
 @dataclass(slots=True, eq=False)
@@ -76,33 +69,9 @@ class SearchState:
     spent: float  #: cost from the start [units]
     robot: Float[np.ndarray, "2"]  #: centre [cells]
     shifts: Float[np.ndarray, "bodies 2"]  #: of the bodies from where the map has them [cells]
-    pushed: int  #: bit mask of bodies
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
-    opens: bool = True  #: whether the last push may have connected robot and goal
-    refined: bool = True  #: whether its estimate is the best that we have
-    left: float = 0.0  #: estimated cost-to-go [units]
-    beyond: Bool[np.ndarray, "n"] | None = (
-        None  #: of the opening pass: cells that the robot could not reach before
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Successor:
-    """A push that waits in the queue; its state is generated only when it is taken, as most never are."""
-
-    parent: SearchState
-    body: int
-    contact: int
-    steps: int
-    approach: Float[np.ndarray, "2"]
-    touch: Float[np.ndarray, "2"]
-    spent: float
-    opens: bool
-    refined: bool
-    left: float
-    beyond: Bool[np.ndarray, "n"] | None
 
 
 @dataclass(slots=True, eq=False)
@@ -141,7 +110,7 @@ class SeenFields:
 
 
 def _key(shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
-    return np.rint(shifts * 4.0).astype(np.int16).tobytes()
+    return np.rint(shifts * 4.0).astype(np.int32).tobytes()
 
 
 def seed_cells(
@@ -150,9 +119,11 @@ def seed_cells(
     radius: float,
     slow: float,
     units: int,
+    *,
     reach: int = 1,
+    block: int = 1,
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Free cells around a point, and what it costs to move between them and the point [units].
+    """Free nodes of a lattice around a point and what it costs to get there.
 
     Parameters
     ----------
@@ -165,30 +136,22 @@ def seed_cells(
     slow
         Ratio of the maximum to the minimum speed.
     units
-        Whole units of cost per cell at full speed.
+        Whole units of cost per node at full speed.
     reach
-        Half width of the window around the point's cell [cells].
+        Half width of the window around the point's node [nodes].
+    block
+        Edge of a node [cells].
 
     Returns
     -------
-    Flat indices of the cells, and their costs.
+    Flat indices of the nodes, and their costs.
     """
-    rows, columns = clearance.shape
-    c, r = int(np.floor(point[0])), int(np.floor(point[1]))
-    r0, r1, c0, c1 = (
-        max(r - reach, 0),
-        min(r + reach + 1, rows),
-        max(c - reach, 0),
-        min(c + reach + 1, columns),
+    from ._travel_kernels import nodes_around
+
+    found: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] = nodes_around(
+        clearance, float(point[0]), float(point[1]), radius, slow, units, reach, block
     )
-    part = clearance[r0:r1, c0:c1]
-    rr, cc = np.nonzero(part >= radius)
-    d = part[rr, cc]
-    rr, cc = rr + r0, cc + c0
-    length = np.hypot(cc + 0.5 - point[0], rr + 0.5 - point[1])
-    fraction = np.minimum((d / radius - 1.0) * 0.5, 1.0)
-    cost = np.rint(length * (slow + fraction * (1.0 - slow)) * units)
-    return (rr * columns + cc).astype(np.int32), cost.astype(np.int32)
+    return found
 
 
 def push_sequence(state: SearchState) -> tuple[PushStep, ...]:

@@ -6,10 +6,12 @@ the rows of the map, so that a turned origin needs no thought further in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int32
 
 from ....core.geometry import rotation_2d
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
@@ -17,56 +19,103 @@ from ...grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import Manipulability, PushCosts, manipulability
 from ...pushing.contact_candidates import PushContact, push_contacts
+from .object_cells import clear_cells
 
 __all__ = [
     "Body",
     "SearchDomain",
     "build_search_domain",
-    "clear_cells",
-    "fill_cells",
     "grid_from_world",
     "world_from_grid",
 ]
 
 #: Outlines are looked at in steps of so many cells when they are pushed.
 OUTLINE_STEP = 0.45
-#: ... and so far inside the outline, so that an object flush with a wall may slide along it [cells].
-OUTLINE_INSET = 0.15
+#: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
+OUTLINE_INSET_M = 5e-4
+#: A node of the lattice is a block of cells, at least so many to the radius of the robot.
+NODES_PER_RADIUS = 3.0
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
+#: Nodes of lattices that are kept.
+MAX_STILL_NODES = 20_000_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Body:
     """A pushable object in grid coordinates, where the map has it."""
 
     obj: MovableObject
     outline: Float[np.ndarray, "p 2"]
-    samples: Float[np.ndarray, "k 2"]  #: points along the outline, a little inside
-    around: Float[np.ndarray, "m 2"]  #: points the robot's ``push_margin_m`` outside; none without a margin
     centre: Float[np.ndarray, "2"]
-    contacts: tuple[PushContact, ...]
+    friction: Float[np.ndarray, "2"]  #: centre of friction from the centre
     allowed: Manipulability
+    radius: float  #: of the robot
+    margin: float  #: room that it keeps while it is pushed
+    inset: float  #: of the points along its outline
+
+    @cached_property
+    def samples(self) -> Float[np.ndarray, "k 2"]:
+        """Points along the outline, a little inside."""
+        return _samples(self.outline, -self.inset)
+
+    @cached_property
+    def around(self) -> Float[np.ndarray, "m 2"]:
+        """Points the robot's ``push_margin_m`` outside; none without a margin."""
+        return _samples(self.outline, self.margin) if self.margin > 0 else np.zeros((0, 2))
+
+    @cached_property
+    def contacts(self) -> tuple[PushContact, ...]:
+        """Stable straight pushes through the centre of friction, relative to the centroid."""
+        return self._contacts(oblique=False)
+
+    @cached_property
+    def with_oblique(self) -> tuple[PushContact, ...]:
+        """The contacts, and after them those oblique to a face, which friction has to hold."""
+        return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
+
+    def _contacts(self, *, oblique: bool) -> tuple[PushContact, ...]:
+        shape = np.round(self.outline - self.centre - self.friction, 6)
+        found = _contacts(shape.tobytes(), self.radius, oblique)
+        if not self.friction.any():
+            return found
+        return tuple(
+            replace(push, contact=push.contact + self.friction, robot=push.robot + self.friction)
+            for push in found
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchDomain:
-    """Static map and pushable bodies."""
+    """Static map and pushable bodies, with the lattice that drives between pushes are searched on.
+
+    A node of the lattice is a block of cells; it is as clear as its clearest cell, so that what is cut off on the
+    lattice is cut off on the map. The drives of a plan are made on the map itself.
+    """
 
     map: OccupancyMap
     robot: RobotModel
-    radius: float  #: of the robot [cells]
+    radius: float  #: clearance that the robot needs: its radius and what interpolation may hide [cells]
     slow: float  #: v_max / v_min
-    occupied: Bool[np.ndarray, "rows columns"]  #: what never moves
+    occupied: Bool[np.ndarray, "rows columns"]  #: what never moves and is no object
     #: of a cell's centre from the border of such cells, and from the outline of objects that never move [cells]
     clearance: Float32[np.ndarray, "rows columns"]
     bodies: tuple[Body, ...]
-    immovable: tuple[MovableObject, ...]  #: fixed, falling or too heavy: part of ``occupied``
+    immovable: tuple[MovableObject, ...]  #: fixed, falling or too heavy
     why_immovable: dict[str, str]  #: reasons by id
+    block: int  #: edge of a node of the lattice [cells]
+    lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: largest clearance in each block [cells]
+    immovable_outlines: tuple[Float[np.ndarray, "p 2"], ...]
     #: distances around bodies, kept because most bodies stay where they are
-    patches: dict[tuple[int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
+    patches: dict[tuple[int, int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
         default_factory=dict, repr=False
     )
+
+    #: the lattice with the bodies that stay where they are, by those that do not
+    still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
+
+    #: whether drives exist on the map, by shifts, start and goal
+    drives: dict[tuple[bytes, bytes, bytes], bool] = field(default_factory=dict, repr=False)
 
     @property
     def reach(self) -> float:
@@ -85,16 +134,34 @@ class SearchDomain:
         without
             Index of the body left out; -1 for none.
         """
-        layer = self.clearance.copy()
-        for index in range(len(self.bodies)):
-            if index != without:
-                patch, row, column = self._patch(index, shifts[index])
-                part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
-                np.minimum(part, patch, out=part)
-        return layer
+        return self.lowered(self.clearance, shifts, [i for i in range(len(self.bodies)) if i != without], 1)
 
-    def clearance_of(self, index: int, shift: Float[np.ndarray, "2"]) -> Float32[np.ndarray, "rows columns"]:
-        """Distance to the nearest obstacle [cells] with one body alone.
+    def lattice_with(
+        self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
+    ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
+        """Clearance of the lattice's nodes [cells] with every body shifted, one of them left out.
+
+        Parameters
+        ----------
+        shifts
+            Of the bodies from where the map has them [cells].
+        without
+            Index of the body left out; -1 for none.
+        """
+        # Most bodies stay where they are: what they leave is kept for every set of those that do not.
+        moved = tuple(np.flatnonzero(shifts.any(axis=1)).tolist())
+        away = moved if without < 0 or without in moved else (*moved, without)
+        if away not in self.still:
+            if len(self.still) * self.lattice.size > MAX_STILL_NODES:
+                self.still.clear()
+            rest = [i for i in range(len(self.bodies)) if i not in away]
+            self.still[away] = self.lowered(self.lattice, np.zeros_like(shifts), rest, self.block)
+        return self.lowered(self.still[away], shifts, [i for i in moved if i != without], self.block)
+
+    def lattice_of(
+        self, index: int, shift: Float[np.ndarray, "2"]
+    ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
+        """Clearance of the lattice's nodes [cells] with one body alone.
 
         Parameters
         ----------
@@ -103,24 +170,66 @@ class SearchDomain:
         shift
             From where the map has it [cells].
         """
-        layer = self.clearance.copy()
-        patch, row, column = self._patch(index, shift)
-        part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
-        np.minimum(part, patch, out=part)
+        shifts = np.zeros((len(self.bodies), 2))
+        shifts[index] = shift
+        return self.lowered(self.lattice, shifts, [index], self.block)
+
+    def lowered(
+        self,
+        layer: Float32[np.ndarray, "r c"],
+        shifts: Float[np.ndarray, "bodies 2"],
+        chosen: Sequence[int],
+        block: int,
+    ) -> Float32[np.ndarray, "r c"]:
+        """A copy of a clearance layer with some bodies in it, by cells (block 1) or by blocks.
+
+        Parameters
+        ----------
+        layer
+            Clearance [cells].
+        shifts
+            Of the bodies from where the map has them [cells].
+        chosen
+            Indices of the bodies.
+        block
+            Edge of an element of the layer [cells].
+        """
+        layer = layer.copy()
+        for index in chosen:
+            patch, row, column = self._patch(index, shifts[index], block)
+            part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
+            np.minimum(part, patch, out=part)
         return layer
 
     def _patch(
-        self, index: int, shift: Float[np.ndarray, "2"]
+        self, index: int, shift: Float[np.ndarray, "2"], block: int
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
-        from ...pushing._outline_kernels import distance_patch
+        from ._push_search_kernels import block_patch
 
-        key = (index, float(shift[0]), float(shift[1]))
+        key = (block, index, float(shift[0]), float(shift[1]))
         if key not in self.patches:
             if len(self.patches) >= MAX_PATCHES:
                 self.patches.clear()
-            rows, columns = self.clearance.shape
-            self.patches[key] = distance_patch(rows, columns, self.bodies[index].outline + shift, self.reach)
+            outline = self.bodies[index].outline + shift
+            self.patches[key] = block_patch(self.clearance, outline, self.radius, self.reach, block)
         return self.patches[key]
+
+    def obstacle_outlines(
+        self, shifts: Float[np.ndarray, "bodies 2"], without: int
+    ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
+        """Outlines of every object but one, one after the other, and where each begins.
+
+        Parameters
+        ----------
+        shifts
+            Of the bodies from where the map has them [cells].
+        without
+            Index of the body left out.
+        """
+        outlines = [body.outline + shifts[k] for k, body in enumerate(self.bodies) if k != without]
+        outlines += self.immovable_outlines
+        starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
+        return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
 
     def seconds(self, cells_at_full_speed: float) -> float:
         """Cost [s] of a cost in cells at full speed.
@@ -131,6 +240,13 @@ class SearchDomain:
             Cost in the unit of the grid search [cells].
         """
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
+
+
+@lru_cache(maxsize=4096)
+def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, ...]:
+    """Contacts of an outline about its centre of friction; one shape is asked for in every plan."""
+    outline = np.frombuffer(shape, dtype=np.float64).reshape(-1, 2)
+    return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
 
 
 def grid_from_world(
@@ -167,12 +283,7 @@ def world_from_grid(
 
 
 def build_search_domain(
-    problem: PlanningProblem,
-    costs: PushCosts | None = None,
-    *,
-    pushes: bool = True,
-    unknown: bool = True,
-    oblique: bool = False,
+    problem: PlanningProblem, costs: PushCosts | None = None, *, block: int | None = None
 ) -> SearchDomain:
     """Separate a map into what never moves and the bodies that may be pushed.
 
@@ -182,20 +293,17 @@ def build_search_domain(
         Map, objects and robot.
     costs
         Limits that decide what may be pushed.
-    pushes
-        ``False``: every object stays where it is.
-    unknown
-        Whether objects that were never touched may be pushed after exploration.
-    oblique
-        Whether pushes may be oblique to a face, which friction has to hold.
+    block
+        Edge of a node of the lattice [cells]; by default what a robot of its radius needs.
     """
+    from ._push_search_kernels import largest_in_blocks
+
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
     radius = robot.radius_m / grid.resolution_m
     margin = robot.push_margin_m / grid.resolution_m
     # Cells that were never seen are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
-    mapped = occupied.copy()
     movable: list[Body] = []
     fixed: list[MovableObject] = []
     why: dict[str, str] = {}
@@ -203,55 +311,44 @@ def build_search_domain(
         outline = grid_from_world(grid, obj.footprint_m)
         clear_cells(occupied, outline)
         allowed = manipulability(obj.tag, robot, costs)
-        if not pushes or not allowed.possible or (allowed.unknown and not unknown):
+        if not allowed.possible:
             fixed.append(obj)
-            why[obj.id] = allowed.reason or "objects stay where they are"
+            why[obj.id] = allowed.reason
             continue
         centre = grid_from_world(grid, obj.centre_m)
-        movable.append(
-            Body(
-                obj,
-                outline,
-                _samples(outline, -OUTLINE_INSET),
-                _samples(outline, margin) if margin > 0 else np.zeros((0, 2)),
-                centre,
-                _contacts(obj, grid, outline, centre, radius, oblique),
-                allowed,
-            )
-        )
+        friction = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
+        inset = OUTLINE_INSET_M / grid.resolution_m
+        movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
     # An object is as large as its outline, whether it may be moved or not.
     clearance = _distance(occupied, radius)
-    for obj in fixed:
-        outline = grid_from_world(grid, obj.footprint_m)
+    outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
+    for outline in outlines:
         lower_clearance(clearance, outline, _reach(radius))
-        _keep_cells(occupied, mapped, outline)
+    block = max(1, int(radius / NODES_PER_RADIUS)) if block is None else block
     return SearchDomain(
         grid,
         robot,
-        radius * (1.0 - 1e-9),
+        _with_rounding(radius),
         robot.v_max_m_s / robot.v_min_m_s,
         occupied,
         clearance,
         tuple(movable),
         tuple(fixed),
         why,
+        block,
+        clearance if block == 1 else largest_in_blocks(clearance, block),
+        outlines,
     )
 
 
-def _contacts(
-    obj: MovableObject,
-    grid: OccupancyMap,
-    outline: Float[np.ndarray, "p 2"],
-    centre: Float[np.ndarray, "2"],
-    radius: float,
-    oblique: bool,
-) -> tuple[PushContact, ...]:
-    """Stable pushes through the centre of friction, report_costs from the centroid."""
-    aside = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
-    found = push_contacts(outline, centre + aside, radius, oblique=oblique)
-    if not aside.any():
-        return found
-    return tuple(replace(push, contact=push.contact + aside, robot=push.robot + aside) for push in found)
+def _with_rounding(radius: float) -> float:
+    """Clearance that a robot needs between the centres of cells, and between the samples of a segment [cells].
+
+    The distance from an obstacle bends by at most 1 / distance: interpolated between the centres of cells it is too
+    high by at most 1 / (8 distance), and between samples it may fall below both by spacing^2 / (8 distance).
+    """
+    spacing = max(0.5, radius / 7.0)
+    return radius + (1.0 + spacing**2) / (8.0 * radius)
 
 
 def _distance(
@@ -294,80 +391,3 @@ def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndar
             count = max(1, int(np.ceil(np.hypot(*(b - a)) / OUTLINE_STEP)))
             points.append(a + (b - a) * (np.arange(count) / count)[:, None])
     return np.concatenate(points)
-
-
-def _keep_cells(
-    occupied: Bool[np.ndarray, "rows columns"],
-    mapped: Bool[np.ndarray, "rows columns"],
-    outline: Float[np.ndarray, "p 2"],
-) -> None:
-    """Occupy the cells of an object that stays as the map draws it, for what is pushed beside it.
-
-    Where the map does not show all of it, every cell that it touches is taken.
-    """
-    window = _window(occupied.shape, outline, 1.0)
-    if not occupied[window].size:
-        return
-    touched = _touched(outline, window)
-    shown = mapped[window] | ~_covered(outline, window)
-    occupied[window] |= touched & mapped[window] if shown.all() else touched
-
-
-def _covered(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
-    """Cells of a window whose centre is inside the outline."""
-    import shapely
-
-    r, c = np.mgrid[window]
-    return np.asarray(shapely.contains_xy(shapely.Polygon(outline), c + 0.5, r + 0.5))
-
-
-def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: float) -> tuple[slice, slice]:
-    c0, r0 = np.maximum(np.floor(outline.min(axis=0) - grow).astype(int), 0)
-    c1, r1 = np.ceil(outline.max(axis=0) + grow).astype(int)
-    return slice(min(r0, shape[0]), max(min(r1, shape[0]), 0)), slice(
-        min(c0, shape[1]), max(min(c1, shape[1]), 0)
-    )
-
-
-def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
-    """Cells of a window whose square meets the outline's inside."""
-    import shapely
-
-    r, c = np.mgrid[window]
-    body = shapely.Polygon(outline).buffer(-1e-6)  # a square that the outline only touches is not its own
-    shapely.prepare(body)
-    return np.asarray(shapely.intersects(body, shapely.box(c, r, c + 1, r + 1)))
-
-
-def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Free an object's cells in place: those it covers, and spurious components beside it.
-
-    Parameters
-    ----------
-    occupied
-        Whether a cell is an obstacle; changed in place.
-    outline
-        Corners in grid coordinates [cells].
-    """
-    from .._joint_kernels import free_object
-
-    window = _window(occupied.shape, outline, 4.0)
-    part = np.ascontiguousarray(occupied[window])
-    if part.size:
-        free_object(part, outline, window[0].start, window[1].start)
-        occupied[window] = part
-
-
-def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Occupy the cells that an object covers, in place.
-
-    Parameters
-    ----------
-    occupied
-        Whether a cell is an obstacle; changed in place.
-    outline
-        Corners in grid coordinates [cells].
-    """
-    window = _window(occupied.shape, outline, 1.0)
-    if occupied[window].size:
-        occupied[window] |= _touched(outline, window)

@@ -91,13 +91,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         return _STOP
 
     def decide(self, seen: MapObservation) -> MapCommand:
-        """Motion of the platform, or an exploration, after one observation.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Motion of the platform, or an exploration, after one observation."""
         s = self.settings
         if math.isnan(self._began_s):
             self._began_s = self._moved_s = seen.t_s

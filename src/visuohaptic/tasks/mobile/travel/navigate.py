@@ -79,6 +79,23 @@ def travel(
     ------
     InputError
         ``base`` or ``senses`` lacks a member of its protocol.
+
+    Examples
+    --------
+    A simulated platform in an empty room:
+
+    >>> import numpy as np
+    >>> from visuohaptic.io.maps import OccupancyMap
+    >>> from visuohaptic.navigation.problem import RobotModel
+    >>> from visuohaptic.simulation.floor import FloorSenses, FloorWorld
+    >>> cells = np.zeros((60, 80), np.int8)
+    >>> cells[[0, -1]] = cells[:, [0, -1]] = 100
+    >>> room = OccupancyMap(cells, 0.05)
+    >>> problem = PlanningProblem(room, RobotModel(0.17), np.array([0.7, 1.5]), np.array([1.5, 1.5]))
+    >>> world = FloorWorld(room, [], (0.7, 1.5, 0.0))
+    >>> done = travel(problem, world.base, FloorSenses(world, np.random.default_rng(0)), world.step)
+    >>> done.arrived, round(done.length_m, 1), done.pushes
+    (True, 0.8, 0)
     """
     require_members(base, MobileBase, "travel")
     require_members(senses, TravelSenses, "travel", "TravelSenses object")

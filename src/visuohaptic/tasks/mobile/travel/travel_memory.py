@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float
 from ....core.geometry import rotation_2d, wrap_angle
 from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
-from ....navigation.planning.search.search_domain import clear_cells, fill_cells, grid_from_world
+from ....navigation.planning.search.object_cells import clear_cells, fill_cells
+from ....navigation.planning.search.search_domain import grid_from_world
 from ....navigation.problem.planning_problem import MovableObject, PlanningProblem
 from ....navigation.pushing.push_model import PushModel
 

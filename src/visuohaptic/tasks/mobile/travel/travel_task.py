@@ -92,13 +92,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return TravelCommand()
 
     def decide(self, seen: TravelObservation) -> TravelCommand:
-        """Velocity for the next control period.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Velocity for the next control period."""
         try:
             self.motion.observe(seen)
             return next(self._run)

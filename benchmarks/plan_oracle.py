@@ -1,33 +1,39 @@
 """Exact search of small problems: every place of the robot times every place of one or two objects.
 
-A test instrument, and ``visuohaptic plan --prove``. It has in common with the planner
+It judges the planner, and has in common with the planner
 what a push costs and where an object may be touched, and nothing of its
 search: Dijkstra over the whole product of robot cells and object places, with
 straight pushes along the grid's axes by whole cells. Where its queue runs
-empty, there is no plan of that kind. Objects oblique to the grid have no
-such pushes; for them the planner's own exhausted search is the proof.
+empty, there is no plan of that kind. Objects oblique to the grid have no such pushes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
-from ....core.errors import InputError
-from ...problem.planning_problem import PlanningProblem
-from ...problem.push_costs import PushCosts, push_cost
-from ...pushing.contact_candidates import PushContact
-from ..search.push_search import search_pushes
-from ..search.push_states import SearchLimits, seed_cells
-from ..search.push_successors import STAND_OFF, STAND_SLACK
-from ..search.search_domain import Body, SearchDomain, build_search_domain, grid_from_world, lower_clearance
+from visuohaptic.core.errors import InputError
+from visuohaptic.navigation.planning.search.object_cells import fill_cells
+from visuohaptic.navigation.planning.search.push_pass import STAND_SLACK
+from visuohaptic.navigation.planning.search.push_states import seed_cells
+from visuohaptic.navigation.planning.search.search_domain import (
+    Body,
+    SearchDomain,
+    build_search_domain,
+    grid_from_world,
+    lower_clearance,
+)
+from visuohaptic.navigation.problem.planning_problem import PlanningProblem
+from visuohaptic.navigation.problem.push_costs import PushCosts, push_cost
+from visuohaptic.navigation.pushing.contact_candidates import PushContact
 
-__all__ = ["GridOptimum", "Proof", "certify", "solve_exact"]
+__all__ = ["GridOptimum", "solve_exact"]
 
+#: The robot stands off by so much before and after a push [m].
+STAND_OFF_M = 0.03
 #: States that fit: 4 bytes each.
 MAX_STATES = 150_000_000
 
@@ -39,25 +45,6 @@ class GridOptimum:
     reachable: bool
     cost_s: float  #: infinite without a plan
     states: int  #: settled
-
-
-@dataclass(frozen=True, slots=True)
-class Proof:
-    """What is proved about a problem."""
-
-    reachable: bool
-    proved: bool
-    cost_s: float  #: of the optimum on the grid, infinite without a plan
-    text: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "reachable": self.reachable,
-            "proved": self.proved,
-            "cost_s": self.cost_s if np.isfinite(self.cost_s) else None,
-            "text": self.text,
-        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,42 +66,6 @@ class _Places:
     low: Int32[np.ndarray, "2"]
 
 
-def certify(problem: PlanningProblem, costs: PushCosts | None = None) -> Proof:
-    """Certify a plan or its absence: by exact search, or where that does not apply by the planner's exhausted search.
-
-    Parameters
-    ----------
-    problem
-        Map, objects, robot, start and goal.
-    costs
-        What a push costs.
-    """
-    costs, limits = costs or PushCosts(), SearchLimits(expansions=100_000, pushes=30)
-    domain = build_search_domain(problem, costs)
-    start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
-    try:
-        found = solve_exact(problem, costs)
-    except InputError as error:
-        result = search_pushes(domain, start, goal, costs, limits)
-        cost_s = domain.seconds(result.cost)
-        if result.found:
-            return Proof(True, True, cost_s, f"{error.problem}; the search found a plan of {cost_s:.1f} s")
-        status = "exhausted: there is no plan" if result.exhausted else "not exhausted: nothing is proved"
-        return Proof(False, result.exhausted, float("inf"), f"{error.problem}; the search is {status}")
-    if found.reachable:
-        return Proof(True, True, found.cost_s, f"the optimum on the grid is {found.cost_s:.1f} s")
-    if all(_on_axes(contact) for body in domain.bodies for contact in body.contacts):
-        return Proof(False, True, float("inf"), f"no plan, all {found.states} states were looked at")
-    result = search_pushes(domain, start, goal, costs, limits)
-    return Proof(
-        result.found,
-        result.found or result.exhausted,
-        domain.seconds(result.cost),
-        "no plan along the axes; the search over all contacts "
-        + ("found one" if result.found else "found none, exhausted" if result.exhausted else "gave up"),
-    )
-
-
 def _on_axes(contact: PushContact) -> bool:
     return float(np.abs(contact.direction).max()) > 1 - 1e-9
 
@@ -134,8 +85,9 @@ def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> Gri
     InputError
         More than two objects that can be pushed, or more states than fit.
     """
-    from ..search._travel_kernels import UNITS
-    from ._oracle_kernels import NEVER, product_search
+    from visuohaptic.navigation.planning.search._travel_kernels import UNITS
+
+    from ._plan_oracle_kernels import NEVER, product_search
 
     costs = costs or PushCosts()
     domain = build_search_domain(problem, costs)
@@ -143,6 +95,8 @@ def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> Gri
         raise InputError(
             "solve_exact", f"found {len(domain.bodies)} objects that can be pushed, expected at most 2"
         )
+    for outline in domain.immovable_outlines:
+        fill_cells(domain.occupied, outline)
     columns = domain.clearance.shape[1]
     start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
     number = np.full(domain.clearance.size, -1, np.int32)
@@ -204,8 +158,9 @@ def _push_costs(
     domain: SearchDomain, problem: PlanningProblem, costs: PushCosts, bodies: list[int]
 ) -> Int32[np.ndarray, "pushes steps"]:
     """Cost of each push by its length in whole cells [units]."""
-    from ..search._travel_kernels import UNITS
-    from ._oracle_kernels import NEVER
+    from visuohaptic.navigation.planning.search._travel_kernels import UNITS
+
+    from ._plan_oracle_kernels import NEVER
 
     longest = int(costs.longest_push_m / problem.map.resolution_m) + 2
     tables = np.full((len(bodies), longest), NEVER, np.int32)
@@ -226,7 +181,7 @@ def _cells_at(
     reach: int,
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
     """The free cell of a point, or those around it, with their costs to the point [units]."""
-    from ..search._travel_kernels import UNITS
+    from visuohaptic.navigation.planning.search._travel_kernels import UNITS
 
     own = seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=0)
     return (
@@ -276,7 +231,7 @@ def _blocks(
     domain: SearchDomain, places: list[_Places], number: Int32[np.ndarray, "n"]
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "q"]]:
     """Robot cells denied by each body at each place, one body after the other, padded to equally many places."""
-    from ...pushing._outline_kernels import distance_patch
+    from visuohaptic.navigation.pushing._outline_kernels import distance_patch
 
     most = max((len(place.shifts) for place in places), default=1)
     rows, columns = domain.clearance.shape
@@ -302,7 +257,7 @@ def _links(
     domain: SearchDomain, place: _Places, index: int, contact: PushContact, number: Int32[np.ndarray, "n"]
 ) -> _Links:
     """The links of one push."""
-    from ..search._travel_kernels import UNITS, clearance_at
+    from visuohaptic.navigation.planning.search._travel_kernels import UNITS, clearance_at
 
     body = domain.bodies[index]
     step = np.rint(contact.direction).astype(np.int32)
@@ -313,7 +268,7 @@ def _links(
     clear = np.zeros(count, np.bool_)
     for k, shift in enumerate(place.shifts):
         touch = body.centre + shift + contact.robot
-        approach = touch - STAND_OFF * contact.direction
+        approach = touch - STAND_OFF_M / domain.map.resolution_m * contact.direction
         x, y = shift + step - place.low
         if 0 <= y < place.index.shape[0] and 0 <= x < place.index.shape[1]:
             after[k] = place.index[y, x]
@@ -354,7 +309,7 @@ def _near(
     domain: SearchDomain, places: list[_Places]
 ) -> tuple[Float32[np.ndarray, "b r c"], Int32[np.ndarray, "b 2"], Int32[np.ndarray, "b q 2"]]:
     """Distance to each body around it, where the patch begins, and the shifts of the body's places."""
-    from ...pushing._outline_kernels import distance_patch
+    from visuohaptic.navigation.pushing._outline_kernels import distance_patch
 
     patches, lows = [], []
     for body in domain.bodies:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....core.kernels import kernel
+from visuohaptic.core.kernels import kernel
 
 NEVER = np.int32(2**31 - 1)
 

@@ -1,0 +1,86 @@
+"""One planning call and what it is worth: answer, faults in polygons, cost on exact distances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from tests.worlds.maps import World, raster
+from tests.worlds.plan_checks import Floor, check_plan, drive_seconds
+
+from ._plan_child import Planner, described
+
+__all__ = ["FAULT_M", "Row", "Rows", "answer_of", "asked", "faults_row", "judged", "quantile"]
+
+Row = dict[str, Any]
+Rows = dict[str, Row]
+
+#: Deeper than this a fault is one: what rounding and the written micrometres can't explain [m].
+FAULT_M = 1e-3
+
+
+def answer_of(reply: dict[str, Any]) -> str:
+    """One word for an answer: plan, proved, not proved, or why there is none (time, memory, an error)."""
+    plan = reply.get("plan")
+    if plan is None:
+        return str(reply["status"])
+    if plan["reachable"]:
+        return "plan"
+    return "proved" if plan.get("proved") else "not proved"
+
+
+def judged(world: World, resolution_m: float, reply: dict[str, Any]) -> Row:
+    """The answer in short; a plan is played in polygons and its driving priced on exact distances."""
+    row: Row = {"answer": answer_of(reply)}
+    row |= {name: reply[name] for name in ("cpu_s", "wall_s", "peak_MB", "message") if name in reply}
+    if row["answer"] != "plan":
+        return row
+    tasks = reply["plan"]["tasks"]
+    cells = raster(world, resolution_m, bodies=False)
+    bodies = {body.id: body.polygon for body in world.bodies}
+    floor = Floor.of_cells(cells, resolution_m, bodies)
+    faults = check_plan(floor, tasks, world.robot, world.start_m, world.goal_m)
+    return row | {
+        "cost_s": reply["plan"]["cost_s"],
+        "pushes": sum(task["kind"] == "push" for task in tasks),
+        "fault_m": max((fault.depth_m for fault in faults), default=0.0),
+        "fault": next((fault.what for fault in faults if fault.depth_m > FAULT_M), ""),
+        "true_cost_s": _true_cost(Floor.of_cells(cells, resolution_m, bodies), tasks, world),
+    }
+
+
+def _true_cost(floor: Floor, tasks: list[Row], world: World) -> float:
+    """Seconds of a plan with its drives priced on exact distances; pushes as they were declared."""
+    from shapely.affinity import translate
+
+    total = 0.0
+    for task in tasks:
+        if task["kind"] == "navigate":
+            total += drive_seconds(floor, np.array(task["path_m"]), world.robot)
+            continue
+        total += task["cost_s"]
+        if task["kind"] == "push":
+            body = floor.bodies[task["object"]]
+            floor.bodies[task["object"]] = translate(body, *task["displacement_m"])
+    return round(total, 4)
+
+
+def asked(planner: Planner, world: World, cell_m: float, **options: Any) -> Row:
+    """Plan a world on cells of a size, and judge the answer."""
+    reply = planner.ask({"do": "plan", "problem": described(world, cell_m), **options})
+    return judged(world, cell_m, reply)
+
+
+def quantile(values: Iterable[float], part: float) -> float | None:
+    """Sorted value at a part of the count; None of nothing."""
+    values = sorted(values)  # an unanswered call is infinitely slow: no interpolation
+    return float(values[min(int(part * len(values)), len(values) - 1)]) if values else None
+
+
+def faults_row(name: str, plans: list[Row]) -> Row:
+    """Row of the deepest fault among plans."""
+    bad = [plan for plan in plans if plan.get("fault_m", 0.0) > FAULT_M]
+    note = f"{len(bad)} of {len(plans)}; {bad[0]['fault']}" if bad else f"of {len(plans)}"
+    worst = max((plan.get("fault_m", 0.0) for plan in plans), default=0.0)
+    return {"name": f"{name}: deepest fault", "ours": 1e3 * worst, "unit": "mm", "floor": 1.0, "note": note}

@@ -1,0 +1,277 @@
+"""Plans executed in physics that is not the planner's, and the campaigns that need it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from tests.worlds.floor_scenes import off_centre, six_boxes, small_room
+from tests.worlds.maps import World
+from tests.worlds.push_oracle import solve
+from tests.worlds.push_physics import FloorPhysics
+from tests.worlds.real_floors import real_scene, room_scene
+
+from ._plan_child import Planner, described
+from ._plan_judge import Row, Rows, answer_of, asked, faults_row, quantile
+from .nav_doors import data_folder
+
+__all__ = ["oracle", "oracle_table", "push_ends", "push_ends_table", "room", "room_keys", "rooms_table"]
+
+#: After a push that ended farther off than this the plan is made anew [m], [rad].
+OFF_M, OFF_RAD = 0.01, np.deg2rad(3.0)
+MAX_PLANS = 10
+ARRIVED_M = 0.05
+CHI2_90 = {2: 4.605, 3: 6.251}  #: of a vector of two or three normal variables
+
+
+def execute(planner: Planner, world: World, cell_m: float) -> Row:
+    """Plan, drive and push until the goal is reached or there is no plan; plan again after each surprise."""
+    physics = FloorPhysics(world.walls, world.bodies, world.robot, world.start_m)
+    plans: list[Row] = []
+    while len(plans) < MAX_PLANS:
+        here = physics.robot_m
+        now = replace(world, bodies=physics.bodies, start_m=(float(here[0]), float(here[1])))
+        reply = planner.ask({"do": "plan", "problem": described(now, cell_m)})
+        tasks = reply.get("plan", {}).get("tasks", ())
+        pushes = sum(task["kind"] == "push" for task in tasks)
+        plans.append({"answer": answer_of(reply), "cpu_s": reply.get("cpu_s"), "pushes": pushes})
+        if "message" in reply:
+            plans[-1]["message"] = reply["message"]
+        if plans[-1]["answer"] != "plan":
+            break
+        for task in tasks:
+            if not _done(physics, world, task):
+                break
+        if np.hypot(*(physics.robot_m - world.goal_m)) < ARRIVED_M:
+            break
+    off_m = float(np.hypot(*(physics.robot_m - world.goal_m)))
+    return {"reached": off_m < ARRIVED_M, "off_m": round(off_m, 3), "plans": plans}
+
+
+def _done(physics: FloorPhysics, world: World, task: Row) -> bool:
+    """One task; whether things are as the plan says afterwards."""
+    path = np.array(task.get("path_m", ())).reshape(-1, 2)
+    if len(path) < 2:
+        return True
+    if task["kind"] == "navigate":
+        # The mean speed that the plan counts on.
+        arrived = physics.drive(path, max(task["length_m"] / task["cost_s"], 0.05))
+    elif task["kind"] == "push":
+        arrived = physics.drive(path[:2], world.robot.v_push_m_s) and physics.drive(path[1:], 0.1)
+    else:
+        return True
+    if not arrived:
+        # Back off from what was met, as far as it is free.
+        here = physics.robot_m
+        back = here - path[min(len(path) - 1, 1)]
+        physics.drive(np.array([here, here + 0.05 * back / max(float(np.hypot(*back)), 1e-9)]), 0.05)
+        return False
+    if task["kind"] == "push":
+        index = [body.id for body in physics.moving].index(task["object"])
+        centre, turn = physics.pose(index)
+        return bool(np.hypot(*(centre - np.array(task["goal_m"]))) < OFF_M and abs(turn) < OFF_RAD)
+    return True
+
+
+# -- rooms ---------------------------------------------------------------------------------------------------------
+
+
+def room_keys(seeds: list[int]) -> list[str]:
+    """Half of the scenes on generated floors, half on real ones; and six boxes on 8 x 5 m."""
+    real = data_folder().exists()
+    return ["boxes 0", *(f"{'real' if real and seed // 2 % 2 else 'rooms'} {seed}" for seed in seeds)]
+
+
+def room(planner: Planner, key: str) -> Row:
+    """One scene in physics."""
+    kind, seed = key.split()
+    if kind == "boxes":
+        world = six_boxes(int(seed))
+    else:
+        world = real_scene(data_folder(), int(seed)) if kind == "real" else room_scene(int(seed))
+    cell_m = float(world.notes.get("cell_m", 0.05))
+    row = {"bodies": len(world.bodies), **execute(planner, world, cell_m)}
+    if not row["reached"]:
+        # Whether anybody could: a search that has minutes, takes any plan, and shares nothing with the planner.
+        row["solvable"] = bool(
+            np.isfinite(solve(world, cell_m, step_m=0.1, max_expansions=300, weight=3.0).cost_s)
+        )
+    return row
+
+
+def rooms_table(rows: Rows) -> list[Row]:
+    """Reached, of those that somebody solves; time of the first plans."""
+    solvable = [row for row in rows.values() if row["reached"] or row["solvable"]]
+    first = [row["plans"][0] for row in rows.values()]
+    times = [1e3 * (plan["cpu_s"] if plan["answer"] == "plan" else np.inf) for plan in first]
+    soon = [t for t in times if t <= 2000]
+    reached = sum(row["reached"] for row in solvable)
+    kinds = sorted({row["plans"][-1]["answer"] for row in solvable if not row["reached"]})
+    return [
+        {
+            "name": "rooms: reached in physics, of the solvable",
+            "ours": 100.0 * reached / max(len(solvable), 1),
+            "unit": "%",
+            "floor": 95,
+            "aim": 99,
+            "note": f"{reached} of {len(solvable)}, {len(rows)} scenes; not: {', '.join(kinds)}",
+        },
+        {
+            "name": "rooms: first plan within 2 s",
+            "ours": 100.0 * len(soon) / max(len(rows), 1),
+            "unit": "%",
+            "floor": 95,
+            "aim": 100,
+            "note": "of all scenes",
+        },
+        {"name": "rooms: first plan, median", "ours": quantile(times, 0.5), "unit": "ms", "aim": 100},
+        {"name": "rooms: first plan, p99", "ours": quantile(times, 0.99), "unit": "ms", "aim": 1000},
+    ]
+
+
+# -- ends of pushes ------------------------------------------------------------------------------------------------
+
+
+def push_ends(planner: Planner, key: str) -> Row:
+    """The first push of a plan, executed from its approach pose."""
+    world = off_centre(int(key))
+    reply = planner.ask({"do": "plan", "problem": described(world, 0.05)})
+    answer = answer_of(reply)
+    push = next((task for task in reply.get("plan", {}).get("tasks", ()) if task["kind"] == "push"), None)
+    if answer != "plan" or push is None:
+        return {"answer": answer if push else "no push"}
+    path = np.array(push["path_m"])
+    physics = FloorPhysics(world.walls, world.bodies, world.robot, path[0])
+    arrived = physics.drive(path[:2], world.robot.v_push_m_s)
+    centre, turn = physics.pose(0)
+    off = centre - np.array(push["goal_m"])
+    row: Row = {
+        "answer": answer,
+        "arrived": arrived,
+        "length_m": float(np.hypot(*push["displacement_m"])),
+        "off_m": float(np.hypot(*off)),
+        "turn_deg": abs(float(np.degrees(turn))),
+    }
+    if (covariance := push.get("end_covariance")) is not None:
+        matrix = np.array(covariance, dtype=float)
+        error = np.array([*off, turn])[: len(matrix)]
+        row["inside_90"] = bool(error @ np.linalg.solve(matrix, error) < CHI2_90[len(matrix)])
+    return row
+
+
+def push_ends_table(rows: Rows) -> list[Row]:
+    """Errors of the ends, and how often the declared ellipse holds them."""
+    done = [row for row in rows.values() if "off_m" in row]
+    long = [row for row in done if row["length_m"] >= 0.4]
+    inside = [row["inside_90"] for row in done if "inside_90" in row]
+    note = f"{len(done)} of {len(rows)} scenes with a push, median length {quantile((r['length_m'] for r in done), 0.5) or 0:.2f} m"
+    return [
+        {
+            "name": "end of a push, mass off centre: median",
+            "ours": 100 * (quantile((r["off_m"] for r in done), 0.5) or np.nan),
+            "unit": "cm",
+            "floor": 2,
+            "aim": 1,
+            "note": note,
+        },
+        {
+            "name": "end of a push, mass off centre: p90",
+            "ours": 100 * (quantile((r["off_m"] for r in done), 0.9) or np.nan),
+            "unit": "cm",
+        },
+        {
+            "name": "end of a push of 0.4 m or more: median",
+            "ours": 100 * (quantile((r["off_m"] for r in long), 0.5) or np.nan),
+            "unit": "cm",
+            "note": f"{len(long)} pushes, turn {quantile((r['turn_deg'] for r in long), 0.5) or np.nan:.1f} deg",
+        },
+        {
+            "name": "end of a push, turn: median",
+            "ours": quantile((r["turn_deg"] for r in done), 0.5),
+            "unit": "deg",
+            "floor": 3,
+            "aim": 1.5,
+        },
+        {
+            "name": "end of a push inside the declared 90 % ellipse",
+            "ours": 100.0 * sum(inside) / len(inside) if inside else None,
+            "unit": "%",
+            "note": "85 to 95 %" if inside else "none declared (a task's end_covariance)",
+        },
+        {
+            "name": "end of a push: the robot was stopped",
+            "ours": sum(not row["arrived"] for row in done),
+            "unit": "",
+            "floor": 0,
+        },
+    ]
+
+
+# -- oracle --------------------------------------------------------------------------------------------------------
+
+
+def oracle(planner: Planner, key: str) -> Row:
+    """A plan beside the optimum, both priced on exact distances."""
+    world, cell_m = small_room(int(key)), 0.05
+    best = solve(world, cell_m, max_expansions=400)
+    known = {
+        "oracle_s": best.cost_s if np.isfinite(best.cost_s) else None,
+        "finished": best.finished,
+        "oracle_pushes": len(best.pushes),
+    }
+    return {**known, **asked(planner, world, cell_m)}
+
+
+def oracle_table(rows: Rows) -> list[Row]:
+    """Ratio of the costs where the oracle came to its end."""
+    ended = [row for row in rows.values() if row["finished"]]
+    both = [row for row in ended if row["oracle_s"] and row["answer"] == "plan"]
+    ratios = [row["true_cost_s"] / row["oracle_s"] for row in both]
+    missed = [row for row in ended if row["oracle_s"] and row["answer"] != "plan"]
+    pushed = [row["true_cost_s"] / row["oracle_s"] for row in both if row["oracle_pushes"]]
+    declared = [
+        abs(row["cost_s"] / row["true_cost_s"] - 1) for row in rows.values() if row["answer"] == "plan"
+    ]
+    return [
+        {
+            "name": "cost / oracle, median",
+            "ours": quantile(ratios, 0.5),
+            "unit": "",
+            "floor": 1.02,
+            "aim": 1.005,
+            "note": f"{len(both)} scenes, oracle ended in {len(ended)} of {len(rows)}",
+        },
+        {
+            "name": "cost / oracle, median of those with pushes",
+            "ours": quantile(pushed, 0.5),
+            "unit": "",
+            "note": f"{len(pushed)} scenes",
+        },
+        {
+            "name": "cost / oracle, worst",
+            "ours": max(ratios, default=None),
+            "unit": "",
+            "floor": 1.10,
+            "aim": 1.05,
+            "note": f"best {min(ratios, default=np.nan):.3f}",
+        },
+        {
+            "name": "oracle has a plan, planner has none",
+            "ours": len(missed),
+            "unit": "",
+            "floor": 0,
+            "note": ", ".join(sorted({row["answer"] for row in missed})),
+        },
+        {
+            "name": "planner has a plan, oracle has none",
+            "ours": sum(row["answer"] == "plan" and not row["oracle_s"] for row in ended),
+            "unit": "",
+            "note": "the oracle's pushes are straight and meet a face at a right angle",
+        },
+        {
+            "name": "declared cost against the exact one, p90 of the deviation",
+            "ours": 100 * (quantile(declared, 0.9) or 0.0),
+            "unit": "%",
+        },
+        faults_row("oracle", list(rows.values())),
+    ]

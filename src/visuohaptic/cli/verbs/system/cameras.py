@@ -1,0 +1,34 @@
+"""``visuohaptic cameras``: which cameras there are."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+__all__ = ["EPILOG", "add_arguments", "run"]
+
+EPILOG = """\
+reads   the devices of this machine; writes nothing
+prints  an address per camera, which every --source takes; a name in its place does, too: camera:NAME.
+        --source also takes /dev/video0, rtsp://host/path, and recordings
+
+example: visuohaptic cameras
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """No arguments of its own."""
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....io.frames.live import find_cameras
+
+    found = find_cameras()
+    for camera in found:
+        args.report(f"{camera.address:<12}{camera.name}")
+    if not found:
+        args.report(
+            "no camera found; check the cable, and on Linux that you may read /dev/video* (group 'video')"
+        )
+    return {"cameras": [{"address": camera.address, "name": camera.name} for camera in found]}

@@ -1,0 +1,345 @@
+"""``visuohaptic start``: from a camera and a strip of foam to live newtons, without a file written by hand."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import sys
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....core.errors import CalibrationError, DeviceError, InputError
+from ..._sensor_run import force_outputs, is_live, run_sensor
+
+if TYPE_CHECKING:
+    from ....core.camera.frame import Frame
+    from ....core.camera.model import Camera
+    from ....core.camera.pose import Pose
+    from ....core.measurement import ForceProfile
+    from ....sensing.foam.material.foam_material import FoamMaterial
+    from ....sensing.foam.material.records import PlateRecord
+    from ....sensing.foam.sensor import FoamSensor
+    from ....sensing.foam.strip.zero import ZeroReference
+
+__all__ = ["EPILOG", "add_arguments", "run"]
+
+EPILOG = """\
+asks for what it does not know: the camera, the size of the strip, and known loads from a kitchen scale
+reads
+  --source   a camera (0, /dev/video0, rtsp://...), or a recording of the same steps
+writes, into --out
+  tag.pdf        to print: the tag that shows the camera where the strip is
+  camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; later: visuohaptic sense foam --config sensor.yaml
+steps
+  1  the tag lies on the strip: where is it?       2  nothing touches the strip: zero, and is the size right?
+  3  the strip is pressed against a scale: how stiff is the foam?              4  newtons, until Ctrl-C
+
+example
+  visuohaptic start --source 0 --length 250 --width 40 --height 50 --out bumper
+"""
+
+TAG_ID = 7
+#: Frames of each step: of the tag, of the zero reference, and of a load that is held still.
+TAG_FRAMES, ZERO_FRAMES, HOLD_FRAMES = 5, 20, 8
+#: A load is held still when the force within its frames stays within this fraction: half of what creep may do.
+_STILL = 0.03
+#: A new load differs from those before by this fraction: less says nothing new of the curve.
+_NEW_LOAD = 0.2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--source", help="camera or recording; asked for when there are several cameras")
+    parser.add_argument(
+        "--camera", type=Path, help="camera.yaml of calibrate camera; a usual webcam without it"
+    )
+    for name, text in (
+        ("length", "of the back contour, along the robot"),
+        ("width", "w, thickness of the foam in the direction of pushing"),
+        ("height", "h, extent of the foam across, which no camera sees"),
+    ):
+        parser.add_argument(f"--{name}", type=float, metavar="MM", help=f"{text} [mm]")
+    parser.add_argument("--foam", type=Path, help="foam.yaml of the same foam: no known loads are needed")
+    parser.add_argument(
+        "--tag", type=float, default=30.0, metavar="MM", help="side of the printed tag [mm] (30)"
+    )
+    parser.add_argument("--out", type=Path, default=Path("sensor"), help="folder (sensor)")
+    parser.add_argument("--csv", type=Path, help="table of the forces to write")
+    parser.add_argument(
+        "--view",
+        action=argparse.BooleanOptionalAction,
+        help="page in the browser; by default where viser is installed",
+    )
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....io.frames.frames import open_source
+    from ....sensing.foam.sensor import FoamSensor
+    from ....sensing.readers.foam_reader import FoamReader
+
+    folder: Path = args.out
+    args.source = args.source or _choose_camera(args)
+    size_m = {name: 1e-3 * _size_mm(args, name) for name in ("length", "width", "height")}
+    folder.mkdir(parents=True, exist_ok=True)
+    _print_tag(args, folder / "tag.pdf")
+    with open_source(args.source) as source:
+        frames = iter(source)
+        _step(
+            args,
+            "1/4  Lay the tag flat on the strip: in its middle, lower edge of the black border on the back edge.",
+        )
+        seen = _take(frames, TAG_FRAMES, args.source)
+        camera = _camera(args, seen[0])
+        pose = _pose_of_foam(seen, camera, 1e-3 * args.tag)
+        config = _write_sensor(folder, camera, size_m["length"], pose)
+        material = _given_foam(args.foam, size_m)
+        material.save(folder / "foam.yaml")
+        _step(args, "2/4  Take the tag away. Nothing may touch the strip now.")
+        sensor, zero = _zeroed(config, _take(frames, ZERO_FRAMES, args.source))
+        measured_mm = 1e3 * float(zero.width_m.mean())
+        args.report(f"     the camera measures a strip {measured_mm:.1f} mm wide, you said {args.width:g} mm")
+        loads = [] if args.foam else _known_loads(args, sensor, frames)
+        if loads:
+            _fit(args, loads, size_m).save(folder / "foam.yaml")
+            sensor = FoamSensor.load(config)
+        args.report(
+            f"4/4  {'Press' if is_live(args.source) else 'The rest of the recording'}; end with Ctrl-C"
+        )
+        done, max_N = _measure(args, FoamReader(sensor), frames)
+    args.report(
+        f"the sensor is in {folder}; again: visuohaptic sense foam --config {config} --source {args.source}"
+    )
+    return {
+        "config": str(config),
+        "width_m": size_m["width"],
+        "measured_width_m": 1e-3 * measured_mm,
+        "loads": len(loads),
+        "frames": done.frames,
+        "reasons": dict(done.reasons),
+        "max_force_N": max_N,
+    }
+
+
+def _measure(args: Any, reader: Any, frames: Iterator[Frame]) -> tuple[Any, float]:
+    """Forces in the terminal and on the page until the source ends."""
+    if args.view is None:
+        args.view = sys.stdout.isatty() and importlib.util.find_spec("viser") is not None
+    args.out = None  # no recording
+    forces = [0.0]
+    outputs = force_outputs()
+    done = run_sensor(
+        args, reader, frames, outputs, lambda reading: forces.append(reading.measured.force_N), live=True
+    )
+    return done, max(force for force in forces if force == force)
+
+
+def _ask(args: Any, question: str, flag: str) -> str:
+    """One answer of the user; without one the message says which flag gives it."""
+    sys.stderr.write(f"     {question}: ")
+    sys.stderr.flush()
+    answer = sys.stdin.readline()
+    if not sys.stdin.isatty():
+        sys.stderr.write(answer or "\n")  # as a terminal shows it
+    if not answer:
+        raise InputError(flag or "stdin", "no answer was given", remedy=f"give {flag}" if flag else "")
+    return answer.strip()
+
+
+def _step(args: Any, text: str) -> None:
+    args.report(text)
+    if is_live(args.source):
+        _ask(args, "then press Enter", "")
+
+
+def _choose_camera(args: Any) -> str:
+    from ....io.frames.live import find_cameras
+
+    found = find_cameras()
+    if not found:
+        raise DeviceError("no camera found; connect one, or give --source a file or the address of a stream")
+    for camera in found:
+        args.report(f"     {camera.address:<12}{camera.name}")
+    return found[0].address if len(found) == 1 else _ask(args, "which camera", "--source")
+
+
+def _size_mm(args: Any, name: str) -> float:
+    value = getattr(args, name)
+    if value is None:
+        words = {"length": "length along the robot", "width": "thickness in the direction of pushing"}
+        text = _ask(args, f"{words.get(name, 'height across')} of the strip [mm]", f"--{name}")
+        try:
+            value = float(text)
+        except ValueError:
+            raise InputError(f"--{name}", f"found {text!r}, expected a number of millimetres") from None
+    if not 2.0 <= value <= 1000.0:
+        raise InputError(
+            f"--{name}", f"found {value:g} mm, expected 2 to 1000 mm", remedy="sizes are given in millimetres"
+        )
+    setattr(args, name, value)
+    return float(value)
+
+
+def _print_tag(args: Any, path: Path) -> None:
+    from ....tracking.templates.sheet import save_sheet, tag_item
+
+    save_sheet(path, [tag_item(TAG_ID, 1e-3 * args.tag)])
+    args.report(f"print {path} at 100 %, check the bar on it with a ruler, and cut the tag out")
+
+
+def _take(frames: Iterator[Frame], count: int, source: str) -> list[Frame]:
+    taken = list(islice(frames, count))
+    if len(taken) < count:
+        raise InputError(source, f"ended after {len(taken)} of {count} frames of this step")
+    return taken
+
+
+def _camera(args: Any, frame: Frame) -> Camera:
+    """The calibrated camera, or a webcam as most are: 53 degrees wide, without distortion."""
+    from ....core.camera.model import Camera
+
+    if args.camera is not None:
+        return Camera.load(args.camera)
+    rows, columns = frame.image.shape[:2]
+    args.report(
+        "     no --camera: a view of 53 degrees is assumed. The tag sets the scale in its own plane; with a "
+        "calibrated camera forces under a tilted view are some per cent better"
+    )
+    return Camera.simple(columns, rows, focal_px=float(columns))
+
+
+def _pose_of_foam(frames: list[Frame], camera: Camera, side_m: float) -> Pose:
+    """Pose of the strip's frame F in the camera: that of the tag on it, turned and moved to its back edge."""
+    import numpy as np
+
+    from ....core.camera.pose import Pose
+    from ....tracking.templates.template import Template
+    from ....tracking.templates.template_tracker import TemplateTracker
+
+    # The tag's x is to the right and y towards the robot; the strip's x is ahead and y to the left.
+    tag_from_foam = Pose(np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]), np.array([0.0, side_m / 2, 0.0]))
+    with TemplateTracker([Template.from_tag(TAG_ID, size_m=side_m)], camera, threaded=False) as tracker:
+        seen = [pose for frame in frames for pose in tracker.update(frame)]
+    if not seen[-1].valid or seen[-1].T_camera_template is None:
+        raise CalibrationError(
+            "tag",
+            f"the tag {TAG_ID} of tag.pdf is not seen ({seen[-1].reason}{seen[-1].detail and ': '}{seen[-1].detail})",
+            remedy="lay it where the camera sees all of it with its white border, in even light",
+        )
+    return seen[-1].T_camera_template @ tag_from_foam
+
+
+def _write_sensor(folder: Path, camera: Camera, length_m: float, pose: Pose) -> Path:
+    from ....core.files import save_yaml
+
+    camera.save(folder / "camera.yaml")
+    save_yaml(
+        folder / "sensor.yaml",
+        {
+            "kind": "foam",
+            "camera": "camera.yaml",
+            "foam": "foam.yaml",
+            "strip": {"length_m": length_m},
+            "T_camera_foam": {
+                "translation_m": [float(value) for value in pose.translation_m],
+                "quaternion_xyzw": [float(value) for value in pose.quaternion_xyzw],
+            },
+        },
+    )
+    (folder / "zero.yaml").unlink(missing_ok=True)  # of an earlier mounting
+    return folder / "sensor.yaml"
+
+
+def _zeroed(config: Path, frames: list[Frame]) -> tuple[FoamSensor, ZeroReference]:
+    """The sensor with its zero reference, whose measured width has to be the declared one."""
+    from ....sensing.foam.sensor import FoamSensor
+
+    try:
+        sensor = FoamSensor.load(config)
+        zero = sensor.zero(frames)
+    except InputError as error:
+        raise CalibrationError(
+            "the strip",
+            error.problem,
+            remedy="measure strip and printed tag with a ruler (--length, --width, --tag), and lay the tag again",
+        ) from error
+    zero.save(sensor.setup.zero_path)
+    return sensor, zero
+
+
+def _given_foam(path: Path | None, size_m: dict[str, float]) -> FoamMaterial:
+    from ....sensing.foam.material.foam_material import FoamMaterial
+    from ._known_loads import typical_foam
+
+    if path is None:
+        return typical_foam(size_m["width"], size_m["height"])
+    material = FoamMaterial.load(path)
+    for name in ("width", "height"):
+        # Another piece of the same foam may be cut by a ruler's millimetre, not by a tenth.
+        if abs(getattr(material, f"{name}_m") - size_m[name]) > 0.1 * size_m[name]:
+            raise CalibrationError(
+                path,
+                f"is of foam {1e3 * getattr(material, f'{name}_m'):g} mm, expected {1e3 * size_m[name]:g} mm",
+                field=f"{name}_m",
+                remedy="calibrate this strip, or leave --foam out and use known loads",
+            )
+    return material
+
+
+def _known_loads(args: Any, sensor: FoamSensor, frames: Iterator[Frame]) -> list[PlateRecord]:
+    """What the camera sees under loads that a scale reads."""
+    import numpy as np
+
+    from ....sensing.foam.material.records import PlateRecord
+
+    args.report("3/4  Press the strip against a kitchen scale, hold it still, and type what the scale shows.")
+    loads: list[PlateRecord] = []
+    held_N: list[float] = []
+    while True:
+        profile = _held(sensor, frames, held_N)
+        if profile is None:
+            if not loads:
+                raise InputError(args.source, "no load was held still", remedy="hold each for a second")
+            return loads
+        answer = _ask(args, f"load {len(loads) + 1}: the scale shows [g] (Enter: enough loads)", "")
+        if not answer:
+            return loads
+        try:
+            grams = float(answer.replace(",", "."))
+        except ValueError:
+            raise InputError("known load", f"found {answer!r}, expected a number of grams") from None
+        held_N.append(profile.force_N)
+        delta_m = np.where(profile.point_valid, profile.delta_m, 0.0)
+        loads.append(PlateRecord(float(delta_m.max()), 9.81e-3 * grams, profile.s_m, delta_m))
+
+
+def _held(sensor: FoamSensor, frames: Iterator[Frame], before_N: list[float]) -> ForceProfile | None:
+    """The next load that is new and held still; ``None`` when the frames end."""
+    recent: deque[float] = deque(maxlen=HOLD_FRAMES)
+    for frame in frames:
+        profile = sensor.read(frame)
+        if not (profile.valid and profile.contacts):
+            recent.clear()
+            continue
+        recent.append(profile.force_N)
+        still = len(recent) == HOLD_FRAMES and max(recent) - min(recent) < _STILL * max(recent)
+        if still and all(abs(profile.force_N - known) > _NEW_LOAD * known for known in before_N):
+            return profile
+    return None
+
+
+def _fit(args: Any, loads: list[PlateRecord], size_m: dict[str, float]) -> FoamMaterial:
+    import numpy as np
+
+    from ._known_loads import fit_known_loads
+
+    material = fit_known_loads(loads, size_m["width"], size_m["height"])
+    deepest = np.array([max(load.delta_m.max() for load in loads) / material.width_m])
+    sigma = float(material.stress_sigma(deepest)[0] / material.stress(deepest)[0])
+    args.report(
+        f"     {len(loads)} known loads: the foam's curve is known to {100 * sigma:.0f} % where you pressed"
+    )
+    return material

@@ -1,0 +1,78 @@
+"""What is wrong with the fields of a file, in words: found, expected, and what may have been meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
+
+from ..errors import brief
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel, ValidationError
+
+__all__ = ["field_problems"]
+
+#: Bounds of pydantic's errors -> our words for them.
+_BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
+_LENGTHS = {"min_length": "at least", "max_length": "at most"}
+#: First word of the kind of an error -> what was expected.
+_KINDS = {
+    "float": "a number",
+    "finite": "a finite number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "string": "a text",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a mapping of fields",
+    "model": "a mapping of fields",
+}
+
+
+def field_problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:
+    """Field and problem of everything that a model refuses.
+
+    Parameters
+    ----------
+    error
+        What the model has raised.
+    model
+        Its class, whose fields are offered where a name is not known.
+    """
+    return [
+        (".".join(str(part) for part in problem["loc"]) or "file", _said(problem, model))
+        for problem in error.errors(include_url=False)
+    ]
+
+
+def _said(problem: Any, model: type[BaseModel]) -> str:
+    kind, context, found = problem["type"], problem.get("ctx", {}), brief(problem["input"])
+    if kind == "missing":
+        return "is missing"
+    if kind == "extra_forbidden":
+        near = get_close_matches(str(problem["loc"][-1]), sorted(set(_names(model))), n=1)
+        return f"unknown field (found {found})" + (f", did you mean {near[0]}?" if near else "")
+    if kind == "value_error":
+        return f"{context['error']} (found {found})"
+    expected = [f"{word} {context[name]}" for name, word in _BOUNDS.items() if name in context]
+    expected += [f"{word} {context[name]} entries" for name, word in _LENGTHS.items() if name in context]
+    if kind == "literal_error":
+        expected.append(str(context["expected"]).replace("'", ""))
+    if not expected:
+        expected.append(_KINDS.get(kind.partition("_")[0], problem["msg"]))
+    return f"found {found}, expected {' and '.join(expected)}"
+
+
+def _names(model: Any, seen: frozenset[Any] = frozenset()) -> Iterator[str]:
+    """Names of all fields of a model, and of the models inside it."""
+    from typing import get_args
+
+    fields = getattr(model, "model_fields", None)
+    if fields is None or model in seen:
+        for part in () if model in seen else get_args(model):
+            yield from _names(part, seen)
+        return
+    for name, field in fields.items():
+        yield field.alias or name
+        yield from _names(field.annotation, seen | {model})

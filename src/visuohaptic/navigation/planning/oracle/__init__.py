@@ -1,5 +1,0 @@
-"""Exact search of small problems by Dijkstra, to certify a plan or its absence."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

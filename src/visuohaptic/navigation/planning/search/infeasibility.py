@@ -1,0 +1,159 @@
+"""Proofs that no sequence of pushes clears a path, by search over (component of the robot, places of a few bodies).
+
+Leaving bodies out only helps: a plan among all of them, without the pushes of those left out, is a plan among the
+rest. So where one body alone, or two, cannot be brought out of the way from any component that the robot gets to,
+there is no plan. Costs do not matter, only what is connected; pushes go by short steps, one after the other.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32
+
+from .push_heuristic import PushHeuristic
+from .push_states import SearchLimits, SearchState, seed_cells
+
+__all__ = ["Infeasibility"]
+
+#: Bodies looked at together, at most.
+MAX_TOGETHER = 3
+#: Pushes go by steps of this [m].
+STEP_M = 0.05
+
+
+class Infeasibility:
+    """Searches for a proof that there is no plan.
+
+    Parameters
+    ----------
+    heuristic
+        Of the search, for its domain, contacts and goal.
+    limits
+        Memory.
+    deadline_s
+        When to stop, on the monotonic clock.
+    """
+
+    def __init__(self, heuristic: PushHeuristic, limits: SearchLimits, deadline_s: float) -> None:
+        self.heuristic, self.domain, self.deadline_s = heuristic, heuristic.domain, deadline_s
+        # A push is followed in half cells.
+        self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
+        self.max_states = limits.memory_bytes // 1000
+
+    def prove(self, first: SearchState, cells: Int32[np.ndarray, "k"]) -> str:
+        """Why there is no plan; empty where that is not proved.
+
+        Parameters
+        ----------
+        first
+            Where everything is at the start.
+        cells
+            Nodes of the lattice that the robot can be on at the start.
+        """
+        for count in range(1, MAX_TOGETHER + 1):
+            for chosen in combinations(self.heuristic.active, count):
+                if time.monotonic() > self.deadline_s:
+                    return ""
+                if self._blocked(chosen, first, cells):
+                    names = " and ".join(self.domain.bodies[i].obj.id for i in chosen)
+                    return f"no sequence of straight pushes brings {names} out of the way"
+        return ""
+
+    def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
+        """Whether some bodies keep the robot from the goal, whatever is done to them, all others away."""
+        open_states: list[tuple[Float[np.ndarray, "bodies 2"], Int32[np.ndarray, "k"] | None, Any]] = [
+            (first.shifts, cells, None)
+        ]
+        domain, heuristic = self.domain, self.heuristic
+        queued: set[bytes] = set()
+        seen: set[tuple[bytes, int]] = set()
+        pushes = np.flatnonzero(np.isin(heuristic.pairs[:, 0], chosen))
+        while open_states:
+            if time.monotonic() > self.deadline_s or len(seen) > self.max_states:
+                return False
+            shifts, near, robot = open_states.pop()
+            clearance = domain.lowered(heuristic.base, shifts, chosen, domain.block)
+            if near is None:
+                near, _ = self._around(clearance, robot)
+            reached = self._component(clearance, near)
+            if reached is None:
+                continue
+            key = (self._places(chosen, shifts), int(reached.argmax()))
+            if key in seen:
+                continue
+            seen.add(key)
+            goal_cells, _ = heuristic.goal_seeds(clearance)
+            if goal_cells.size and reached[goal_cells].any():
+                return False
+            for after, robot in self._after_pushes(chosen, shifts, clearance, reached, pushes):
+                place = (
+                    self._places(chosen, after) + np.floor(robot / domain.block).astype(np.int32).tobytes()
+                )
+                if place not in queued:
+                    queued.add(place)
+                    open_states.append((after, None, robot))
+        return True
+
+    def _places(self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
+        """Places of the bodies; closer than half a step they are one."""
+        return np.rint(shifts[list(chosen)] * (2.0 / self.step)).astype(np.int32).tobytes()
+
+    def _around(
+        self, clearance: Float32[np.ndarray, "r c"], point: Float[np.ndarray, "2"]
+    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
+        domain = self.domain
+        return seed_cells(
+            clearance, point, domain.radius, domain.slow, self.heuristic.units, block=domain.block
+        )
+
+    def _component(
+        self, clearance: Float32[np.ndarray, "r c"], near: Int32[np.ndarray, "k"]
+    ) -> Bool[np.ndarray, "n"] | None:
+        """Nodes that the robot gets to."""
+        from ._travel_kernels import flood
+
+        near = near[clearance.ravel()[near] >= self.domain.radius]
+        return flood(clearance, self.domain.radius, near) if near.size else None
+
+    def _after_pushes(
+        self,
+        chosen: tuple[int, ...],
+        shifts: Float[np.ndarray, "bodies 2"],
+        clearance: Float32[np.ndarray, "r c"],
+        reached: Bool[np.ndarray, "n"],
+        pushes: Int[np.ndarray, "m"],
+    ) -> Iterator[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]]]:
+        """Configurations one step on, and where the robot is."""
+        from ._push_search_kernels import free_push_length
+        from ._travel_kernels import FAR, reach_costs
+
+        domain, heuristic = self.domain, self.heuristic
+        bodies, numbers = heuristic.pairs[pushes].T
+        stands = heuristic.centres[bodies] + shifts[bodies] + heuristic.stands[pushes]
+        field = np.where(reached, 0, FAR).astype(np.int32)
+        near = reach_costs(clearance, field, stands, domain.radius, domain.slow, domain.block) < FAR
+        for k in np.flatnonzero(near).tolist():
+            index = int(bodies[k])
+            body, shift, push = (
+                domain.bodies[index],
+                shifts[index],
+                heuristic.contacts[index][int(numbers[k])],
+            )
+            outlines = [domain.bodies[o].outline + shifts[o] for o in chosen if o != index]
+            outlines += domain.immovable_outlines
+            starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
+            touch = body.centre + shift + push.robot
+            free = free_push_length(
+                domain.occupied, domain.clearance, body.samples + shift, body.around + shift,
+                body.outline + shift, np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts,
+                touch[0], touch[1], push.direction[0], push.direction[1], domain.radius, self.step,
+            )  # fmt: skip
+            if free > 0.0:
+                after = shifts.copy()
+                after[index] = shift + free * push.direction
+                yield after, stands[k] + free * push.direction

@@ -1,0 +1,60 @@
+"""Cells that an object covers: freed and occupied in place; grid coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+__all__ = ["clear_cells", "fill_cells"]
+
+
+def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: float) -> tuple[slice, slice]:
+    c0, r0 = np.maximum(np.floor(outline.min(axis=0) - grow).astype(int), 0)
+    c1, r1 = np.ceil(outline.max(axis=0) + grow).astype(int)
+    return slice(min(r0, shape[0]), max(min(r1, shape[0]), 0)), slice(
+        min(c0, shape[1]), max(min(c1, shape[1]), 0)
+    )
+
+
+def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
+    """Cells of a window whose square meets the outline's inside."""
+    import shapely
+
+    r, c = np.mgrid[window]
+    body = shapely.Polygon(outline).buffer(-1e-6)  # a square that the outline only touches is not its own
+    shapely.prepare(body)
+    return np.asarray(shapely.intersects(body, shapely.box(c, r, c + 1, r + 1)))
+
+
+def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+    """Free an object's cells in place: those it covers, and spurious components beside it.
+
+    Parameters
+    ----------
+    occupied
+        Whether a cell is an obstacle; changed in place.
+    outline
+        Corners in grid coordinates [cells].
+    """
+    from .._joint_kernels import free_object
+
+    window = _window(occupied.shape, outline, 4.0)
+    part = np.ascontiguousarray(occupied[window])
+    if part.size:
+        free_object(part, outline, window[0].start, window[1].start)
+        occupied[window] = part
+
+
+def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+    """Occupy the cells that an object covers, in place.
+
+    Parameters
+    ----------
+    occupied
+        Whether a cell is an obstacle; changed in place.
+    outline
+        Corners in grid coordinates [cells].
+    """
+    window = _window(occupied.shape, outline, 1.0)
+    if occupied[window].size:
+        occupied[window] |= _touched(outline, window)

@@ -1,0 +1,299 @@
+"""One pass of weighted A* over pushes: expands states, works out contacts and lengths when they are the best.
+
+A contact waits in the queue with a lower bound and is worked out only when it is taken: how far the push is free of
+collisions, and at which lengths it joins pieces of free space. A length waits with the bound of its parent, and is
+put back with that of the configuration that it leads to.
+"""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int32
+
+from .drives import drives_exist
+from .push_heuristic import PushHeuristic
+from .push_states import (
+    PushStep,
+    SearchLimits,
+    SearchResult,
+    SearchState,
+    SeenFields,
+    push_sequence,
+    seed_cells,
+)
+from .search_domain import SearchDomain
+
+__all__ = ["PushPass"]
+
+#: Pushes are tried in multiples of this [m], where the free space allows it.
+LENGTH_STEP_M = 0.05
+#: Lengths tried of every push, and beyond one that joins pieces of free space [steps].
+LADDER, BEYOND = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
+#: Where it stands off an object the robot may be nearer to an obstacle by so much [cells].
+STAND_SLACK = 0.15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Contact:
+    """A push that can be reached, of no length yet."""
+
+    parent: SearchState
+    body: int
+    number: int
+    spent: float  #: with the drive to the contact [units]
+    reached: bool  #: whether the goal could be reached without it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Push:
+    """A push that waits in the queue; its state is generated only when it is taken, as most never are."""
+
+    contact: _Contact
+    length: float
+    spent: float
+    opens: bool
+    refined: bool = False
+
+
+@dataclass(slots=True)
+class _Queue:
+    """Open entries by their estimated cost; what cannot beat the best plan known is refused."""
+
+    best: float  #: cost of the best plan known [units]
+    entries: list[tuple[float, int, SearchState | _Contact | _Push]] = field(default_factory=list)
+    goal: SearchState | None = None  #: from where the best plan of this pass drives to the goal
+    pushed: int = 0  #: breaks ties: first in, first out
+
+    def push(self, estimate: float, entry: SearchState | _Contact | _Push) -> None:
+        if estimate < self.best:
+            self.pushed += 1
+            heapq.heappush(self.entries, (estimate, self.pushed, entry))
+
+
+class PushPass:
+    """One pass over the queue, with a heuristic weight.
+
+    Parameters
+    ----------
+    heuristic
+        Costs of pushes and lower bounds of the cost-to-go.
+    weight
+        Of the heuristic; with 1 the bound is one of all plans of the model.
+    limits
+        Memory and pushes.
+    deadline_s
+        When to stop, on the monotonic clock.
+    bodies
+        Indices of those that are pushed; by default all that the heuristic knows.
+    """
+
+    def __init__(
+        self,
+        heuristic: PushHeuristic,
+        weight: float,
+        limits: SearchLimits,
+        deadline_s: float,
+        bodies: Collection[int] | None = None,
+    ) -> None:
+        chosen = heuristic.active if bodies is None else list(bodies)
+        self.allowed = np.isin(heuristic.pairs[:, 0], chosen)
+        self.heuristic, self.weight, self.limits = heuristic, weight, limits
+        self.deadline_s, self.domain = deadline_s, heuristic.domain
+        self.step = LENGTH_STEP_M / self.domain.map.resolution_m
+        self.seen = SeenFields(limits.memory_bytes // 4)
+        self.queue = _Queue(float("inf"))
+        self.start = np.zeros(2)
+
+    def run(
+        self, first: SearchState, expansions: int, known: float = float("inf"), gap: float = 0.0
+    ) -> SearchResult:
+        """Search until the best plan is within the gap, the queue runs empty, or the budget is spent.
+
+        Parameters
+        ----------
+        first
+            Where everything is at the start.
+        expansions
+            Configurations looked at, at most.
+        known
+            Cost of the best plan known [units]; what cannot be cheaper is left out.
+        gap
+            How far the plan may be from the bound, as a fraction of it.
+        """
+        units = self.heuristic.units / self.domain.block
+        self.start = first.robot
+        self.queue = queue = _Queue(known, [(0.0, 0, first)])
+        expanded, bound, exhausted = 0, 0.0, True
+        while queue.entries:
+            if time.monotonic() > self.deadline_s or expanded >= expansions:
+                exhausted = False
+                break
+            estimate, _, entry = heapq.heappop(queue.entries)
+            bound = max(bound, min(estimate, queue.best))
+            if estimate * (1.0 + gap) >= queue.best:
+                break
+            if isinstance(entry, _Contact):
+                self._lengths(entry)
+            elif isinstance(entry, _Push) and not entry.refined:
+                self._refine(entry)
+            else:
+                state = entry if isinstance(entry, SearchState) else _state(self.heuristic, entry)
+                expanded += 1
+                self._expand(state)
+                exhausted = exhausted and state.depth < self.limits.pushes
+        else:
+            bound = queue.best
+        if queue.goal is not None:
+            steps = push_sequence(queue.goal)
+            return SearchResult(True, steps, queue.best / units, bound / units, expanded)
+        return SearchResult(False, bound=bound / units, expanded=expanded, exhausted=exhausted)
+
+    def _expand(self, state: SearchState) -> None:
+        """The drive to the goal, and the contacts that the robot can reach."""
+        from ._travel_kernels import clearances_at, reach_costs, travel_field
+
+        domain, heuristic, queue = self.domain, self.heuristic, self.queue
+        clearance = domain.lattice_with(state.shifts)
+        cells, costs = _seeds(domain, clearance, state.robot, 1 if state.depth else 2)
+        if not cells.size or any(self.seen.dominated(state, int(cell)) for cell in cells):
+            return
+        bounded = bool(np.isfinite(queue.best))
+        none = np.zeros(0, np.int32)
+        cost, _ = travel_field(
+            clearance, domain.radius, domain.slow, cells, costs, np.zeros((0, 0), np.int32), none,
+            heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
+        )  # fmt: skip
+        self.seen.add(state, cost)
+        goal_cells, goal_costs = heuristic.goal_seeds(clearance)
+        reached = False
+        if goal_cells.size:
+            cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
+            if reached := cheapest < heuristic.far:
+                self._arrive(float(state.spent + cheapest), state)
+        if not len(heuristic.pairs) or state.depth >= self.limits.pushes:
+            return
+        bodies, numbers = heuristic.pairs.T
+        points = heuristic.centres[bodies] + state.shifts[bodies] + heuristic.stands
+        approach = reach_costs(clearance, cost, points, domain.radius, domain.slow, domain.block)
+        usable = self.allowed & (approach < heuristic.far)
+        usable &= clearances_at(domain.clearance, points) >= domain.radius - STAND_SLACK
+        if (last := state.step) is not None and last.length < heuristic.longest(last.body) - 0.5:
+            usable &= (bodies != last.body) | (numbers != last.contact)  # a longer push is the same
+        usable = np.flatnonzero(usable)
+        if not len(usable):
+            return
+        spent = state.spent + approach[usable]
+        left = self._left(state, bodies[usable], points[usable])
+        estimates = spent + heuristic.least[bodies[usable]] + left * self.weight
+        for i in np.flatnonzero(estimates < queue.best).tolist():
+            body, number = int(bodies[usable[i]]), int(numbers[usable[i]])
+            queue.push(float(estimates[i]), _Contact(state, body, number, float(spent[i]), reached))
+
+    def _arrive(self, cost: float, state: SearchState) -> None:
+        """A plan that ends by driving from a state to the goal; taken where it is better, and exists on the map."""
+        if cost >= self.queue.best:
+            return
+        steps, domain = push_sequence(state), self.domain
+        if domain.block == 1 or drives_exist(domain, steps, self.start, self.heuristic.goal):
+            self.queue.best, self.queue.goal = cost, state
+
+    def _left(
+        self, state: SearchState, bodies: Int32[np.ndarray, "n"], ends: Float[np.ndarray, "n 2"]
+    ) -> Float[np.ndarray, "n"]:
+        """Lower bounds of the cost-to-go after pushes that leave the robot at some points [units]."""
+        heuristic = self.heuristic
+        # The field of the new configuration is computed for those successors only that are taken.
+        charges = np.zeros(len(state.shifts))
+        for body in set(bodies.tolist()):
+            charges[body] = heuristic.crossing(body, state.shifts[body])
+        relief = charges[bodies]
+        field = heuristic.to_go(heuristic.field(state.shifts), ends)
+        free = heuristic.to_go(heuristic.free_field, ends)
+        return np.where(free >= heuristic.far, np.inf, np.maximum(field - relief, free))
+
+    def _lengths(self, contact: _Contact) -> None:
+        """Pushes by one contact, as far as they are free of collisions."""
+        from ._push_search_kernels import free_push_length, opening_lengths
+
+        domain, heuristic, state = self.domain, self.heuristic, contact.parent
+        body, shift = domain.bodies[contact.body], state.shifts[contact.body]
+        push = heuristic.contacts[contact.body][contact.number]
+        touch = body.centre + shift + push.robot
+        outlines, starts = domain.obstacle_outlines(state.shifts, contact.body)
+        free = free_push_length(
+            domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
+            outlines, starts, touch[0], touch[1], push.direction[0], push.direction[1],
+            domain.radius, heuristic.longest(contact.body),
+        )  # fmt: skip
+        if free < 0.5:
+            return
+        stand = touch - heuristic.stand_off * push.direction
+        opening = opening_lengths(
+            domain.lattice_with(state.shifts, contact.body), body.outline + shift, *push.direction,
+            domain.radius, domain.block, free, *stand, *heuristic.goal,
+        )  # fmt: skip
+        opens_at = float(opening.min()) if len(opening) else float("inf")
+        lengths = np.array([n for n in self._tried(free, opening) if not contact.reached or n >= opens_at])
+        if not len(lengths):
+            return
+        ends = stand + lengths[:, None] * push.direction
+        left = self._left(state, np.full(len(lengths), contact.body), ends)
+        free_left = heuristic.to_go(heuristic.free_field, ends)
+        for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
+            opens = length >= opens_at
+            spent = contact.spent + heuristic.push_units(contact.body, length, oblique=push.oblique)
+            if not opens:  # another push has to follow
+                to_go = max(to_go, driven + heuristic.min_any_push)
+                if self.weight > 1.0:
+                    to_go += heuristic.crossing(contact.body, shift)
+            entry = _Push(contact, length, spent, opens)
+            if np.isfinite(to_go):
+                self.queue.push(spent + to_go * self.weight, entry)
+
+    def _tried(self, free: float, opening: Float[np.ndarray, "k"]) -> list[float]:
+        """Lengths that are tried of a push [cells], ascending."""
+        step = self.step
+        closed = min([free, *opening.tolist()])
+        lengths = {n * step for n in LADDER if n * step <= closed}
+        lengths.add(free if free < step else np.floor(free / step + 1e-6) * step)
+        for length in opening:
+            first = np.ceil(length / step - 1e-6)
+            lengths |= {(first + n) * step for n in BEYOND if (first + n) * step <= free}
+            if first * step > free:
+                lengths.add(free)
+        return sorted(lengths)
+
+    def _refine(self, entry: _Push) -> None:
+        """Put a push back with the estimate of the configuration that it leads to."""
+        heuristic = self.heuristic
+        state = _state(heuristic, entry)
+        to_go = float(heuristic.to_go(heuristic.field(state.shifts, state.robot), state.robot[None])[0])
+        if to_go < heuristic.far:
+            self.queue.push(entry.spent + to_go * self.weight, replace(entry, refined=True))
+
+
+def _state(heuristic: PushHeuristic, entry: _Push) -> SearchState:
+    """The state that a push leads to."""
+    contact = entry.contact
+    parent, body = contact.parent, heuristic.domain.bodies[contact.body]
+    push = heuristic.contacts[contact.body][contact.number]
+    after = parent.shifts.copy()
+    after[contact.body] = parent.shifts[contact.body] + entry.length * push.direction
+    touch = body.centre + parent.shifts[contact.body] + push.robot
+    approach = touch - heuristic.stand_off * push.direction
+    robot = approach + entry.length * push.direction
+    step = PushStep(contact.body, contact.number, entry.length, parent.shifts, after, approach, touch, robot)
+    return SearchState(entry.spent, robot, after, parent, step, parent.depth + 1)
+
+
+def _seeds(
+    domain: SearchDomain, clearance: np.ndarray, point: Float[np.ndarray, "2"], reach: int
+) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
+    from ._travel_kernels import UNITS
+
+    return seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=reach, block=domain.block)

@@ -1,0 +1,356 @@
+"""What the robot protocols promise beyond their signatures, tried on a robot: units, time, limits, stop.
+
+The robot moves: 10 cm and half a turn of a radian with its base, 2 cm with its arm, 1 cm with its fingers.
+Every rule is one comparison of what was commanded with what the robot says of itself, wide enough for ramps
+and delays (half to one and a half times), and narrow enough that no unit is mistaken for another.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.frame import Frame
+from ...core.camera.pose import Pose
+from ...core.errors import InputError, VisuohapticError
+from ...core.geometry import wrap_angle
+from ...core.robots import (
+    BaseState,
+    FrameSource,
+    Gripper,
+    GripperState,
+    MobileBase,
+    ProbeArm,
+    require_members,
+)
+
+__all__ = ["ContractRule", "RobotParts", "check_robot"]
+
+#: Commands of the trial: speeds [m/s], turn rate [rad/s], and for how long they hold [s].
+SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0
+#: Distances that arm and fingers move [m].
+LIFT_m, SQUEEZE_m = 0.02, 0.01
+#: What arrives, by what was commanded: a ramp of a quarter of the time takes an eighth of the way.
+LEAST, MOST = 0.5, 1.5
+#: What stands still moves less than this [m], [rad]; a place is reached as well as this.
+STILL_m, STILL_rad, REACHED_m = 0.002, 0.01, 0.002
+#: Frames that are looked at.
+FRAMES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class RobotParts:
+    """Parts of one robot; those it does not have are ``None``."""
+
+    base: MobileBase | None = None
+    arm: ProbeArm | None = None
+    gripper: Gripper | None = None
+    camera: FrameSource | None = None
+    wait: Callable[[float], None] = time.sleep  #: lets seconds pass; a simulation steps here
+
+
+@dataclass(frozen=True, slots=True)
+class ContractRule:
+    """One rule, and why it is broken."""
+
+    part: str  #: base, arm, gripper or camera
+    rule: str  #: what is promised
+    problem: str  #: what was found instead; empty when the rule is kept
+
+
+def check_robot(
+    robot: RobotParts | Mapping[str, Any], *, motion: bool = True, where: str = "robot"
+) -> list[ContractRule]:
+    """Try the parts of a robot against their protocols; everything is stopped at the end.
+
+    Parameters
+    ----------
+    robot
+        Its parts, or a mapping with the same names.
+    motion
+        Move it; without, only signatures, readings and images are looked at.
+    where
+        Name of the robot in messages.
+
+    Returns
+    -------
+    list of ContractRule
+        In the order in which they were tried; after a broken one the rest of a part may be left out.
+
+    Raises
+    ------
+    InputError
+        No part at all, or a name that is none.
+
+    Examples
+    --------
+    >>> class Still:
+    ...     def drive(self, speed_m_s, turn_rate_rad_s): pass
+    ...     def stop(self): pass
+    ...     def state(self): return BaseState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    >>> broken = [rule for rule in check_robot({"base": Still(), "wait": lambda s: None}) if rule.problem]
+    >>> broken[0].rule
+    'time advances, in seconds'
+    """
+    parts = _parts(robot, where)
+    tried: dict[str, tuple[type, Callable[..., Iterator[tuple[str, str]]]]] = {
+        "base": (MobileBase, _base_rules),
+        "arm": (ProbeArm, _arm_rules),
+        "gripper": (Gripper, _gripper_rules),
+        "camera": (FrameSource, _camera_rules),
+    }
+    found = []
+    for name, (protocol, rules) in tried.items():
+        part = getattr(parts, name)
+        if part is None:
+            continue
+        signature = f"it is a {protocol.__name__}"
+        try:
+            require_members(part, protocol, where, role=name)
+        except InputError as problem:
+            found.append(ContractRule(name, signature, str(problem)))
+            continue
+        found.append(ContractRule(name, signature, ""))
+        for trial in (rules(part, parts.wait, motion), _stopped(part)):
+            try:
+                for rule, fault in trial:
+                    found.append(ContractRule(name, rule, fault))
+                    if fault:
+                        break
+            except Exception as problem:  # noqa: BLE001 - whatever somebody's robot raises is a finding
+                fault = f"{type(problem).__name__}: {problem}, after '{found[-1].rule}'"
+                found.append(ContractRule(name, "its methods work", fault))
+    return found
+
+
+def _stopped(part: Any) -> Iterator[tuple[str, str]]:
+    if hasattr(part, "stop"):
+        part.stop()
+    yield "stop() can be called at any time", ""
+
+
+def _parts(robot: RobotParts | Mapping[str, Any], where: str) -> RobotParts:
+    names = [field.name for field in fields(RobotParts)]
+    if isinstance(robot, Mapping):
+        if unknown := [name for name in robot if name not in names]:
+            raise InputError(where, f"found part {unknown[0]!r}, expected some of {', '.join(names)}")
+        robot = RobotParts(**robot)
+    if not isinstance(robot, RobotParts):
+        raise InputError(
+            where, f"found {type(robot).__name__}, expected RobotParts or a mapping of {', '.join(names)}"
+        )
+    if all(getattr(robot, name) is None for name in names if name != "wait"):
+        raise InputError(where, f"has no parts, expected one of {', '.join(names[:-1])} at least")
+    return robot
+
+
+def _between(found: float, commanded: float, unit: str) -> str:
+    """Nothing when as much arrived as a ramp allows, else both numbers."""
+    if LEAST <= found / commanded <= MOST:
+        return ""
+    return f"found {found:.4g} {unit} where {commanded:.4g} {unit} were commanded"
+
+
+def _clock(before: float, after: float, waited_s: float) -> str:
+    passed = after - before
+    if LEAST * waited_s <= passed <= MOST * waited_s:
+        return ""
+    return f"found {passed:.4g} s in its times while {waited_s:.4g} s passed"
+
+
+def _refuses(command: Callable[[], object]) -> str:
+    """A command that makes no sense is an error of this library's kinds, not silence."""
+    try:
+        command()
+    except (VisuohapticError, ValueError):
+        return ""
+    return "was accepted without an error, expected InputError, DeviceError or ValueError"
+
+
+def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
+    start = base.state()
+    yield "state() is a BaseState", "" if isinstance(start, BaseState) else f"found {type(start).__name__}"
+    numbers = [getattr(start, field.name) for field in fields(BaseState)]
+    yield "its numbers are finite", "" if np.isfinite(numbers).all() else f"found {start}"
+    wait(HOLD_s)
+    still = base.state()
+    yield "time advances, in seconds", _clock(start.t_s, still.t_s, HOLD_s)
+    if not motion:
+        return
+    base.drive(0.0, TURN_rad_s)
+    wait(HOLD_s)
+    turned = base.state()
+    angle = turned.heading_rad - still.heading_rad
+    if max(abs(turned.heading_rad), abs(still.heading_rad)) <= math.pi:
+        angle = wrap_angle(angle)
+    yield (
+        "a positive turn rate turns counter-clockwise, in radians, until the next command",
+        _between(angle, TURN_rad_s * HOLD_s, "rad"),
+    )
+    base.stop()
+    wait(1.0)
+    aligned = base.state()
+    base.drive(SPEED_m_s, 0.0)
+    wait(0.5 * HOLD_s)
+    half = base.state()
+    wait(0.5 * HOLD_s)
+    driven = base.state()
+    way = np.array([driven.x_m - aligned.x_m, driven.y_m - aligned.y_m])
+    heading = np.array([math.cos(aligned.heading_rad), math.sin(aligned.heading_rad)])
+    yield "a positive speed drives metres", _between(float(np.hypot(*way)), SPEED_m_s * HOLD_s, "m")
+    yield (
+        "it drives where its heading points",
+        ""
+        if float(way @ heading) > 0.9 * float(np.hypot(*way))
+        else f"found a way along ({way[0]:.3g}, {way[1]:.3g}) m at a heading of {aligned.heading_rad:.3g} rad",
+    )
+    yield "speed_m_s is what it drives", _between(half.speed_m_s, SPEED_m_s, "m/s")
+    base.stop()
+    wait(1.0)
+    rest = base.state()
+    wait(0.5)
+    later = base.state()
+    drift_m = math.hypot(later.x_m - rest.x_m, later.y_m - rest.y_m)
+    turn_rad = abs(later.heading_rad - rest.heading_rad)
+    yield (
+        "it stands a second after stop()",
+        ""
+        if drift_m < STILL_m and turn_rad < STILL_rad
+        else f"found {1e3 * drift_m:.3g} mm and {turn_rad:.3g} rad in half a second",
+    )
+    yield "a speed that is no number is refused", _refuses(lambda: base.drive(math.nan, 0.0))
+
+
+def _gripper_rules(
+    gripper: Gripper, wait: Callable[[float], None], motion: bool
+) -> Iterator[tuple[str, str]]:
+    start = gripper.state()
+    yield (
+        "state() is a GripperState",
+        "" if isinstance(start, GripperState) else f"found {type(start).__name__}",
+    )
+    yield (
+        "its opening is in metres",
+        "" if 0 <= start.opening_m < 0.5 else f"found {start.opening_m}, expected 0 to 0.5",
+    )
+    wait(0.5)
+    yield "time advances, in seconds", _clock(start.t_s, gripper.state().t_s, 0.5)
+    if not motion:
+        return
+    sign = -1.0 if start.opening_m > 1.5 * SQUEEZE_m else 1.0
+    target, speed = start.opening_m + sign * SQUEEZE_m, 0.01
+    gripper.move(target, speed)
+    wait(0.5 * SQUEEZE_m / speed)
+    half = gripper.state()
+    gone = sign * (half.opening_m - start.opening_m)
+    yield "it moves at the speed it is told", _between(gone, 0.5 * SQUEEZE_m, "m")
+    yield "speed_m_s is the rate of the opening", _between(half.speed_m_s, sign * speed, "m/s")
+    gripper.stop()
+    wait(0.3)
+    held = gripper.state().opening_m
+    wait(0.5)
+    drift_m = abs(gripper.state().opening_m - held)
+    yield (
+        "it holds after stop()",
+        "" if drift_m < 0.5 * STILL_m else f"found {1e3 * drift_m:.3g} mm in half a second",
+    )
+    gripper.move(target, speed)
+    wait(SQUEEZE_m / speed + 0.5)
+    missed = abs(gripper.state().opening_m - target)
+    yield (
+        "it reaches what it is told",
+        "" if missed < REACHED_m else f"is {1e3 * missed:.3g} mm from the opening commanded",
+    )
+    yield "an opening below 0 is refused", _refuses(lambda: gripper.move(-0.01, speed))
+    yield "a speed that is no number is refused", _refuses(lambda: gripper.move(target, math.nan))
+    gripper.move(start.opening_m, speed)
+    wait(SQUEEZE_m / speed + 0.5)
+
+
+def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
+    t_s, start = arm.pose()
+    yield "pose() is a time and a Pose", "" if isinstance(start, Pose) else f"found {type(start).__name__}"
+    reach = np.asarray(arm.reach_m(), dtype=float)
+    good = reach.shape == (2,) and np.isfinite(reach).all() and 0 <= reach[0] < reach[1] < 10.0
+    yield "reach_m() is two ascending distances in metres", "" if good else f"found {reach.tolist()}"
+    far = float(np.linalg.norm(start.translation_m))
+    yield (
+        "the tip is within its reach, in metres",
+        "" if reach[0] <= far <= reach[1] else f"found {far:.4g} m, reach {reach[0]:.4g} to {reach[1]:.4g} m",
+    )
+    wait(0.5)
+    yield "time advances, in seconds", _clock(t_s, arm.pose()[0], 0.5)
+    if not motion:
+        return
+    up = np.array([0.0, 0.0, LIFT_m])
+    # Towards the middle of the reach: up or down, whichever stays inside.
+    above = float(np.linalg.norm(start.translation_m + up))
+    up = up if above <= reach[1] else -up
+    target = Pose(start.rotation, start.translation_m + up)
+    arm.move_linear(target, LIFT_m)
+    wait(0.5)
+    half = arm.pose()[1].translation_m - start.translation_m
+    along = float(half @ up) / LIFT_m
+    yield "it moves at the speed it is told", _between(along, 0.5 * LIFT_m, "m")
+    aside = float(np.linalg.norm(half - along * up / LIFT_m))
+    yield (
+        "it moves in a straight line",
+        "" if aside < STILL_m else f"is {1e3 * aside:.3g} mm beside it half way",
+    )
+    arm.stop()
+    wait(0.3)
+    held: Float[np.ndarray, "3"] = arm.pose()[1].translation_m
+    wait(0.5)
+    drift_m = float(np.linalg.norm(arm.pose()[1].translation_m - held))
+    yield (
+        "it holds after stop()",
+        "" if drift_m < STILL_m else f"found {1e3 * drift_m:.3g} mm in half a second",
+    )
+    arm.move_linear(target, LIFT_m)
+    wait(1.5)
+    missed = float(np.linalg.norm(arm.pose()[1].translation_m - target.translation_m))
+    yield (
+        "it reaches what it is told",
+        "" if missed < REACHED_m else f"is {1e3 * missed:.3g} mm from the pose commanded",
+    )
+    away = Pose(start.rotation, np.array([0.0, 0.0, 3.0 * reach[1]]))
+    yield "a pose out of reach is refused", _refuses(lambda: arm.move_linear(away, LIFT_m))
+    yield "a speed of 0 is refused", _refuses(lambda: arm.move_linear(target, 0.0))
+    arm.move_linear(start, LIFT_m)
+    wait(1.5)
+
+
+def _camera_rules(
+    camera: FrameSource, _wait: Callable[[float], None], _motion: bool
+) -> Iterator[tuple[str, str]]:
+    frames: list[Frame] = []
+    for frame in camera:
+        frames.append(frame)
+        if len(frames) == FRAMES or not isinstance(frame, Frame):
+            break
+    yield "it has frames", "" if frames else "found none"
+    kinds = {type(frame).__name__ for frame in frames if not isinstance(frame, Frame)}
+    yield "they are of type Frame", f"found {kinds.pop()}" if kinds else ""
+    times = np.diff([frame.t_s for frame in frames])
+    yield (
+        "their times ascend, in seconds",
+        "" if ((times > 0) & (times < 10.0)).all() else f"found steps of {times.round(6).tolist()} s",
+    )
+    numbers = [frame.index for frame in frames]
+    yield "their indices ascend", "" if (np.diff(numbers) > 0).all() else f"found {numbers}"
+    sizes = {frame.image.shape for frame in frames}
+    yield "they are of one size", "" if len(sizes) == 1 else f"found {sorted(sizes)}"
+    model = camera.camera
+    if model is not None:
+        rows, columns = frames[0].image.shape[:2]
+        size = (model.width, model.height)
+        yield (
+            "the camera's model is of that size",
+            "" if size == (columns, rows) else f"found {size} for images of {columns} x {rows}",
+        )

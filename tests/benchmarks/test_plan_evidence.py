@@ -1,0 +1,54 @@
+"""A slice of the planner's campaigns: a call that hangs is ended, the rest goes on, and rows become a table."""
+
+import math
+
+from benchmarks._plan_campaigns import CAMPAIGNS
+from benchmarks._plan_child import Planner, described
+from benchmarks._plan_judge import FAULT_M
+from benchmarks.doors_evidence import table
+from benchmarks.plan_evidence import seeds_of
+from tests.worlds.floor_scenes import doors_in_series
+
+
+def test_even_seeds_are_open_and_odd_ones_closed():
+    assert seeds_of("open", 3) == [0, 2, 4]
+    assert seeds_of("closed", 3) == [1, 3, 5]
+
+
+def test_a_call_over_its_time_is_ended_and_the_next_one_answered():
+    planner = Planner(budget_s=60.0)
+    try:
+        request = {"do": "plan", "problem": described(doors_in_series(0, 2), 0.05)}
+        assert planner.ask(request, budget_s=1e-3)["status"] == "time"
+        row = CAMPAIGNS["oracle"].play(planner, "2")
+        assert row["answer"] == "plan"
+        assert row["finished"]
+        # Half a cell's diagonal is what today's cells may hide; the optimum's own grid is 2.7 % too long at most.
+        assert row["fault_m"] < 0.036
+        assert 0.97 < row["true_cost_s"] / row["oracle_s"] < 1.2
+        table = CAMPAIGNS["oracle"].table({"2": row})
+        assert all(line["ours"] is None or math.isfinite(line["ours"]) for line in table)
+        row = CAMPAIGNS["no_plan"].play(planner, "6")
+        assert row["truth"] is True
+        assert row["answer"] in {"proved", "not proved"}
+        row = CAMPAIGNS["push_ends"].play(planner, "2")
+        assert row["off_m"] < 0.1
+        assert FAULT_M < 0.01
+    finally:
+        planner.close()
+
+
+def test_the_table_of_doors_counts_what_was_found_and_how_sure_it_was():
+    rows = [
+        {"confidence": [0.95, 0.95, 0.6, 0.6], "true": [True, True, True, False], "drawn": 4, "cpu_s": 1.0,
+         "curve": [[0.5, 3, 4], [0.7, 2, 2], [0.9, 2, 2]]},
+        {"confidence": [], "true": [], "drawn": 0, "cpu_s": 3.0, "curve": [[0.5, 0, 0], [0.7, 0, 0], [0.9, 0, 0]]},
+    ]  # fmt: skip
+    found = {line["name"]: line["ours"] for line in table("x", rows)}
+    assert found["x: recall"] == 0.75
+    assert found["x: precision"] == 0.75
+    assert found["x: precision from confidence 0.7"] == 1.0
+    assert found["x: true of those told 0.5 to 0.7"] == 0.5
+    # Half of the doors are told 0.95 and true, half 0.6 and true by half: (0.05 + 0.1) / 2.
+    assert math.isclose(found["x: calibration error"], 0.075)
+    assert found["x: CPU time of a floor, median"] == 2.0

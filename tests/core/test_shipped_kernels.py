@@ -1,0 +1,84 @@
+"""Kernels compiled by a release are found where our own are absent; many writers at once never mix."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from visuohaptic.core import kernels
+
+from .kernel_pack import call_pack, write_module
+
+#: Prints the folder of the cache, and the name that its entries have in the package that ships them.
+SHIP = """
+from visuohaptic.core.kernels import cache_folder, shipped_name
+print(cache_folder())
+print(shipped_name())
+"""
+
+
+@pytest.mark.skipif(
+    not kernels._runs_shipped_code(), reason="compiled kernels are shipped for x86-64-v3 only"
+)
+def test_shipped_code_is_used_where_our_own_is_absent(pack, folder, tmp_path):
+    """A package made on one machine is found on another; what it lacks, and other versions, are compiled."""
+    built = {"VISUOHAPTIC_CACHE_DIR": str(tmp_path / "built"), "NUMBA_CPU_NAME": kernels.SHIPPED_CPU}
+    built["NUMBA_CPU_FEATURES"] = ""
+    assert call_pack(pack, **built) == (1011, 2)
+    environment = {**os.environ, **built}
+    done = subprocess.run(
+        [sys.executable, "-c", SHIP], env=environment, check=True, capture_output=True, text=True
+    )
+    made, name = done.stdout.split()
+    package = pack / "visuohaptic_kernels"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    Path(made).rename(package / name)
+    assert call_pack(pack) == (1011, 0)
+    assert not folder.exists()  # nothing is copied
+    for path in (package / name).iterdir():
+        path.write_bytes(path.read_bytes()[:-1])
+    assert call_pack(pack) == (1011, 2)  # damaged: compiled, and kept as our own
+    assert call_pack(pack) == (1011, 0)
+    write_module(pack, "settings", "FACTOR = 30\nNUMBERS = (1, 2)\n")
+    assert call_pack(pack) == (1031, 2)
+    assert call_pack(pack, NUMBA_CPU_NAME="generic") == (1031, 2)
+
+
+@pytest.mark.parametrize(
+    ("machine", "features", "environment"),
+    [("aarch64", True, {}), ("x86_64", False, {}), ("x86_64", True, {"NUMBA_CPU_NAME": "generic"})],
+)
+def test_shipped_code_is_passed_over_on_another_processor(
+    monkeypatch, tmp_path, machine, features, environment
+):
+    (tmp_path / "visuohaptic_kernels").mkdir()
+    (tmp_path / "visuohaptic_kernels" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
+        monkeypatch.delenv(name, raising=False)
+
+    def found(machine, features):
+        monkeypatch.setattr("platform.machine", lambda: machine)
+        present = dict.fromkeys(kernels._SHIPPED_FEATURES, True) | {"fma": features}
+        monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", lambda: present)
+        return kernels._shipped_package.__wrapped__()
+
+    assert found("x86_64", True) == tmp_path / "visuohaptic_kernels"
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    assert found(machine, features) is None
+
+
+def test_processes_that_save_at_once_never_mix(tmp_path):
+    """A slice of the campaign of ``benchmarks.cold_start``: nothing wrong is ever loaded, and nothing is lost."""
+    from benchmarks.cold_start import saves
+
+    rows = list(saves(range(0, 40, 2), tmp_path / "cache"))
+    assert [seed for seed, _, _ in rows] == list(range(0, 40, 2))
+    assert [wrong for _, _, wrong in rows] == [0] * 20
+    assert sum(loaded for _, loaded, _ in rows) > 0  # the reader did read while they wrote

@@ -1,0 +1,259 @@
+"""A robot that keeps its promises passes, and each of thirty wrong ones is told which it breaks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.tasks import example_robot as right
+
+from visuohaptic.cli.main import main
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Frame
+from visuohaptic.simulation.mobile import SimulatedBase
+from visuohaptic.simulation.tabletop import SimulatedArm
+from visuohaptic.tasks.framework import RobotParts, check_robot
+
+
+def broken(rules):
+    return [(rule.part, rule.rule) for rule in rules if rule.problem]
+
+
+def told(**changes):
+    """A base whose state says something else."""
+
+    class Base(right.Base):
+        def state(self):
+            true = super().state()
+            return replace(true, **{name: change(true) for name, change in changes.items()})
+
+    return Base()
+
+
+def driven(change):
+    """A base whose wheels do something else."""
+
+    class Base(right.Base):
+        def drive(self, speed_m_s, turn_rate_rad_s):
+            super().drive(*change(speed_m_s, turn_rate_rad_s))
+
+    return Base()
+
+
+class Deaf(right.Base):
+    def drive(self, speed_m_s, turn_rate_rad_s):
+        if math.isfinite(speed_m_s):
+            super().drive(speed_m_s, turn_rate_rad_s)
+
+
+class Forgetful(right.Base):
+    """A command holds for a tenth of a second only."""
+
+    def wait(self, duration_s):
+        super().wait(0.1)
+        self.velocity[:] = 0.0
+        super().wait(duration_s - 0.1)
+
+
+class Runaway(right.Base):
+    def stop(self):
+        pass
+
+
+class NoStop:
+    def drive(self, speed_m_s, turn_rate_rad_s): ...
+    def state(self): ...
+    def wait(self, duration_s): ...
+
+
+class OtherArguments(right.Base):
+    def drive(self, twist): ...
+
+
+class Raising(right.Base):
+    def drive(self, speed_m_s, turn_rate_rad_s):
+        raise RuntimeError("no route to host")
+
+
+class Tuple(right.Base):
+    def state(self):
+        return (self.t_s, *self.pose)
+
+
+BASES = {
+    "millimetres": (told(x_m=lambda s: 1e3 * s.x_m, y_m=lambda s: 1e3 * s.y_m), "a positive speed drives metres"),
+    "degrees": (told(heading_rad=lambda s: math.degrees(s.heading_rad)), "a positive turn rate turns"),
+    "clockwise": (told(heading_rad=lambda s: -s.heading_rad), "a positive turn rate turns"),
+    "y to the right": (told(y_m=lambda s: -s.y_m), "it drives where its heading points"),
+    "x and y swapped": (told(x_m=lambda s: s.y_m, y_m=lambda s: s.x_m), "it drives where its heading points"),
+    "milliseconds": (told(t_s=lambda s: 1e3 * s.t_s), "time advances"),
+    "frozen clock": (told(t_s=lambda s: 0.0), "time advances"),
+    "not a number": (told(x_m=lambda s: math.nan), "its numbers are finite"),
+    "speed in cm/s": (told(speed_m_s=lambda s: 100 * s.speed_m_s), "speed_m_s is what it drives"),
+    "no speed": (told(speed_m_s=lambda s: 0.0), "speed_m_s is what it drives"),
+    "frozen odometry": (told(x_m=lambda s: 0.0, y_m=lambda s: 0.0, heading_rad=lambda s: 0.0), "a positive turn"),
+    "wheels in degrees": (driven(lambda v, w: (v, math.radians(w))), "a positive turn rate turns"),
+    "wheels in mm/s": (driven(lambda v, w: (1e-3 * v, w)), "a positive speed drives metres"),
+    "arguments swapped": (driven(lambda v, w: (w, v)), "a positive turn rate turns"),
+    "forgets its command": (Forgetful(), "a positive turn rate turns"),
+    "does not stop": (Runaway(), "it stands a second after stop()"),
+    "takes nonsense": (Deaf(), "a speed that is no number is refused"),
+    "no stop": (NoStop(), "it is a MobileBase"),
+    "other arguments": (OtherArguments(), "it is a MobileBase"),
+    "raises": (Raising(), "its methods work"),
+    "a tuple": (Tuple(), "state() is a BaseState"),
+}  # fmt: skip
+
+
+class OpeningInMillimetres(right.Fingers):
+    def state(self):
+        true = super().state()
+        return replace(true, opening_m=1e3 * true.opening_m)
+
+
+class Closing(right.Fingers):
+    """Its opening is counted from open to closed."""
+
+    def state(self):
+        true = super().state()
+        return replace(true, opening_m=0.1 - true.opening_m)
+
+
+class Slamming(right.Fingers):
+    def move(self, opening_m, speed_m_s):
+        super().move(opening_m, 10 * speed_m_s)
+
+
+class Wandering(right.Fingers):
+    def stop(self):
+        pass
+
+
+class ArmInMillimetres(right.Arm):
+    def reach_m(self):
+        return np.array([100.0, 800.0])
+
+
+class Unlimited(right.Arm):
+    def move_linear(self, T_base_tip, speed_m_s):
+        self.goal, self.speed = T_base_tip.translation_m, speed_m_s
+
+
+class Sideways(right.Arm):
+    def pose(self):
+        t_s, pose = super().pose()
+        return t_s, type(pose)(pose.rotation, pose.translation_m[[2, 0, 1]])
+
+
+class Repeating(right.Pictures):
+    def __iter__(self):
+        return (Frame(np.zeros((4, 6), np.uint8), 0.5, 3) for _ in range(9))
+
+
+class Arrays(right.Pictures):
+    def __iter__(self):
+        return (np.zeros((4, 6), np.uint8) for _ in range(9))
+
+
+OTHERS = {
+    "gripper in mm": ({"gripper": OpeningInMillimetres()}, "its opening is in metres"),
+    "gripper from the other end": ({"gripper": Closing()}, "it moves at the speed it is told"),
+    "fast gripper": ({"gripper": Slamming()}, "it moves at the speed it is told"),
+    "gripper that goes on": ({"gripper": Wandering()}, "it holds after stop()"),
+    "arm in mm": ({"arm": ArmInMillimetres()}, "reach_m() is two ascending distances"),
+    "arm without limits": ({"arm": Unlimited()}, "a pose out of reach is refused"),
+    "arm with other axes": ({"arm": Sideways()}, "it moves"),
+    "one frame again and again": ({"camera": Repeating()}, "their times ascend"),
+    "arrays for frames": ({"camera": Arrays()}, "they are of type Frame"),
+}
+
+
+def test_the_example_keeps_every_rule():
+    rules = check_robot(right.connect())
+    assert not broken(rules)
+    assert {rule.part for rule in rules} == {"base", "arm", "gripper", "camera"}
+    assert len(rules) > 30
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_a_wrong_base_is_told_its_fault(name):
+    base, rule = BASES[name]
+    found = broken(check_robot({"base": base, "wait": base.wait}))
+    assert len(found) == (2 if name == "raises" else 1)  # its stop() raises, too
+    assert found[0][0] == "base"
+    assert found[0][1].startswith(rule)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_another_wrong_part_is_told_its_fault(name):
+    part, rule = OTHERS[name]
+    found = broken(check_robot(right.connect(**part)))
+    assert [(found[0][0], len(found))] == [(next(iter(part)), 1)]
+    assert found[0][1].startswith(rule)
+
+
+def test_a_robot_that_must_not_move_does_not():
+    base = right.Base()
+    base.drive = lambda *_: pytest.fail("it was moved")
+    base.stop = lambda: None
+    assert not broken(check_robot({"base": base, "wait": base.wait}, motion=False))
+
+
+def test_the_simulated_parts_keep_the_contract():
+    class Floor:
+        """Only what the simulated drive needs of its world."""
+
+        def __init__(self):
+            from visuohaptic.simulation.mobile import PlatformConfig
+
+            self.config, self.t_s, self.at, self.now = PlatformConfig(), 0.0, np.zeros(3), (0.0, 0.0)
+
+        def platform_pose(self):
+            return tuple(float(v) for v in self.at)
+
+        def platform_velocity(self):
+            return self.now[0], 0.0, self.now[1]
+
+        def step(self, duration_s):
+            for _ in range(round(duration_s / 0.01)):
+                self.now = base.ramp(0.01)
+                c, s = math.cos(self.at[2]), math.sin(self.at[2])
+                self.at += 0.01 * np.array([self.now[0] * c, self.now[0] * s, self.now[1]])
+                self.t_s += 0.01
+
+    floor = Floor()
+    base = SimulatedBase(floor)
+    arm = SimulatedArm(right.Arm().pose()[1])
+
+    def wait(duration_s):
+        floor.step(duration_s)
+        for _ in range(round(duration_s / 0.01)):
+            arm.advance(0.01)
+
+    assert not broken(check_robot(RobotParts(base=base, arm=arm, wait=wait)))
+
+
+def test_a_robot_without_parts_is_refused():
+    with pytest.raises(InputError, match="has no parts"):
+        check_robot({})
+    with pytest.raises(InputError, match="found part 'wheels'"):
+        check_robot({"wheels": right.Base()})
+
+
+def test_the_doctor_tries_a_robot(capsys, tmp_path, monkeypatch):
+    (tmp_path / "my_robot.py").write_text(
+        "from tests.tasks import example_robot, test_robot_contract as wrong\n"
+        "connect = example_robot.connect\n"
+        "def run_away():\n"
+        "    base = wrong.Runaway()\n"
+        "    return {'base': base, 'wait': base.wait}\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main(["doctor", "--robot", "my_robot:connect"]) == 0
+    assert "kept" in capsys.readouterr().out
+    assert main(["doctor", "--robot", "my_robot:run_away"]) == 2
+    assert "it stands a second after stop()" in capsys.readouterr().err
+    assert main(["doctor", "--robot", "no_such_module:connect"]) == 2
+    assert "cannot be imported" in capsys.readouterr().err
