@@ -41,7 +41,7 @@ from .regions import TransparentRegion, find_regions
 from .search_report import SearchReport, next_eye
 from .view_selection import view_graph
 
-__all__ = ["EvidenceDetector", "EvidenceSettings"]
+__all__ = ["EvidenceDetector", "EvidenceSettings", "ViewEvidence", "reading_tables"]
 
 #: Probabilities of the readings same, farther, nearer, none through glass: thin and clear, strong, faint, filled. Real
 #: D435s drop 29-77 % of its pixels.
@@ -165,7 +165,17 @@ class EvidenceDetector:
     def ratios(
         self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
     ) -> Float32[np.ndarray, "h w"]:
-        """Likelihood ratio of a window of the size of an object around every pixel."""
+        """Likelihood ratio of a window of the size of an object around every pixel (h, w).
+
+        Parameters
+        ----------
+        frame
+            View.
+        rays
+            Its readings.
+        tables
+            Log-likelihood ratios of readings, see :func:`reading_tables` [nat].
+        """
         import cv2
 
         focal_px = frame.camera.focal_px
@@ -287,11 +297,31 @@ class ViewEvidence:
         ratio: Float32[np.ndarray, "h w"],
         look_alike: float,
     ) -> ViewEvidence:
-        """Evidence of windows by their likelihood ratios (h, w) and the fraction of windows that look like glass."""
+        """Evidence of the windows of a view.
+
+        Parameters
+        ----------
+        frame, rays
+            View and its readings.
+        weight
+            Part of an independent view that it is.
+        ratio
+            Likelihood ratio of the window around every pixel (h, w).
+        look_alike
+            Fraction of windows that look like glass anywhere.
+        """
         return cls(frame, weight, rays.limit_m, _log_ratio(ratio, look_alike), _log_ratio(ratio, _BESIDE))
 
     def add(self, grid: SpaceGrid, evidence: np.ndarray, extent: np.ndarray, seen: np.ndarray) -> None:
-        """Add to the sums of a volume."""
+        """Add to the sums of a volume.
+
+        Parameters
+        ----------
+        grid
+            Volume.
+        evidence, extent, seen
+            Sums (x, y, z), see :class:`EvidenceDetector`; changed.
+        """
         from ._ray_kernels import add_evidence
 
         motion = self.frame.T_world_camera.inverse().matrix[:3].astype(np.float32)
@@ -300,7 +330,15 @@ class ViewEvidence:
         add_evidence(*images, motion, *intrinsics(self.frame.camera), *place, evidence, extent, seen)
 
     def explain(self, points_m: Float[np.ndarray, "n 3"], voxel_m: float) -> None:
-        """Rays through voxels say nothing any more."""
+        """Rays through voxels say nothing any more.
+
+        Parameters
+        ----------
+        points_m
+            Centres (n, 3) of voxels in the world [m].
+        voxel_m
+            Their edge [m].
+        """
         import cv2
 
         camera = self.frame.camera
@@ -319,7 +357,13 @@ class ViewEvidence:
 
 
 def reading_tables(images: Sequence[RayImage]) -> Float32[np.ndarray, "kinds n"]:
-    """Log-likelihood ratios by kind of glass and :attr:`RayImage.code`; 0 for the unknown [nat]."""
+    """Log-likelihood ratios by kind of glass and :attr:`RayImage.code`; 0 for the unknown [nat].
+
+    Parameters
+    ----------
+    images
+        Readings of all views, in which the rates without glass are counted.
+    """
     counts = sum(np.bincount(rays.code.ravel(), minlength=5 * CONTEXTS) for rays in images)
     rates = np.reshape(counts, (CONTEXTS, 5))[:, 1:] + _PRIOR_RAYS * _KINDS.mean(axis=0)
     rates /= rates.sum(axis=1, keepdims=True)
