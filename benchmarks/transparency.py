@@ -27,15 +27,19 @@ import numpy as np
 from visuohaptic.io.depth import DepthFrame, DepthSequence
 from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
 from visuohaptic.reconstruction.transparency import (
-    ConsistencyDetector,
+    EvidenceDetector,
+    TrackedNoise,
     TransparencyDetector,
     TransparencySettings,
+    ViewDepth,
     background_model,
     error_image,
     ideal_depth,
     ray_image,
     refine_poses,
 )
+from visuohaptic.reconstruction.transparency.evidence import ViewEvidence, reading_tables
+from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME
 from visuohaptic.rigs import VOXEL_M, detected, disturbed, judged, rendered
 from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
 
@@ -157,14 +161,20 @@ def speed() -> list[dict[str, Any]]:
         score = error_image(model, ideal_depth(last), last.camera, last.T_world_camera, poses)
         published._cast(score, model.mean_m, last)
 
-    detector = ConsistencyDetector(grid)
-    others = [frames[i] for i in (0, 2, 4, 6, 8, 10, 12, 14)]
+    own, others = frames[-1], [frames[i] for i in (0, 2, 4, 6, 8, 10, 12, 14)]
+    tracked = TrackedNoise(SENSOR_NOISE["simulated"])
+    known = [ViewDepth.of_frame(frame, tracked) for frame in others]
+    sums = [np.zeros(grid.shape, np.float32) for _ in range(3)]
+    detector = EvidenceDetector(grid)
 
-    def counted() -> None:
-        detector._count(ray_image(last, others), last)
+    def weighed() -> None:
+        rays = ray_image(ViewDepth.of_frame(own, tracked), known, tracked)
+        ViewEvidence.of_ratios(own, 1.0, rays, detector.ratios(own, rays, reading_tables([rays])), 0.05).add(
+            grid, *sums
+        )
 
     rows: list[dict[str, Any]] = []
-    for name, work in (("published", printed), ("consistency", counted)):
+    for name, work in (("published", printed), ("consistency", weighed)):
         what = f"{name}: model + detection + volume, 640 x 480, 8 views, 200^3"
         rows += [
             {
@@ -237,9 +247,13 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
             counted = (model.reliability > 0) & np.isfinite(depth_m)
             expected_m = model.mean_m
         else:
-            found = ray_image(frame, others, noise)
-            bad = found.label == 2
-            counted = (bad | (found.label == 1)) & np.isfinite(depth_m)
+            tracked = TrackedNoise.measured(
+                frames, [[k + 1 if k + 1 < len(frames) else k - 1] for k in range(len(frames))], noise
+            )
+            near_views = [ViewDepth.of_frame(other, tracked) for other in others]
+            found = ray_image(ViewDepth.of_frame(frame, tracked), near_views, tracked)
+            bad = found.clear & ((found.reading == FAR) | (found.reading == NEAR))
+            counted = (bad | (found.clear & (found.reading == SAME))) & np.isfinite(depth_m)
             expected_m = np.where(found.predicted_m > 0, found.predicted_m, depth_m)
         # The class of a pixel is that of the expected surface: a wrong depth must not choose it.
         rows, columns = np.mgrid[0 : depth_m.shape[0], 0 : depth_m.shape[1]]
@@ -300,7 +314,7 @@ def real() -> list[dict[str, Any]]:
                 detector.add(frame)
             count = len(detector.regions())
         else:
-            better = ConsistencyDetector(grid)
+            better = EvidenceDetector(grid)
             better.run(refine_poses(shelf))
             count = len(better.regions())
         rows.append(

@@ -72,7 +72,16 @@ COMMANDS = (
 )
 
 #: Verbs that read no file.
-NO_FILE = {"template sheet", "cameras", "example foam", "example beam", "reproduce", "warmup", "doctor"}
+NO_FILE = {
+    "template sheet",
+    "cameras",
+    "example foam",
+    "example beam",
+    "example glass",
+    "reproduce",
+    "warmup",
+    "doctor",
+}
 
 KINDS = ("missing", "empty", "folder", "words", "noise", "numbers")
 

@@ -474,6 +474,19 @@ def _example_files(axis: str) -> Check:
     return check
 
 
+def _example_glass(folder: Path, results: list[Any]) -> None:
+    """A bottle is found within its radius, and the surface around it is completed."""
+    written, model, completed = results
+    assert written["views"] > 20
+    truth = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows(folder / "try" / "truth.csv")])
+    centroids = np.array([region["centroid_m"] for region in model["regions"]])[:, :2]
+    # Bottles have radii of 3 cm and more; at least half of them are found.
+    gaps = np.linalg.norm(truth[:, None] - centroids, axis=2).min(axis=1)
+    assert np.median(gaps) < 0.03
+    assert completed["supports"] > 50
+    assert completed["next"]["sigma_m"] > 0
+
+
 def _template_check(folder: Path, results: list[Any]) -> None:
     assert len(results) == 2
     assert (folder / "sheet.pdf").stat().st_size > 1000
@@ -590,6 +603,7 @@ STORIES: dict[str, Story] = {
     "calibrate stripe": Story(lambda f, r: _stripe(r), _gripper),
     "example foam": Story(_example_files("force_N")),
     "example beam": Story(_example_files("fy_N")),
+    "example glass": Story(_example_glass),
     "map inspect": Story(lambda f, r: _office_size(r), _office),
     "map build": Story(_map_build, _scans),
     "map graph": Story(_map_graph, _office),
@@ -691,7 +705,10 @@ def test_every_verb_has_a_story() -> None:
 def test_every_verb_shows_an_example(verb: str) -> None:
     shown = examples(verb)
     assert shown
-    assert all(" ".join(words).startswith(("example", verb, "calibrate", "sense")) for words in shown)
+    assert all(
+        " ".join(words).startswith(("example", verb, "calibrate", "sense", "reconstruct", "complete"))
+        for words in shown
+    )
 
 
 @pytest.mark.parametrize("verb", STORIES)

@@ -25,20 +25,20 @@ def judged(table: Table, regions) -> tuple[int, int]:
 
 @pytest.mark.parametrize("views", [8, 12, 24])
 @pytest.mark.parametrize("shuffled", [False, True])
-def test_half_dropped_glass_is_found_with_few_views_in_any_order(views, shuffled):
+def test_half_dropped_glass_is_found_with_few_views_in_any_order_with_wrong_poses(views, shuffled):
     found = false = 0
     for seed in range(3):
         rng = np.random.default_rng([1, seed, views])
         table = random_table(rng)
-        frames = cast(table, ring(views, turn_rad=rng.uniform(0, 6)), rng)
+        frames = cast(table, ring(views, turn_rad=rng.uniform(0, 6)), rng, pose_sigma=(0.002, 0.005))
         if shuffled:
             frames = [frames[k] for k in rng.permutation(views)]
         result = reconstruct(frames, grid=GRID)
         here = judged(table, result.regions)
         found, false = found + here[0], false + here[1]
         assert result.search.found == bool(result.regions)
-    # Six glasses; at 8 views a voxel has about five rays, of which nearly all must be bad: half of them at least.
-    assert found >= (3 if views == 8 else 5)
+    # Six glasses.
+    assert found >= 5
     assert false == 0
 
 
@@ -71,3 +71,7 @@ def test_three_views_are_said_to_be_too_few():
     assert search.cause == "too few rays"
     assert search.reachable < search.threshold
     assert "add views" in search.text
+    assert search.chance < 0.5
+    assert search.next_eye_m is not None
+    assert f"add a view from ({search.next_eye_m[0]:.2f}" in search.text
+    assert sum(search.seen_by.values()) == pytest.approx(1.0, abs=0.01)

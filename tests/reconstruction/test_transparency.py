@@ -21,19 +21,22 @@ from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid, sensor_no
 from visuohaptic.reconstruction.transparency import (
     HELLINGER_WEIGHT,
     BackgroundModel,
-    ConsistencyDetector,
-    ConsistencySettings,
+    EvidenceDetector,
+    EvidenceSettings,
     LocalViews,
+    TrackedNoise,
     TransparencyDetector,
+    ViewDepth,
     background_model,
     error_image,
     find_regions,
     intrinsics,
     ray_image,
     refine_poses,
+    view_graph,
 )
 from visuohaptic.reconstruction.transparency._background_kernels import cast_rays, view_moments, warp_views
-from visuohaptic.reconstruction.transparency._consistency_kernels import projector_shadow
+from visuohaptic.reconstruction.transparency._ray_kernels import projector_shadow
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 CAMERA = Camera.simple(64, 48, 60.0)
@@ -259,7 +262,7 @@ def test_right_poses_stay_where_they_are(sequence):
 def test_glass_is_found_and_opaque_twins_are_not(sequence):
     scene, frames = sequence
     grid = SpaceGrid.around((-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), 0.01)
-    detector = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
+    detector = EvidenceDetector(grid, SENSOR_NOISE["simulated"])
     detector.run(frames)
     regions = detector.regions()
     centres = grid.centres_m(np.argwhere(np.ones(grid.shape, bool)))
@@ -272,31 +275,59 @@ def test_glass_is_found_and_opaque_twins_are_not(sequence):
         replace(f, depth_m=sensor.render(twin, f.T_world_camera, np.random.default_rng(f.index)))
         for f in frames[:40]
     ]
-    opaque = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
+    opaque = EvidenceDetector(grid, SENSOR_NOISE["simulated"])
     opaque.run(painted)
     assert opaque.regions() == ()
 
 
-def test_depths_near_edges_say_nothing_within_the_cameras_margin():
+def test_readings_near_edges_are_another_context_than_those_away_from_them():
     camera = Camera.simple(160, 120, 300.0)
     depth_m = np.full((120, 160), 1.0, np.float32)
     depth_m[40:80, 60:100] = 0.8  # a box on a wall, edges at columns 60 and 100
     wrong_m = depth_m.copy()
     wrong_m[50:70, 60:100] = 0.9  # contradicts what the other views say, up to the edge
     pose = Pose.identity()
-    others = [DepthFrame(0.1 * i, depth_m, None, pose, camera) for i in range(4)]
-    frame = DepthFrame(1.0, wrong_m, None, pose, camera)
-    noise = replace(SENSOR_NOISE["kinect"], edge_rad=5 / 300)
-    free = ray_image(frame, others, noise, ConsistencySettings(erosion_px=0)).label
-    held = ray_image(frame, others, noise).label
-    assert (free[50:70, 60:100] == 2).all()
-    assert (free[1:40, 1:-1] == 1).all()
-    # A step is seen by the pixels on both sides of it: 1 + 5 of each lose their voice.
-    assert (held[50:70, 66:94] == 2).all()
-    assert (held[50:70, 60:66] == 0).all()
-    assert (held[50:70, 94:100] == 0).all()
-    assert (held[55, 54:60] == 0).all()
-    assert (held[55, 1:54] == 1).all()
+    noise = TrackedNoise(replace(SENSOR_NOISE["kinect"], edge_rad=5 / 300))
+    others = [ViewDepth.of_frame(DepthFrame(0.1 * i, depth_m, None, pose, camera), noise) for i in range(4)]
+    rays = ray_image(ViewDepth.of_frame(DepthFrame(1.0, wrong_m, None, pose, camera), noise), others, noise)
+    assert (rays.reading[50:70, 60:100] == 2).all()  # farther
+    assert (rays.reading[1:40, 1:-1] == 1).all()
+    # The margin is 5 px and the place of a point, less than one; a step is seen by the pixels on both sides of it.
+    assert rays.clear[55:65, 68:92].all()
+    assert not rays.clear[50:70, 60:65].any()
+    assert not rays.clear[50:70, 95:100].any()
+    assert len(np.unique(rays.code[60, 60:80])) >= 3
+
+
+def test_the_false_alarm_rate_moves_the_threshold_and_is_checked(sequence):
+    _, frames = sequence
+    grid = SpaceGrid.around((-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), 0.02)
+    strict, loose = (EvidenceDetector(grid, settings=EvidenceSettings(rate)) for rate in (0.001, 0.1))
+    for detector in (strict, loose):
+        detector.run(frames[::6])
+    # Bonferroni: a hundredth of the rate is log 100 more evidence.
+    assert strict.threshold - loose.threshold == pytest.approx(math.log(100), abs=1e-9)
+    np.testing.assert_allclose(strict.evidence, loose.evidence, atol=1e-5)
+    with pytest.raises(InputError, match="expected between 0 and 1"):
+        EvidenceSettings(0.0)
+
+
+def test_views_from_one_place_count_as_one():
+    frames = [plane_frame(looking_down(x)) for x in (0.0, 0.001, 0.002, 0.5)]
+    weights = view_graph(frames).weights(math.radians(10.0))
+    # Three at one place share the weight of one; a half metre beside, at a distance of 1 m, is another.
+    assert weights[:3].sum() == pytest.approx(1.0, abs=0.02)
+    assert weights[3] == pytest.approx(1.0)
+
+
+def test_neighbours_do_not_depend_on_the_order_of_views():
+    rng = np.random.default_rng(8)
+    frames = [plane_frame(looking_down(x)) for x in np.linspace(-0.3, 0.3, 12)]
+    order = rng.permutation(12)
+    first = view_graph(frames).neighbours(5, 4, math.radians(4.0))
+    graph = view_graph([frames[k] for k in order])
+    again = graph.neighbours(int(np.flatnonzero(order == 5)[0]), 4, math.radians(4.0))
+    assert {int(order[k]) for k in again} == set(first)
 
 
 def test_space_of_interest_is_where_the_axes_meet(sequence):

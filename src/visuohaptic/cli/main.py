@@ -49,6 +49,7 @@ _TABLE = (
     ("sensing", "calibrate stripe", "learn the colours of a stripe on the foam from one image"),
     ("sensing", "example foam", "write a small simulated recording to try the foam sensor on"),
     ("sensing", "example beam", "write a small simulated recording to try the beam sensor on"),
+    ("geometry", "example glass", "write a small simulated sequence of clear bottles to find and complete"),
     ("planning", "map inspect", "summarise a map, and where a robot can drive on it"),
     ("planning", "map build", "build an occupancy map from laser scans and odometry"),
     ("planning", "map graph", "compute distance, cost, skeleton graph and regions of a map"),

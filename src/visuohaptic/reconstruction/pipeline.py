@@ -21,12 +21,12 @@ from .fusion.depth_noise import SENSOR_NOISE, DepthNoise, sensor_noise
 from .fusion.sparse_fusion import SparseTsdfVolume
 from .fusion.volume import SpaceGrid, space_of_interest
 from .mesh import SurfaceMesh
-from .transparency.consistency import ConsistencyDetector
 from .transparency.detector import TransparencyDetector
+from .transparency.evidence import EvidenceDetector, EvidenceSettings
 from .transparency.pose_refinement import refine_poses
-from .transparency.ray_statistics import SearchReport
 from .transparency.refracted_rays import mask_refracted_rays
 from .transparency.regions import TransparentRegion, outer_points, save_regions
+from .transparency.search_report import SearchReport
 
 __all__ = ["METHODS", "Reconstruction", "reconstruct", "sequence_noise"]
 
@@ -112,6 +112,7 @@ def reconstruct(
     method: Method = "consistency",
     refine: bool = True,
     sparse: bool = False,
+    false_alarm_rate: float = 0.02,
 ) -> Reconstruction:
     """Fuse the surface and find what is transparent, from the same views.
 
@@ -131,6 +132,8 @@ def reconstruct(
     sparse
         Whether the surface is fused in bricks wherever it was seen, for scenes larger than the space of interest;
         otherwise in the space of interest only.
+    false_alarm_rate
+        Expected number of false transparent parts of a search by ``consistency``, between 0 and 1.
 
     Raises
     ------
@@ -165,9 +168,9 @@ def reconstruct(
     grid = grid or space_of_interest(frames)
     if refine:
         frames = refine_poses(frames, noise)
-    detector: TransparencyDetector | ConsistencyDetector
+    detector: TransparencyDetector | EvidenceDetector
     if method == "consistency":
-        detector = ConsistencyDetector(grid, noise)
+        detector = EvidenceDetector(grid, noise, EvidenceSettings(false_alarm_rate))
         detector.run(frames)
     else:
         detector = TransparencyDetector(grid, noise)

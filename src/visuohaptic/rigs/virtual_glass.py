@@ -11,8 +11,8 @@ import numpy as np
 from ..io.depth.depth_sequence import DepthFrame
 from ..reconstruction.fusion.depth_noise import SENSOR_NOISE
 from ..reconstruction.fusion.volume import SpaceGrid
-from ..reconstruction.transparency.consistency import ConsistencyDetector
 from ..reconstruction.transparency.detector import TransparencyDetector
+from ..reconstruction.transparency.evidence import EvidenceDetector
 from ..reconstruction.transparency.pose_refinement import refine_poses
 from ..reconstruction.transparency.regions import TransparentRegion
 from ..simulation.tabletop.depth_camera import DepthCamera
@@ -78,7 +78,7 @@ def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegi
         for frame in frames:
             published.add(frame)
         return published.regions()
-    detector = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
+    detector = EvidenceDetector(grid, SENSOR_NOISE["simulated"])
     detector.run(refine_poses(frames))
     return detector.regions()
 

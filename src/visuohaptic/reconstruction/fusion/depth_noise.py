@@ -71,7 +71,9 @@ SENSOR_NOISE: dict[str, DepthNoise] = {
     ),
     # Stereo with a random pattern: z^2 x 0.08 px / (focal x baseline) at 848 px width and 50 mm.
     # Stereo fattens edges by half of its matching window, much more than a Kinect at its 2 of 580 px.
-    "realsense_d435": DepthNoise(3.8e-3, edge_rad=0.0087, source="Intel, tuning guide of the D400 series"),
+    "realsense_d435": DepthNoise(
+        3.8e-3, baseline_m=0.05, edge_rad=0.0087, source="Intel, tuning guide of the D400 series"
+    ),
     "simulated": DepthNoise(0.5 * 2.9e-3, baseline_m=0.075, source="simulation.depth_camera"),
 }
 

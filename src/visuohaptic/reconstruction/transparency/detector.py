@@ -21,8 +21,8 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .background import BackgroundModel, LocalViews, background_model, ideal_depth, intrinsics
-from .ray_statistics import SearchReport, report
 from .regions import TransparentRegion, find_regions
+from .search_report import SearchReport
 
 __all__ = ["ErrorImage", "TransparencyDetector", "TransparencySettings", "error_image"]
 
@@ -201,11 +201,9 @@ class TransparencyDetector:
 
     def report(self) -> SearchReport:
         """What was searched, and why nothing was found where nothing was."""
-        # Summed scores are evidence of another kind: a view adds at most 1 to a voxel.
-        bad, rays = (self.volume > 0).astype(np.int32), np.full(self.volume.shape, self.used, np.int32)
-        found = report(
-            (bad, rays),
+        found = SearchReport.of_search(
             self.volume,
+            (self.volume > 0) * self.used,
             views=self.views,
             compared=self.used,
             skipped=self.skipped,

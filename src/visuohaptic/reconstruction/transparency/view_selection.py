@@ -1,93 +1,107 @@
-"""Which views of a sequence are compared with one of them, by where the cameras stood and not by the order of views."""
+"""Which views of a sequence are compared with one of them: by angle and overlap, never by the order of views."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
+from ...io.depth.depth_sequence import DepthFrame
 
-__all__ = ["nearest_on_both_sides", "signed_baselines", "views_at_baselines"]
+__all__ = ["ViewGraph", "view_graph"]
 
-#: Cameras nearer than this stand at one place: ten deviations of a tracker's 5 mm.
-_SAME_PLACE_M = 0.05
-
-
-def signed_baselines(poses: Sequence[Pose], index: int) -> Float[np.ndarray, "n"]:
-    """Distance of every camera from one of them, negative on one of its two sides [m].
-
-    The sides are those of the direction in its image plane in which the other cameras lie most: on a ring, to the left
-    and to the right. No order of the views is assumed.
-
-    Parameters
-    ----------
-    poses
-        ``T_world_camera`` of each view.
-    index
-        The view that the others are measured from; its own baseline is 0.
-    """
-    here = poses[index]
-    eyes = np.array([pose.translation_m for pose in poses])
-    offset = here.inverse().apply(eyes)
-    distance = np.linalg.norm(offset, axis=1)
-    flat = offset[:, :2] / np.maximum(distance, 1e-9)[:, None] ** 2  # near views decide
-    _, vectors = np.linalg.eigh(flat.T @ flat)
-    return np.where(flat @ vectors[:, -1] < 0, -distance, distance)
+#: Pixels of a view, down and across, at which its overlap with the others is measured.
+_SAMPLES = (9, 12)
+#: Fraction of the samples that two views share at least.
+_MIN_OVERLAP = 0.15
 
 
-def views_at_baselines(
-    baselines_m: Float[np.ndarray, "n"], wanted_m: Sequence[float], *, index: int
-) -> list[int]:
-    """Views for a model of one view: at the wanted baselines on both sides, then whatever is nearest.
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewGraph:
+    """How much of each view every other one has in its image, and from what angle."""
 
-    Parameters
-    ----------
-    baselines_m
-        Of every view, signed [m].
-    wanted_m
-        Ascending [m]; a view nearer than half of the first is left out: its rays pass the same glass.
-    index
-        The view itself.
-    """
-    wanted = np.asarray(wanted_m, dtype=np.float64)
-    usable = [k for k in range(len(baselines_m)) if k != index and abs(baselines_m[k]) >= 0.5 * wanted[0]]
-    if not usable:
-        return []
-    ways = baselines_m[usable]
-    chosen: dict[int, None] = {}
-    for target in (*wanted, *-wanted):
-        chosen[usable[int(np.argmin(np.abs(ways - target)))]] = None
-    for k in np.argsort(np.abs(ways), kind="stable"):
-        if len(chosen) >= 2 * len(wanted):
-            break
-        chosen[usable[int(k)]] = None
-    return sorted(chosen)
+    overlap: Float[np.ndarray, "n n"]  #: fraction of the points of a view (row) in the image of another
+    angle_rad: Float[np.ndarray, "n n"]  #: median angle between both lines of sight at these points
+
+    def neighbours(self, index: int, count: int, min_angle_rad: float = 0.0) -> list[int]:
+        """Views to compare with one: nearest in angle for their overlap, all of them apart from each other.
+
+        Parameters
+        ----------
+        index
+            The view.
+        count
+            Maximum number of neighbours.
+        min_angle_rad
+            Angle between the view and its neighbours, and between these [rad]: nearer ones see the same glass alike.
+        """
+        chosen: list[int] = []
+        cost = self.angle_rad[index] / np.maximum(self.overlap[index], 1e-9)
+        for k in np.argsort(cost, kind="stable"):
+            if k == index or self.overlap[index, k] < _MIN_OVERLAP:
+                continue
+            if self.angle_rad[k, [index, *chosen]].min() >= min_angle_rad:
+                chosen.append(int(k))
+                if len(chosen) == count:
+                    break
+        return chosen
+
+    def weights(self, angle_rad: float) -> Float[np.ndarray, "n"]:
+        """Part of an independent view that each view is: views nearer to each other than an angle share one.
+
+        Parameters
+        ----------
+        angle_rad
+            Angle from which on two views are independent [rad].
+        """
+        alike = np.maximum(0.0, 1 - self.angle_rad / angle_rad)
+        np.fill_diagonal(alike, 1.0)
+        weights: Float[np.ndarray, "n"] = 1 / alike.sum(axis=1)
+        return weights
 
 
-def nearest_on_both_sides(
-    baselines_m: Float[np.ndarray, "n"], ranks: Sequence[int], *, index: int
-) -> list[int]:
-    """Views of the given ranks (1: the next one) on each side of one view.
-
-    Between views that stand at one place, within ``_SAME_PLACE_M``, their order decides.
+def view_graph(frames: Sequence[DepthFrame]) -> ViewGraph:
+    """Overlap and angle of every pair of views.
 
     Parameters
     ----------
-    baselines_m
-        Signed baselines (n) of all views to this one [m].
-    ranks
-        Ranks of the wanted views on each side.
-    index
-        Number of this view.
+    frames
+        Views of one camera, at least one.
     """
-    step = np.arange(len(baselines_m)) - index
-    place = np.trunc(baselines_m / _SAME_PLACE_M)
-    side = np.where(place == 0, np.sign(step), np.sign(place))
-    ordered = np.lexsort((np.abs(step), np.abs(place)))
-    found = []
-    for sign in (1, -1):
-        there = [int(k) for k in ordered if side[k] == sign]
-        found += [there[rank - 1] for rank in ranks if rank <= len(there)]
-    return found
+    count = len(frames)
+    overlap, angle = np.zeros((count, count)), np.full((count, count), np.inf)
+    eyes = np.array([frame.T_world_camera.translation_m for frame in frames])
+    back = np.array([frame.T_world_camera.inverse().matrix[:3] for frame in frames])
+    camera = frames[0].camera
+    fx, fy, cx, cy = camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2]
+    v, u = (
+        part.ravel()
+        for part in np.meshgrid(
+            *(
+                (np.arange(n) + 0.5) * size / n
+                for n, size in zip(_SAMPLES, (camera.height, camera.width), strict=True)
+            ),
+            indexing="ij",
+        )
+    )
+    rays = camera.rays(np.column_stack([u, v]))
+    for i, frame in enumerate(frames):
+        depth_m = frame.depth_m[v.astype(int), u.astype(int)]
+        known = depth_m > 0
+        if not known.any():
+            continue
+        points = frame.T_world_camera.apply(rays[known] * depth_m[known, None])
+        there = points @ back[:, :, :3].transpose(0, 2, 1) + back[:, None, :, 3]
+        z = np.maximum(there[..., 2], 1e-6)
+        column, row = fx * there[..., 0] / z + cx, fy * there[..., 1] / z + cy
+        held = (there[..., 2] > 0.05) & (column >= 0) & (row >= 0)
+        held &= (column < camera.width) & (row < camera.height)
+        overlap[i] = held.mean(axis=1)
+        sight = points - eyes[:, None]
+        sight /= np.maximum(np.linalg.norm(sight, axis=2, keepdims=True), 1e-9)
+        between = np.arccos(np.clip((sight * sight[i]).sum(axis=2), -1.0, 1.0))
+        seen = held.any(axis=1)
+        angle[i, seen] = np.nanmedian(np.where(held, between, np.nan)[seen], axis=1)
+    return ViewGraph(np.minimum(overlap, overlap.T), np.minimum(angle, angle.T))

@@ -46,6 +46,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--voxel-m", type=float, default=0.005, help="edge of a voxel [m] (default: %(default)s)"
     )
     parser.add_argument(
+        "--false-alarm-rate",
+        type=float,
+        default=0.02,
+        help="expected false transparent parts of a search (default: %(default)s)",
+    )
+    parser.add_argument(
         "--no-refine", action="store_true", help="use the poses as they are (published: as printed)"
     )
     parser.add_argument(
@@ -84,6 +90,7 @@ def run(args: Arguments) -> dict[str, Any]:
         method=args.method,
         refine=not args.no_refine,
         sparse=args.sparse,
+        false_alarm_rate=args.false_alarm_rate,
     )
     found.save(args.out)
     for region in found.regions:

@@ -1,0 +1,62 @@
+"""``visuohaptic example glass``: a depth sequence of bottles to find, and to complete by touch."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ()
+
+#: Of the simulated views: their distance on a circle [m], width [px], and the errors of their poses [m], [rad].
+_STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002
+
+EPILOG = """\
+reads
+  nothing
+writes, into --out
+  scan/                      a sequence of about 40 depth images around a table with clear, labelled bottles
+  truth.csv                  x_m, y_m, radius_m, height_m of each bottle, to compare with
+
+example
+  visuohaptic example glass --out try
+  visuohaptic reconstruct try/scan --out try/model --voxel-m 0.006 --space -0.4 -0.4 -0.02 0.4 0.4 0.3
+  visuohaptic complete try/model/surface.ply --region try/model/regions.json --out try/completed.ply --next
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--out", type=Path, required=True, help="folder")
+    parser.add_argument("--seed", type=int, default=2, help="of the scene and its noise (2)")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    import numpy as np
+
+    from ....core.files import write_text
+    from ....simulation.tabletop.depth_camera import DepthCamera
+    from ....simulation.tabletop.glass_scenes import glass_scene
+
+    scene = glass_scene(args.seed, kind="labelled", arc_deg=360, step_m=_STEP_M)
+    args.out.mkdir(parents=True, exist_ok=True)
+    views = scene.save(
+        args.out / "scan",
+        DepthCamera.kinect(_WIDTH_PX),
+        np.random.default_rng(args.seed),
+        pose_sigma_m=_SIGMA_M,
+        pose_sigma_rad=_SIGMA_RAD,
+    )
+    rows = ["x_m,y_m,radius_m,height_m"]
+    for solid in scene.glass:
+        x, y, _ = solid.foot_m
+        radius_m = float(np.max(solid.radius_m(np.linspace(0.0, solid.height_m, 50))))
+        rows.append(f"{x:.4f},{y:.4f},{radius_m:.4f},{solid.height_m:.4f}")
+    write_text(args.out / "truth.csv", "\n".join(rows) + "\n")
+    args.report(f"{views} views of {len(scene.glass)} bottles written to {args.out}")
+    args.report("next: visuohaptic example glass --help shows what to do with them")
+    return {"folder": str(args.out), "views": views, "bottles": len(scene.glass)}

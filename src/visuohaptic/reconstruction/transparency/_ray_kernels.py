@@ -1,0 +1,266 @@
+"""What other views say about every ray of a view, and evidence of all rays summed in space."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from ...core.kernels import kernel
+
+__all__ = ["add_evidence", "depth_deviation", "projector_shadow", "read_rays"]
+
+UNKNOWN, SAME, FAR, NEAR, DROPPED = 0, 1, 2, 3, 4
+
+
+@kernel(parallel=True)
+def depth_deviation(depth, quadratic, constant, offset, tracking, pixels, steepest, sigma):
+    """Standard deviation of every depth against what another view predicts for it.
+
+    Parameters
+    ----------
+    depth
+        Depth image (h, w) [m]; NaN: not measured.
+    quadratic, constant, offset
+        Coefficients of the camera's noise.
+    tracking
+        Standard deviation of a depth by the poses [m].
+    pixels
+        Standard deviation of the place of a point in the image, by rounding and by the poses [px].
+    steepest
+        Slope of a surface that is seen at most, in depths per pixel: what is steeper is an edge, or noise.
+    sigma
+        Standard deviations (h, w) [m], filled; a slanted surface has a larger one.
+    """
+    rows, columns = depth.shape
+    for i in prange(rows):
+        for j in range(columns):
+            z = depth[i, j]
+            device = constant + quadratic * (z - offset) * (z - offset)
+            total = device * device + tracking * tracking
+            # The smaller difference of both sides: the larger one may be a step to another surface.
+            slope = np.float32(np.inf)
+            if j > 0 and abs(z - depth[i, j - 1]) < slope:
+                slope = abs(z - depth[i, j - 1])
+            if j < columns - 1 and abs(z - depth[i, j + 1]) < slope:
+                slope = abs(z - depth[i, j + 1])
+            if slope < steepest * z:
+                total += (pixels * slope) ** 2
+            slope = np.float32(np.inf)
+            if i > 0 and abs(z - depth[i - 1, j]) < slope:
+                slope = abs(z - depth[i - 1, j])
+            if i < rows - 1 and abs(z - depth[i + 1, j]) < slope:
+                slope = abs(z - depth[i + 1, j])
+            if slope < steepest * z:
+                total += (pixels * slope) ** 2
+            sigma[i, j] = np.sqrt(total)
+
+
+@kernel
+def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
+    """(agreeing, seeing through, nothing): views with a surface at the point, that look past it, that read nothing there."""
+    views, rows, columns = depths.shape
+    half = np.float32(0.5)
+    agree, through, lost = 0, 0, 0
+    for k in range(views):
+        m = motions[k]
+        there = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
+        if there <= np.float32(0.05):
+            continue
+        u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]) / there + cx + half
+        v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]) / there + cy + half
+        if not (u >= 1 and v >= 1 and u < columns - 1 and v < rows - 1):
+            continue
+        i, j = int(v), int(u)
+        seen = depths[k, i, j]
+        if not seen > 0:
+            lost += 1
+            continue
+        tolerance = width * np.sqrt(sigmas[k, i, j] * sigmas[k, i, j] + sigma * sigma)
+        if abs(seen - there) <= tolerance:
+            agree += 1
+        elif seen > there:
+            # Next to an edge the rounding of the pixel decides: all four neighbours must look past it too.
+            past = there + tolerance
+            if (
+                depths[k, i - 1, j] > past
+                and depths[k, i + 1, j] > past
+                and depths[k, i, j - 1] > past
+                and depths[k, i, j + 1] > past
+            ):
+                through += 1
+    return agree, through, lost
+
+
+@kernel(parallel=True)
+def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, width, deepest, quorum, predicted, votes, empty, reading):  # fmt: skip
+    """What each pixel of a view reads, against the surface that other views see on its ray.
+
+    Parameters
+    ----------
+    depth, sigma
+        Depth image (h, w) and its standard deviations [m].
+    depths, sigmas
+        Those of the other views (n, h, w) [m].
+    motions
+        ``T_other_this`` (n, 3, 4).
+    warped
+        Depths of the other views in this one (n, h, w) [m].
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    width
+        Number of standard deviations within which depths agree.
+    deepest
+        Standard deviation of a depth of 1 m; it grows with the square [m].
+    quorum
+        Number of views that have to see a surface.
+    predicted
+        Depth of the opaque surface (h, w) [m], 0 unknown, filled.
+    votes
+        Number of views that see it (h, w), filled.
+    empty
+        Number of views that read nothing where it is (h, w), filled.
+    reading
+        0 unknown, 1 the same, 2 farther, 3 nearer, 4 none (h, w), filled.
+    """
+    rows, columns = depth.shape
+    views = len(depths)
+    infinite = np.float32(np.inf)
+    for i in prange(rows):
+        sorted_m = np.empty(views, np.float32)
+        for j in range(columns):
+            reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = UNKNOWN, np.float32(0), 0, 0
+            z, s = depth[i, j], sigma[i, j]
+            valid = z > np.float32(0)
+            sx, sy = (np.float32(j) - cx) / fx, (np.float32(i) - cy) / fy
+            agree, through, lost = 0, 0, 0
+            if valid:
+                agree, through, lost = _votes(
+                    sx * z, sy * z, z, s, depths, sigmas, motions, fx, fy, cx, cy, width
+                )
+                if agree >= 2 and agree >= through:
+                    reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = SAME, z, agree, lost
+                    continue
+            count = 0
+            for k in range(views):
+                w = warped[k, i, j]
+                if w < infinite:
+                    at = count
+                    while at > 0 and sorted_m[at - 1] > w:
+                        sorted_m[at] = sorted_m[at - 1]
+                        at -= 1
+                    sorted_m[at] = w
+                    count += 1
+            first = 0
+            while first + quorum <= count:
+                start = sorted_m[first]
+                expected = deepest * max(start * start, np.float32(0.25))
+                reach = np.float32(2) * width * expected
+                last, total = first, np.float32(0)
+                while last < count and sorted_m[last] - start <= reach:
+                    total += sorted_m[last]
+                    last += 1
+                if last - first >= quorum:
+                    d = total / np.float32(last - first)
+                    for_d, past_d, lost_d = _votes(
+                        sx * d, sy * d, d, expected, depths, sigmas, motions, fx, fy, cx, cy, width
+                    )
+                    if for_d >= quorum and 2 * past_d <= for_d:
+                        predicted[i, j], votes[i, j], empty[i, j] = d, for_d, lost_d
+                        break
+                first += 1
+            d = predicted[i, j]
+            if d > np.float32(0):
+                if not valid:
+                    reading[i, j] = DROPPED
+                elif abs(d - z) <= width * np.sqrt(s * s + (deepest * d * d) ** 2):
+                    reading[i, j], predicted[i, j] = SAME, min(z, d)
+                elif z > d:
+                    reading[i, j] = FAR
+                elif through >= 2:
+                    reading[i, j] = NEAR
+                else:
+                    predicted[i, j], votes[i, j] = np.float32(0), 0
+            elif through >= 3 and through >= 3 * agree:
+                reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = NEAR, z, through, lost
+
+
+@kernel
+def projector_shadow(predicted, focal_baseline, slack, shadow):
+    """Where the projector's light does not reach the predicted surface: another point of the row is before it.
+
+    The projector is at +x for a positive ``focal_baseline`` [px m]: column u of depth z is lit through its column
+    u - focal_baseline / z, and an occluder lies on the projector's side of what it hides.
+
+    Parameters
+    ----------
+    predicted
+        Depth of the expected surface (h, w) [m], 0 unknown.
+    focal_baseline
+        Focal length times baseline of the projector [px m].
+    slack
+        Tolerance of the comparison [px].
+    shadow
+        Result (h, w), filled.
+    """
+    rows, columns = predicted.shape
+    for i in range(rows):
+        front = np.inf
+        for step in range(columns):
+            j = columns - 1 - step if focal_baseline > 0 else step
+            z = predicted[i, j]
+            if not z > 0:
+                continue
+            lit = j - focal_baseline / z
+            if focal_baseline < 0:
+                lit = -lit
+            if lit > front - slack + 1.0:
+                shadow[i, j] = 1
+            front = min(front, lit)
+
+
+@kernel(parallel=True)
+def add_evidence(limit, found, reaching, weight, motion, fx, fy, cx, cy, low, voxel, evidence, extent, seen):  # fmt: skip
+    """Add to every voxel the evidence of the ray that passes it before it ends.
+
+    Parameters
+    ----------
+    limit
+        Depth up to which each ray is evidence (h, w) [m]; 0: of nothing.
+    found, reaching
+        Evidence of each ray that glass is on it, and that it is here rather than beside (h, w) [nat].
+    weight
+        Of this view.
+    motion
+        ``T_camera_world`` (3, 4).
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    low, voxel
+        Lowest corner (3) and edge of a voxel [m].
+    evidence, extent, seen
+        Sums of each voxel (x, y, z): of both kinds of evidence [nat], and of the weights; changed.
+    """
+    rows, columns = limit.shape
+    nx, ny, nz = evidence.shape
+    half = np.float32(0.5)
+    for i in prange(nx):
+        x = low[0] + np.float32(voxel) * (np.float32(i) + half)
+        for j in range(ny):
+            y = low[1] + np.float32(voxel) * (np.float32(j) + half)
+            px = motion[0, 0] * x + motion[0, 1] * y + motion[0, 3]
+            py = motion[1, 0] * x + motion[1, 1] * y + motion[1, 3]
+            pz = motion[2, 0] * x + motion[2, 1] * y + motion[2, 3]
+            for k in range(nz):
+                w = low[2] + np.float32(voxel) * (np.float32(k) + half)
+                z = pz + motion[2, 2] * w
+                if z <= np.float32(0.05):
+                    continue
+                inverse = np.float32(1) / z
+                u = fx * (px + motion[0, 2] * w) * inverse + cx + half
+                v = fy * (py + motion[1, 2] * w) * inverse + cy + half
+                if not (u >= 0 and v >= 0 and u < columns and v < rows):
+                    continue
+                a, b = int(v), int(u)
+                if z < limit[a, b]:
+                    evidence[i, j, k] += weight * found[a, b]
+                    extent[i, j, k] += weight * reaching[a, b]
+                    seen[i, j, k] += weight
