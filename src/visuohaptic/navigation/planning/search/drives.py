@@ -173,8 +173,14 @@ def _straight(
     cells: Int32[np.ndarray, "k"],
     costs: Int32[np.ndarray, "k"],
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Those cells beside a point that are reached from it straight and clear of everything; all where none is."""
-    from ._travel_kernels import segment_cost
+    """Those cells beside a point that are reached from it straight and clear of everything.
+
+    All of them where the robot does not fit at the point itself, as where it starts too near to something.
+    """
+    from ._travel_kernels import clearance_at, segment_cost
+
+    if clearance_at(clearance, *point) < domain.radius:
+        return cells, costs
 
     columns = clearance.shape[1]
     clear = [
@@ -191,7 +197,7 @@ def _straight(
         )
         for cell in cells.tolist()
     ]
-    return (cells[clear], costs[clear]) if any(clear) else (cells, costs)
+    return cells[clear], costs[clear]
 
 
 def _window(

@@ -199,7 +199,7 @@ class PushPass:
         if cost >= self.queue.best:
             return
         steps, domain = push_sequence(state), self.domain
-        if domain.block == 1 or drives_exist(domain, steps, self.start, self.heuristic.goal):
+        if drives_exist(domain, steps, self.start, self.heuristic.goal):
             self.queue.best, self.queue.goal = cost, state
 
     def _left(
