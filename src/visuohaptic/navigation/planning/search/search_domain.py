@@ -6,7 +6,7 @@ the rows of the map, so that a turned origin needs no thought further in.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -35,6 +35,8 @@ OUTLINE_STEP = 0.45
 OUTLINE_INSET_M = 5e-4
 #: A node of the lattice is a block of cells, at least so many to the radius of the robot.
 NODES_PER_RADIUS = 3.0
+#: ... unless the lattice gets larger than this; then one to the radius will do.
+MAX_NODES = 2_000_000
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
@@ -114,8 +116,10 @@ class SearchDomain:
     #: the lattice with the bodies that stay where they are, by those that do not
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
 
-    #: whether drives exist on the map, by shifts, start and goal
-    drives: dict[tuple[bytes, bytes, bytes], bool] = field(default_factory=dict, repr=False)
+    #: cells of drives on the map, none where there is no such drive, by shifts, start and goal
+    drives: dict[tuple[bytes, bytes, bytes], Float[np.ndarray, "k 2"] | None] = field(
+        default_factory=dict, repr=False
+    )
 
     @property
     def reach(self) -> float:
@@ -213,6 +217,36 @@ class SearchDomain:
             outline = self.bodies[index].outline + shift
             self.patches[key] = block_patch(self.clearance, outline, self.radius, self.reach, block)
         return self.patches[key]
+
+    def window_without(
+        self, index: int, others: Collection[int]
+    ) -> tuple[Float32[np.ndarray, "r c"], Float[np.ndarray, "2"]]:
+        """The lattice around a body, with others where the map has them, and the point (x, y) that it begins at.
+
+        Parameters
+        ----------
+        index
+            Of the body, which is left out.
+        others
+            Indices of those that are in it.
+        """
+        outline, grow = self.bodies[index].outline, self.radius + 4.0 * self.block
+        low = np.maximum((outline.min(axis=0) - grow) // self.block, 0).astype(int)
+        high = np.maximum((outline.max(axis=0) + grow) // self.block + 1, low).astype(int)
+        part = self.lattice[low[1] : high[1], low[0] : high[0]].copy()
+        for other in others:
+            shape = self.bodies[other].outline
+            near = (shape.min(axis=0) - self.radius < high * self.block).all()
+            if other == index or not near or (shape.max(axis=0) + self.radius < low * self.block).any():
+                continue
+            patch, row, column = self._patch(other, np.zeros(2), self.block)
+            r0, c0 = max(row, low[1]), max(column, low[0])
+            r1 = min(row + patch.shape[0], low[1] + part.shape[0])
+            c1 = min(column + patch.shape[1], low[0] + part.shape[1])
+            if r0 < r1 and c0 < c1:
+                into = part[r0 - low[1] : r1 - low[1], c0 - low[0] : c1 - low[0]]
+                np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
+        return part, low * float(self.block)
 
     def obstacle_outlines(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int
@@ -324,7 +358,9 @@ def build_search_domain(
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
     for outline in outlines:
         lower_clearance(clearance, outline, _reach(radius))
-    block = max(1, int(radius / NODES_PER_RADIUS)) if block is None else block
+    if block is None:
+        large = min(int(np.ceil(np.sqrt(occupied.size / MAX_NODES))), int(radius))
+        block = max(1, int(radius / NODES_PER_RADIUS), large)
     return SearchDomain(
         grid,
         robot,
