@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Int32
 
-from .push_states import PushStep, seed_cells
+from .push_states import END_SLACK, PushStep, seed_cells
 from .search_domain import SearchDomain, lower_clearance
 
 __all__ = ["drives_exist", "pull_string"]
 
-#: Where it is to go the robot may be nearer to an obstacle by so much, the rounding of cells [cells].
-END_SLACK = 0.25
 
 #: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
