@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Float, Float32, Int32
 
 from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
@@ -261,7 +261,7 @@ def _bottlenecks(
         far = 2.0 * (float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block)
         # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
         for others in (range(len(domain.bodies)), still):
-            without, low = domain.window_without(index, others)
+            without, low = _window_without(domain, index, others)
             pieces = opening_lengths(
                 without, body.outline - low, 1.0, 0.0, domain.radius, domain.block, far,
                 *(body.centre - low), *(goal - low),
@@ -270,3 +270,26 @@ def _bottlenecks(
                 found.add(index)
                 break
     return frozenset(found)
+
+
+def _window_without(
+    domain: SearchDomain, index: int, others: Collection[int]
+) -> tuple[Float32[np.ndarray, "r c"], Float[np.ndarray, "2"]]:
+    """The lattice around a body, with others where the map has them, and the point (x, y) that it begins at."""
+    outline, grow = domain.bodies[index].outline, domain.radius + 4.0 * domain.block
+    low = np.maximum((outline.min(axis=0) - grow) // domain.block, 0).astype(int)
+    high = np.maximum((outline.max(axis=0) + grow) // domain.block + 1, low).astype(int)
+    part = domain.lattice[low[1] : high[1], low[0] : high[0]].copy()
+    for other in others:
+        shape = domain.bodies[other].outline
+        near = (shape.min(axis=0) - domain.radius < high * domain.block).all()
+        if other == index or not near or (shape.max(axis=0) + domain.radius < low * domain.block).any():
+            continue
+        patch, row, column = domain.patch(other, np.zeros(2), domain.block)
+        r0, c0 = max(row, low[1]), max(column, low[0])
+        r1 = min(row + patch.shape[0], low[1] + part.shape[0])
+        c1 = min(column + patch.shape[1], low[0] + part.shape[1])
+        if r0 < r1 and c0 < c1:
+            into = part[r0 - low[1] : r1 - low[1], c0 - low[0] : c1 - low[0]]
+            np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
+    return part, low * float(domain.block)

@@ -6,7 +6,7 @@ the rows of the map, so that a turned origin needs no thought further in.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -200,14 +200,25 @@ class SearchDomain:
         """
         layer = layer.copy()
         for index in chosen:
-            patch, row, column = self._patch(index, shifts[index], block)
+            patch, row, column = self.patch(index, shifts[index], block)
             part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
             np.minimum(part, patch, out=part)
         return layer
 
-    def _patch(
+    def patch(
         self, index: int, shift: Float[np.ndarray, "2"], block: int
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
+        """Largest distance from a body in the blocks around it, and the first row and column.
+
+        Parameters
+        ----------
+        index
+            Of the body.
+        shift
+            From where the map has it [cells].
+        block
+            Edge of a block [cells].
+        """
         from ._push_search_kernels import block_patch
 
         key = (block, index, float(shift[0]), float(shift[1]))
@@ -217,36 +228,6 @@ class SearchDomain:
             outline = self.bodies[index].outline + shift
             self.patches[key] = block_patch(self.clearance, outline, self.radius, self.reach, block)
         return self.patches[key]
-
-    def window_without(
-        self, index: int, others: Collection[int]
-    ) -> tuple[Float32[np.ndarray, "r c"], Float[np.ndarray, "2"]]:
-        """The lattice around a body, with others where the map has them, and the point (x, y) that it begins at.
-
-        Parameters
-        ----------
-        index
-            Of the body, which is left out.
-        others
-            Indices of those that are in it.
-        """
-        outline, grow = self.bodies[index].outline, self.radius + 4.0 * self.block
-        low = np.maximum((outline.min(axis=0) - grow) // self.block, 0).astype(int)
-        high = np.maximum((outline.max(axis=0) + grow) // self.block + 1, low).astype(int)
-        part = self.lattice[low[1] : high[1], low[0] : high[0]].copy()
-        for other in others:
-            shape = self.bodies[other].outline
-            near = (shape.min(axis=0) - self.radius < high * self.block).all()
-            if other == index or not near or (shape.max(axis=0) + self.radius < low * self.block).any():
-                continue
-            patch, row, column = self._patch(other, np.zeros(2), self.block)
-            r0, c0 = max(row, low[1]), max(column, low[0])
-            r1 = min(row + patch.shape[0], low[1] + part.shape[0])
-            c1 = min(column + patch.shape[1], low[0] + part.shape[1])
-            if r0 < r1 and c0 < c1:
-                into = part[r0 - low[1] : r1 - low[1], c0 - low[0] : c1 - low[0]]
-                np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
-        return part, low * float(self.block)
 
     def obstacle_outlines(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int
