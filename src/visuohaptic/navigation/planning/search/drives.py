@@ -5,15 +5,18 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Int32
 
-from .push_states import PushStep, seed_cells
+from .push_states import END_SLACK, PushStep, seed_cells
 from .search_domain import SearchDomain, lower_clearance
 
 __all__ = ["drives_exist", "pull_string"]
+
 
 #: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
 #: Corners are cut at most so many times.
 STRING_ROUNDS = 12
+#: ... of paths shorter than this [points]; those through a whole building are pulled piece by piece.
+LONG_DRIVE = 1000
 
 
 def pull_string(
@@ -41,15 +44,20 @@ def pull_string(
 
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0
-    found = _cells_on_map(domain, shifts, start, goal, domain.reach)
-    if found is None:
-        return np.zeros((0, 2)), float("inf")
-    cells, clearance, low = found
+    places = domain.drives.get((shifts.tobytes(), start.tobytes(), goal.tobytes()))
+    if places is None:
+        found = _cells_on_map(domain, shifts, start, goal, domain.reach)
+        if found is None:
+            return np.zeros((0, 2)), float("inf")
+        cells, clearance, low = found
+    else:
+        clearance, low = _window(domain, shifts, places // domain.block, domain.reach)
+        cells = places - low
     cells = cells[:: domain.block] + 0.5
     path = np.concatenate([[start - low], cells, [goal - low]])
     radius, slow = domain.radius, domain.slow
     path, cost = _pulled(clearance, radius, slow, path)
-    for _ in range(STRING_ROUNDS):
+    for _ in range(STRING_ROUNDS if len(cells) < LONG_DRIVE else 0):
         # The path over cells has eight directions only; chords between points along it cut its corners.
         kept, cost_now = string_pull(
             clearance, radius, slow, dense := _resampled(path, STRING_WINDOW), STRING_WINDOW
@@ -99,8 +107,8 @@ def _drive_exists(
     key = (shifts.tobytes(), start.tobytes(), goal.tobytes())
     if key not in domain.drives:
         found = _cells_on_map(domain, shifts, start, goal, domain.radius + 2.0)
-        domain.drives[key] = found is not None
-    return domain.drives[key]
+        domain.drives[key] = None if found is None else found[0] + found[2]
+    return domain.drives[key] is not None
 
 
 def _cells_on_map(
@@ -140,7 +148,7 @@ def _cheapest_cells(
     block: int,
 ) -> Float[np.ndarray, "k 2"]:
     """Columns and rows of the cheapest path over a layer, from start to goal; empty without one."""
-    from ._travel_kernels import FAR, UNITS, travel_field
+    from ._travel_kernels import FAR, UNITS, clearance_at, travel_field
 
     radius, slow = domain.radius, domain.slow
     cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=2, block=block)
@@ -148,6 +156,8 @@ def _cheapest_cells(
     if block == 1:
         cells, costs = _straight(domain, clearance, start, cells, costs)
         ends, end_costs = _straight(domain, clearance, goal, ends, end_costs)
+        if clearance_at(clearance, *goal) < domain.radius - END_SLACK:
+            return np.zeros((0, 2))
     none = np.zeros(0, np.int32)
     if not cells.size or not ends.size:
         return np.zeros((0, 2))
@@ -173,8 +183,14 @@ def _straight(
     cells: Int32[np.ndarray, "k"],
     costs: Int32[np.ndarray, "k"],
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Those cells beside a point that are reached from it straight and clear of everything; all where none is."""
-    from ._travel_kernels import segment_cost
+    """Those cells beside a point that are reached from it straight and clear of everything.
+
+    All of them where the robot does not fit at the point itself, as where it starts too near to something.
+    """
+    from ._travel_kernels import clearance_at, segment_cost
+
+    if clearance_at(clearance, *point) < domain.radius:
+        return cells, costs
 
     columns = clearance.shape[1]
     clear = [
@@ -191,7 +207,7 @@ def _straight(
         )
         for cell in cells.tolist()
     ]
-    return (cells[clear], costs[clear]) if any(clear) else (cells, costs)
+    return cells[clear], costs[clear]
 
 
 def _window(

@@ -72,7 +72,7 @@ class Infeasibility:
         domain, heuristic = self.domain, self.heuristic
         queued: set[bytes] = set()
         seen: set[tuple[bytes, int]] = set()
-        pushes = np.flatnonzero(np.isin(heuristic.pairs[:, 0], chosen))
+        pushes = heuristic.stands(chosen)
         while open_states:
             if time.monotonic() > self.deadline_s or len(seen) > self.max_states:
                 return False
@@ -126,15 +126,15 @@ class Infeasibility:
         shifts: Float[np.ndarray, "bodies 2"],
         clearance: Float32[np.ndarray, "r c"],
         reached: Bool[np.ndarray, "n"],
-        pushes: Int[np.ndarray, "m"],
+        pushes: tuple[Int[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]],
     ) -> Iterator[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]]]:
         """Configurations one step on, and where the robot is."""
         from ._push_search_kernels import free_push_length
         from ._travel_kernels import FAR, reach_costs
 
         domain, heuristic = self.domain, self.heuristic
-        bodies, numbers = heuristic.pairs[pushes].T
-        stands = heuristic.centres[bodies] + shifts[bodies] + heuristic.stands[pushes]
+        bodies, numbers = pushes[0].T
+        stands = heuristic.centres[bodies] + shifts[bodies] + pushes[1]
         field = np.where(reached, 0, FAR).astype(np.int32)
         near = reach_costs(clearance, field, stands, domain.radius, domain.slow, domain.block) < FAR
         for k in np.flatnonzero(near).tolist():
@@ -142,7 +142,7 @@ class Infeasibility:
             body, shift, push = (
                 domain.bodies[index],
                 shifts[index],
-                heuristic.contacts[index][int(numbers[k])],
+                heuristic.contacts(index)[int(numbers[k])],
             )
             outlines = [domain.bodies[o].outline + shifts[o] for o in chosen if o != index]
             outlines += domain.immovable_outlines

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int16, Int32
 
 from ...problem.push_costs import PushCosts, push_cost
-from .push_states import seed_cells
+from ...pushing.contact_candidates import PushContact
+from .push_states import END_SLACK, seed_cells
 from .search_domain import SearchDomain
 
 __all__ = ["PushHeuristic"]
@@ -69,16 +70,6 @@ class PushHeuristic:
             domain.lattice, zeros, still, domain.block
         )  #: bodies that may move left out
         self.stand_off = STAND_OFF_M / domain.map.resolution_m
-        self.contacts = {
-            i: domain.bodies[i].with_oblique if oblique else domain.bodies[i].contacts for i in self.active
-        }
-        pairs = [(i, number) for i in self.active for number in range(len(self.contacts[i]))]
-        #: body and contact of every push, and where the robot stands before it from the body's centre [cells]
-        self.pairs: Int[np.ndarray, "m 2"] = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-        stands = [
-            self.contacts[i][n].robot - self.stand_off * self.contacts[i][n].direction for i, n in pairs
-        ]
-        self.stands: Float[np.ndarray, "m 2"] = np.array(stands).reshape(-1, 2)
         self.centres: Float[np.ndarray, "bodies 2"] = np.array(
             [body.centre for body in domain.bodies]
         ).reshape(-1, 2)
@@ -86,8 +77,7 @@ class PushHeuristic:
         shortest = MIN_PUSH_M / domain.map.resolution_m
         self.min_push = {i: self.push_units(i, shortest) for i in self.active}
         self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
-        movable = [self.min_push[i] for i in self.active if self.contacts[i]]
-        self.min_any_push = min(movable, default=float("inf"))
+        self.min_any_push = min(self.min_push.values(), default=float("inf"))
         self.alone = dict(self.min_push)  #: lower bounds of crossing each body where the map has it [units]
         self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
@@ -96,6 +86,44 @@ class PushHeuristic:
         self.free_field = self._field(
             zeros, []
         )  #: cost-to-go when no body that may be pushed is in the way [units]
+
+    def contacts(self, body: int) -> tuple[PushContact, ...]:
+        """Stable pushes of a body.
+
+        Parameters
+        ----------
+        body
+            Its index.
+        """
+        found = self.domain.bodies[body]
+        return found.with_oblique if self.oblique else found.contacts
+
+    def stands(self, bodies: Collection[int]) -> tuple[Int[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
+        """Body and contact of every push, and where the robot stands before it from the body's centre [cells].
+
+        Parameters
+        ----------
+        bodies
+            Indices of those that are pushed.
+        """
+        pairs = [(i, number) for i in sorted(bodies) for number in range(len(self.contacts(i)))]
+        pushes = [self.contacts(i)[number] for i, number in pairs]
+        stands = [push.robot - self.stand_off * push.direction for push in pushes]
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(stands).reshape(-1, 2)
+
+    def raise_bound(self, body: int, units: float) -> None:
+        """Charge more for crossing a body where the map has it.
+
+        Parameters
+        ----------
+        body
+            Its index.
+        units
+            A lower bound of the crossing [units].
+        """
+        self.alone[body] = max(self.alone[body], units)
+        self._fields.clear()
+        self._both = None
 
     def push_units(self, body: int, length: float, *, oblique: bool = False) -> float:
         """``t_mani`` of a push [units]; infinite beyond what is allowed.
@@ -138,22 +166,28 @@ class PushHeuristic:
         clearance
             Of a configuration [cells].
         """
+        from ._travel_kernels import clearance_at
+
         domain = self.domain
+        if domain.block == 1 and clearance_at(clearance, *self.goal) < domain.radius - END_SLACK:
+            return np.zeros(0, np.int32), np.zeros(0, np.int32)
         return seed_cells(clearance, self.goal, domain.radius, domain.slow, self.units, block=domain.block)
 
-    def separating(self, start: Int32[np.ndarray, "k"]) -> list[int]:
+    def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:
         """Bodies that alone keep the robot from the goal while they are where the map has them.
 
         Parameters
         ----------
         start
             Nodes that the robot can be on at the start.
+        bodies
+            Indices of those in question.
         """
         from ._travel_kernels import flood
 
         domain = self.domain
         found = []
-        for index in self.active:
+        for index in bodies:
             alone = np.minimum(self.base, domain.lattice_of(index, np.zeros(2)))
             cells, _ = self.goal_seeds(alone)
             if not cells.size or not flood(alone, domain.radius, cells)[start].any():
@@ -170,8 +204,6 @@ class PushHeuristic:
         shift
             From where the map has it [cells].
         """
-        if not self.contacts[body]:
-            return float("inf")
         return self.min_push[body] if shift.any() else self.alone[body]
 
     def field(
@@ -259,10 +291,13 @@ class PushHeuristic:
         start
             Nodes that the robot can be on at the start.
         """
+        if not self.active:
+            return []
         both, shifts = self._from_start_to_goal(start), np.zeros((len(self.domain.bodies), 2))
         region = self._regions(tuple(self.active), shifts)
         cheapest = np.full(len(self.domain.bodies) + 1, np.inf)
-        np.minimum.at(cheapest, region.ravel(), both.ravel())
+        inside = region > 0
+        np.minimum.at(cheapest, region[inside], both[inside])
         # Both costs are whole units, and a diagonal step is rounded.
         return [k for k in self.active if cheapest[k + 1] <= 1.001 * both.min() + self.units]
 

@@ -8,6 +8,7 @@ put back with that of the configuration that it leads to.
 from __future__ import annotations
 
 import heapq
+import itertools
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
@@ -101,7 +102,7 @@ class PushPass:
         bodies: Collection[int] | None = None,
     ) -> None:
         chosen = heuristic.active if bodies is None else list(bodies)
-        self.allowed = np.isin(heuristic.pairs[:, 0], chosen)
+        self.pairs, self.stands = heuristic.stands(chosen)
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
         self.deadline_s, self.domain = deadline_s, heuristic.domain
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
@@ -130,7 +131,8 @@ class PushPass:
         self.queue = queue = _Queue(known, [(0.0, 0, first)])
         expanded, bound, exhausted = 0, 0.0, True
         while queue.entries:
-            if time.monotonic() > self.deadline_s or expanded >= expansions:
+            # The first configuration is looked at whatever the time: it may need no push.
+            if expanded >= expansions or (expanded and time.monotonic() > self.deadline_s):
                 exhausted = False
                 break
             estimate, _, entry = heapq.heappop(queue.entries)
@@ -175,12 +177,12 @@ class PushPass:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
             if reached := cheapest < heuristic.far:
                 self._arrive(float(state.spent + cheapest), state)
-        if not len(heuristic.pairs) or state.depth >= self.limits.pushes:
+        if not len(self.pairs) or state.depth >= self.limits.pushes:
             return
-        bodies, numbers = heuristic.pairs.T
-        points = heuristic.centres[bodies] + state.shifts[bodies] + heuristic.stands
+        bodies, numbers = self.pairs.T
+        points = heuristic.centres[bodies] + state.shifts[bodies] + self.stands
         approach = reach_costs(clearance, cost, points, domain.radius, domain.slow, domain.block)
-        usable = self.allowed & (approach < heuristic.far)
+        usable = approach < heuristic.far
         usable &= clearances_at(domain.clearance, points) >= domain.radius - STAND_SLACK
         if (last := state.step) is not None and last.length < heuristic.longest(last.body) - 0.5:
             usable &= (bodies != last.body) | (numbers != last.contact)  # a longer push is the same
@@ -199,7 +201,7 @@ class PushPass:
         if cost >= self.queue.best:
             return
         steps, domain = push_sequence(state), self.domain
-        if domain.block == 1 or drives_exist(domain, steps, self.start, self.heuristic.goal):
+        if drives_exist(domain, steps, self.start, self.heuristic.goal):
             self.queue.best, self.queue.goal = cost, state
 
     def _left(
@@ -218,13 +220,18 @@ class PushPass:
 
     def _lengths(self, contact: _Contact) -> None:
         """Pushes by one contact, as far as they are free of collisions."""
+        from ...pushing._outline_kernels import polygon_distance
         from ._push_search_kernels import free_push_length, opening_lengths
 
         domain, heuristic, state = self.domain, self.heuristic, contact.parent
         body, shift = domain.bodies[contact.body], state.shifts[contact.body]
-        push = heuristic.contacts[contact.body][contact.number]
+        push = heuristic.contacts(contact.body)[contact.number]
         touch = body.centre + shift + push.robot
         outlines, starts = domain.obstacle_outlines(state.shifts, contact.body)
+        stand = touch - heuristic.stand_off * push.direction
+        for begin, end in itertools.pairwise(starts.tolist()):
+            if polygon_distance(*stand, outlines[begin:end]) < domain.radius - STAND_SLACK:
+                return
         free = free_push_length(
             domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
             outlines, starts, touch[0], touch[1], push.direction[0], push.direction[1],
@@ -232,7 +239,6 @@ class PushPass:
         )  # fmt: skip
         if free < 0.5:
             return
-        stand = touch - heuristic.stand_off * push.direction
         opening = opening_lengths(
             domain.lattice_with(state.shifts, contact.body), body.outline + shift, *push.direction,
             domain.radius, domain.block, free, *stand, *heuristic.goal,
@@ -281,7 +287,7 @@ def _state(heuristic: PushHeuristic, entry: _Push) -> SearchState:
     """The state that a push leads to."""
     contact = entry.contact
     parent, body = contact.parent, heuristic.domain.bodies[contact.body]
-    push = heuristic.contacts[contact.body][contact.number]
+    push = heuristic.contacts(contact.body)[contact.number]
     after = parent.shifts.copy()
     after[contact.body] = parent.shifts[contact.body] + entry.length * push.direction
     touch = body.centre + parent.shifts[contact.body] + push.robot

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Float, Float32, Int32
 
 from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
@@ -145,9 +145,10 @@ class _Search:
             worth -= {k for k, cost in through.items() if cost * (1.0 + self.limits.gap) >= plan.cost}
         elif reason := self._proof(heuristic):
             return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
-        if worth != needed:
+        if worth != needed and time.monotonic() < self._until(1.0):
             heuristic = self._heuristic(worth)
-            heuristic.alone |= {k: bound for k, bound in alone.items() if k in worth}
+            for k in worth & needed:
+                heuristic.raise_bound(k, alone[k])
         if not plan.found:
             reason = self._proof(heuristic) if worth != needed else ""
             passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
@@ -156,7 +157,7 @@ class _Search:
                 said = reason or f"no plan among {self.expanded} configurations, not proved"
                 return replace(plan, exhausted=bool(reason), reason=said, expanded=self.expanded)
         plan = self._improved(heuristic, plan)
-        bound = min([plan.bound, *(through[k] for k in self.active - worth)])
+        bound = min([plan.bound, *(through[k] for k in through.keys() - set(heuristic.active))])
         left_out = tuple(sorted(self.active - needed - worth))
         return replace(plan, bound=bound, expanded=self.expanded, left_out=left_out)
 
@@ -216,7 +217,10 @@ class _Search:
         still = [k for k in range(len(domain.bodies)) if k not in self.active]
         lattice = domain.lowered(domain.lattice, self.first.shifts, still, domain.block)
         first = SearchState(0.0, self.start, np.zeros((1, 2)))
-        for index in heuristic.separating(self.cells):
+        # A path without pushes, or one that crosses few bodies, needs no other bounds.
+        for index in heuristic.separating(self.cells, heuristic.crossed(self.cells)):
+            if time.monotonic() > deadline_s:
+                break
             body = (domain.bodies[index],)
             alone = replace(domain, bodies=body, lattice=lattice, patches={}, still={}, drives={})
             part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
@@ -229,7 +233,7 @@ class _Search:
             if np.isfinite(found.bound):
                 free = float(part.free_field[self.cells].min())
                 more = found.bound * heuristic.units / domain.block - free
-                heuristic.alone[index] = max(heuristic.min_push[index], more)
+                heuristic.raise_bound(index, more)
         return ""
 
     def _impossible(self, heuristic: PushHeuristic) -> str:
@@ -249,20 +253,43 @@ def _bottlenecks(
     """Bodies beside which the free space falls into pieces, or that cover the goal."""
     from ._push_search_kernels import opening_lengths
 
-    shifts = np.zeros((len(domain.bodies), 2))
     still = [k for k in range(len(domain.bodies)) if k not in active]
-    base = domain.lowered(domain.lattice, shifts, still, domain.block)
     found = set()
     for index in active:
         body = domain.bodies[index]
         # Far enough along an axis, every block around the body is free of it: how many pieces there are is seen.
-        far = float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block
+        far = 2.0 * (float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block)
         # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
-        for without in (domain.lattice_with(shifts, index), base):
+        for others in (range(len(domain.bodies)), still):
+            without, low = _window_without(domain, index, others)
             pieces = opening_lengths(
-                without, body.outline, 1.0, 0.0, domain.radius, domain.block, 2.0 * far, *body.centre, *goal
-            )
+                without, body.outline - low, 1.0, 0.0, domain.radius, domain.block, far,
+                *(body.centre - low), *(goal - low),
+            )  # fmt: skip
             if len(pieces):
                 found.add(index)
                 break
     return frozenset(found)
+
+
+def _window_without(
+    domain: SearchDomain, index: int, others: Collection[int]
+) -> tuple[Float32[np.ndarray, "r c"], Float[np.ndarray, "2"]]:
+    """The lattice around a body, with others where the map has them, and the point (x, y) that it begins at."""
+    outline, grow = domain.bodies[index].outline, domain.radius + 4.0 * domain.block
+    low = np.maximum((outline.min(axis=0) - grow) // domain.block, 0).astype(int)
+    high = np.maximum((outline.max(axis=0) + grow) // domain.block + 1, low).astype(int)
+    part = domain.lattice[low[1] : high[1], low[0] : high[0]].copy()
+    for other in others:
+        shape = domain.bodies[other].outline
+        near = (shape.min(axis=0) - domain.radius < high * domain.block).all()
+        if other == index or not near or (shape.max(axis=0) + domain.radius < low * domain.block).any():
+            continue
+        patch, row, column = domain.patch(other, np.zeros(2), domain.block)
+        r0, c0 = max(row, low[1]), max(column, low[0])
+        r1 = min(row + patch.shape[0], low[1] + part.shape[0])
+        c1 = min(column + patch.shape[1], low[0] + part.shape[1])
+        if r0 < r1 and c0 < c1:
+            into = part[r0 - low[1] : r1 - low[1], c0 - low[0] : c1 - low[0]]
+            np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
+    return part, low * float(domain.block)

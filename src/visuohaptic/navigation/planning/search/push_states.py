@@ -19,6 +19,9 @@ __all__ = [
     "seed_cells",
 ]
 
+#: Where it is to go the robot may be nearer to an obstacle by so much, the rounding of cells [cells].
+END_SLACK = 0.25
+
 
 @dataclass(frozen=True, slots=True)
 class SearchLimits:

@@ -35,6 +35,8 @@ OUTLINE_STEP = 0.45
 OUTLINE_INSET_M = 5e-4
 #: A node of the lattice is a block of cells, at least so many to the radius of the robot.
 NODES_PER_RADIUS = 3.0
+#: ... unless the lattice gets larger than this; then one to the radius will do.
+MAX_NODES = 2_000_000
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
@@ -114,8 +116,10 @@ class SearchDomain:
     #: the lattice with the bodies that stay where they are, by those that do not
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
 
-    #: whether drives exist on the map, by shifts, start and goal
-    drives: dict[tuple[bytes, bytes, bytes], bool] = field(default_factory=dict, repr=False)
+    #: cells of drives on the map, none where there is no such drive, by shifts, start and goal
+    drives: dict[tuple[bytes, bytes, bytes], Float[np.ndarray, "k 2"] | None] = field(
+        default_factory=dict, repr=False
+    )
 
     @property
     def reach(self) -> float:
@@ -196,14 +200,25 @@ class SearchDomain:
         """
         layer = layer.copy()
         for index in chosen:
-            patch, row, column = self._patch(index, shifts[index], block)
+            patch, row, column = self.patch(index, shifts[index], block)
             part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
             np.minimum(part, patch, out=part)
         return layer
 
-    def _patch(
+    def patch(
         self, index: int, shift: Float[np.ndarray, "2"], block: int
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
+        """Largest distance from a body in the blocks around it, and the first row and column.
+
+        Parameters
+        ----------
+        index
+            Of the body.
+        shift
+            From where the map has it [cells].
+        block
+            Edge of a block [cells].
+        """
         from ._push_search_kernels import block_patch
 
         key = (block, index, float(shift[0]), float(shift[1]))
@@ -324,7 +339,9 @@ def build_search_domain(
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
     for outline in outlines:
         lower_clearance(clearance, outline, _reach(radius))
-    block = max(1, int(radius / NODES_PER_RADIUS)) if block is None else block
+    if block is None:
+        large = min(int(np.ceil(np.sqrt(occupied.size / MAX_NODES))), int(radius))
+        block = max(1, int(radius / NODES_PER_RADIUS), large)
     return SearchDomain(
         grid,
         robot,

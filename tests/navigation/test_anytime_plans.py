@@ -1,0 +1,138 @@
+"""What the answer of a plan promises: independent of the cells, soon, bounded, and proved where there is none."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.planning import alternatives, make_plan
+from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+
+from .plan_check import faults
+from .plan_scenes import ROBOT, STOOL, box
+
+#: So long that a busy machine changes no answer.
+PATIENT = SearchLimits(budget_s=60.0)
+
+
+def drawn(size_m, walls, objects, start_m, goal_m, cell_m=0.05):
+    """A floor with a border, walls (x0, y0, x1, y1) [m] and objects, on cells of any size."""
+    from shapely import Polygon, contains_xy
+
+    cells = np.zeros((round(size_m[1] / cell_m), round(size_m[0] / cell_m)), np.int8)
+    border = round(0.1 / cell_m)
+    cells[:border] = cells[-border:] = 100
+    cells[:, :border] = cells[:, -border:] = 100
+    for x0, y0, x1, y1 in walls:
+        c0, r0, c1, r1 = (round(value / cell_m) for value in (x0, y0, x1, y1))
+        cells[r0:r1, c0:c1] = 100
+    rows, columns = np.mgrid[0 : cells.shape[0], 0 : cells.shape[1]]
+    for obj in objects:
+        inside = contains_xy(Polygon(obj.footprint_m), (columns + 0.5) * cell_m, (rows + 0.5) * cell_m)
+        cells[inside] = 100
+    return PlanningProblem(
+        OccupancyMap(cells, cell_m), ROBOT, np.array(start_m), np.array(goal_m), tuple(objects)
+    )
+
+
+def two_doors(cell_m=0.05, idle=0):
+    """Three rooms in a row with a stool in both doors, and boxes that stand free in the rooms."""
+    walls, objects = [], []
+    for index in range(2):
+        x = 2.0 + 2.0 * index
+        walls += [(x, 0.0, x + 0.1, 1.0), (x, 1.8, x + 0.1, 3.0)]
+        objects.append(MovableObject(f"stool {index}", box(x + 0.05, 1.4, 0.45), STOOL))
+    for index in range(idle):
+        x, y = 0.4 + 0.5 * (index // 2), 0.45 + 2.1 * (index % 2)
+        objects.append(MovableObject(f"idle {index}", box(x, y, 0.2), STOOL))
+    return drawn((6.0, 3.0), walls, objects, (0.7, 1.4), (5.3, 1.4), cell_m)
+
+
+def blind_corridor():
+    """The goal is at the end of a corridor that a box fills nearly, and another box stands before it."""
+    walls = [(3.0, 0.1, 5.9, 1.6), (3.0, 2.4, 5.9, 3.9)]
+    plug = MovableObject("plug", box(3.6, 2.0, 0.6), STOOL)
+    other = MovableObject("other", box(1.4, 1.0, 0.35), STOOL)
+    return drawn((6.0, 4.0), walls, [plug, other], (0.7, 2.0), (5.5, 2.0))
+
+
+def test_the_effort_does_not_grow_with_the_resolution():
+    found = {cell_m: make_plan(two_doors(cell_m), limits=PATIENT) for cell_m in (0.05, 0.02, 0.01)}
+    for cell_m, plan in found.items():
+        assert faults(two_doors(cell_m), plan) == []
+        assert plan.gap <= SearchLimits().gap
+        # Pushes are multiples of 5 cm, whatever the cells; by cells of 1 cm there would be thousands of states.
+        assert plan.expanded < 200
+        for push in plan.pushes:
+            steps = float(np.hypot(*push.displacement_m)) / 0.05
+            assert steps == pytest.approx(round(steps), abs=1e-6)
+    nodes = {cell_m: build_search_domain(two_doors(cell_m)).lattice.size for cell_m in found}
+    assert nodes[0.01] <= 1.1 * nodes[0.05]
+
+
+def test_a_finer_map_gives_no_costlier_plan():
+    coarse = make_plan(two_doors(0.1), limits=PATIENT)
+    for cell_m in (0.05, 0.02, 0.01):
+        fine = make_plan(two_doors(cell_m), limits=PATIENT)
+        assert fine.cost_s <= 1.01 * coarse.cost_s
+
+
+def test_objects_beside_no_bottleneck_are_left_out_and_said_so():
+    plan, alone = (make_plan(two_doors(idle=count), limits=PATIENT) for count in (12, 0))
+    assert {task.object for task in plan.pushes} == {"stool 0", "stool 1"}
+    assert plan.expanded < 3 * alone.expanded + 50
+    (note,) = [note for note in plan.notes if note.startswith("left out")]
+    assert "idle 3" in note
+    assert "stool" not in note
+
+
+def test_a_blind_corridor_is_proved():
+    plan = make_plan(blind_corridor(), limits=PATIENT)
+    assert not plan.reachable
+    assert plan.answer == "no plan (proved)"
+    assert "plug" in plan.reason
+
+
+def test_a_proof_leaves_a_plan_that_exists():
+    """The same corridor with a place to push the box to: wide behind it."""
+    walls = [(3.0, 0.1, 4.2, 1.6), (3.0, 2.4, 4.2, 3.9)]
+    plug = MovableObject("plug", box(3.6, 2.0, 0.6), STOOL)
+    problem = drawn((6.0, 4.0), walls, [plug], (0.7, 2.0), (5.5, 2.0))
+    plan = make_plan(problem, limits=PATIENT)
+    assert plan.reachable
+    assert faults(problem, plan) == []
+
+
+def test_the_bound_is_none_above_the_best_plan():
+    problem = two_doors()
+    soon = make_plan(problem, limits=SearchLimits(budget_s=60.0, gap=1.0))
+    best = make_plan(problem, limits=SearchLimits(budget_s=60.0, gap=0.0))
+    assert best.answer == "optimal"
+    assert best.cost_s <= soon.cost_s * (1 + 1e-9)
+    # Costs of drives are estimated on the lattice and shortened on the map: some per cent.
+    assert soon.cost_s / (1.0 + soon.gap) <= 1.05 * best.cost_s
+
+
+def test_a_budget_is_kept_and_the_answer_says_that_nothing_is_proved():
+    problem = two_doors()
+    make_plan(problem)  # compiled by now
+    begin_s = time.monotonic()
+    plan = make_plan(problem, limits=SearchLimits(budget_s=60.0, expansions=1))
+    assert time.monotonic() - begin_s < 60.0
+    assert not plan.reachable
+    assert plan.answer == "no plan found (not proved)"
+    with pytest.raises(InputError, match="budget_s"):
+        SearchLimits(budget_s=0.0)
+
+
+def test_comparing_gives_the_cheapest_plan_itself():
+    problem = two_doors()
+    assert (
+        alternatives(problem, limits=PATIENT)["cheapest"].to_json()
+        == make_plan(problem, limits=PATIENT).to_json()
+    )
