@@ -28,6 +28,7 @@ from visuohaptic.reconstruction.transparency import (
     TransparencyDetector,
     ViewDepth,
     background_model,
+    chance_of_finding,
     error_image,
     find_regions,
     intrinsics,
@@ -310,6 +311,16 @@ def test_the_false_alarm_rate_moves_the_threshold_and_is_checked(sequence):
     np.testing.assert_allclose(strict.evidence, loose.evidence, atol=1e-5)
     with pytest.raises(InputError, match="expected between 0 and 1"):
         EvidenceSettings(0.0)
+
+
+def test_the_chance_of_finding_rises_with_views_as_found_on_tables_of_an_independent_caster():
+    views = np.array([0.0, 3.0, 8.0, 24.0])
+    chance = chance_of_finding(views, 0.05, 12.4)
+    assert (np.diff(chance) >= 0).all()
+    # Three views give at most 3 log 20 = 9, less than the threshold; of even seeds, 8 views found 0.6, 24 found 0.9.
+    assert chance[1] == 0
+    assert 0.45 < chance[2] < 0.8
+    assert chance[3] > 0.9
 
 
 def test_views_from_one_place_count_as_one():

@@ -23,5 +23,6 @@ from .regions import outer_points as outer_points
 from .regions import save_regions as save_regions
 from .search_report import Cause as Cause
 from .search_report import SearchReport as SearchReport
+from .search_report import chance_of_finding as chance_of_finding
 from .view_selection import ViewGraph as ViewGraph
 from .view_selection import view_graph as view_graph

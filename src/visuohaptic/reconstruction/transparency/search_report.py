@@ -23,6 +23,8 @@ Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold
 
 #: Probability that a view through glass looks like glass at its strongest place: thin walls bend little in the middle.
 _SHOWS = 0.75
+#: Evidence that a view loses which does not look like it: half of what it can lose at most, log 10 [nat].
+_LOSS = 1.15
 #: Directions around the space that are tried for the next view, and the part of the pixels and views that is used.
 _DIRECTIONS, _STRIDE, _VIEWS = 16, 4, 12
 #: Voxels at which a next view is valued, along each axis.
@@ -129,7 +131,7 @@ class SearchReport:
 
 
 def chance_of_finding(seen: Float[np.ndarray, "n"], rate: float, threshold: float) -> Float[np.ndarray, "n"]:
-    """Probability that as many views find glass: enough of them look like it, each by itself.
+    """Probability that as many views find glass: enough of them look like it, each by itself, against those that do not.
 
     Parameters
     ----------
@@ -142,8 +144,9 @@ def chance_of_finding(seen: Float[np.ndarray, "n"], rate: float, threshold: floa
     """
     from scipy.stats import binom
 
-    needed = np.ceil(threshold / max(-math.log(rate), 1e-9))
-    found: Float[np.ndarray, "n"] = binom.sf(needed - 1, np.round(seen), _SHOWS)
+    views = np.round(seen)
+    needed = np.ceil((threshold + _LOSS * views) / (max(-math.log(rate), 1e-9) + _LOSS))
+    found: Float[np.ndarray, "n"] = binom.sf(needed - 1, views, _SHOWS)
     return found
 
 
