@@ -276,14 +276,40 @@ def _image_evidence(
     unary[used, FOAM], unary[used, OCCLUDER] = foam, other
     unary[used, SHADOW] = np.logaddexp(np.log(0.9) + odds[1], _OTHER)
     against[used, 0] = other - foam
-    slope = strip.front.slope * strip.across_px / step
-    found = np.empty((len(seen), 6))
+    places = _Places(front, resting, strip.front.slope * strip.across_px / step, blur)
+    gain = np.full(len(seen), np.nan)
+    gain[used] = np.where(moved < fixed, b[:, GAIN_PRESSED], b[:, GAIN_REST])
+    odds_shadow = _shadow_evidence(strip, zero, places, deflected & seen, gain, transfer, variance)
+    unary[:, SHADOW] += odds_shadow
+    against[:, 1] = odds_shadow
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Places:
+    """Edges in the rectified image; all in samples."""
+
+    front: Float[np.ndarray, "K"]
+    resting: Float[np.ndarray, "K"]
+    slope: Float[np.ndarray, "K"]  #: from one parallel to the next
+    blur: float  #: standard deviation
+
+
+def _shadow_evidence(
+    strip: ObservedStrip,
+    zero: ZeroReference,
+    at: _Places,
+    tested: Bool[np.ndarray, "K"],
+    gain: Float[np.ndarray, "K"],
+    transfer: float,
+    variance: float,
+) -> Float[np.ndarray, "K"]:
+    """Log-odds of a shadow's edge against a body's, by what lies between the edge and where it was at rest."""
+    found = np.empty((len(tested), 6))
     shadow_odds(
-        strip.image, zero.image, front, resting, slope, blur, transfer, variance, deflected & seen, found
+        strip.image, zero.image, at.front, at.resting, at.slope, at.blur, transfer, variance, tested, found
     )
     texture, near, between, beyond, floor, misfit = found.T
-    light = float(np.median(b[:, GAIN_REST]))
-    foam = resting_grey(zero.image, resting)
+    light, foam = float(np.nanmedian(gain)), resting_grey(zero.image, at.resting)
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = np.hypot(_SAME_GREY * light * foam, math.sqrt(variance))
 
@@ -300,9 +326,9 @@ def _image_evidence(
         texture = np.where(clean, texture, np.minimum(texture, 0.0))
         levels = _ALIKE * np.log(shaded / body)
     # A shadow's edge that crosses the strip changes the light from one point to some other beside it.
-    gain = np.full(len(seen), np.nan)
-    gain[used] = np.log(np.maximum(np.where(moved < fixed, b[:, GAIN_PRESSED], b[:, GAIN_REST]), 1e-3))
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(gain, 4, constant_values=np.nan), 9)
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(np.log(np.maximum(gain, 1e-3)), 4, constant_values=np.nan), 9
+    )
     with np.errstate(invalid="ignore"):
         change = np.fmax.reduce(around, axis=1) - np.fmin.reduce(around, axis=1)
     lit = _ALIKE * np.clip(0.5 * (np.nan_to_num(change) / _SAME_GREY) ** 2 - 3.0, -3.0, 3.0)
@@ -312,9 +338,8 @@ def _image_evidence(
         + np.nan_to_num(levels)
         + np.nan_to_num(_INDEPENDENT * near)
     )
-    odds_shadow = np.clip(odds_shadow, -_MAX_ODDS, _MAX_ODDS)
-    unary[:, SHADOW] += odds_shadow
-    against[:, 1] = odds_shadow
+    result: Float[np.ndarray, "K"] = np.clip(odds_shadow, -_MAX_ODDS, _MAX_ODDS)
+    return result
 
 
 def resting_grey(
