@@ -36,6 +36,7 @@ CAMPAIGNS = (
     "build_faults",
     "completion",
     "crown_cap",
+    "foam_evidence",
     "foam_faults",
     "foam_tags",
     "grasp",
@@ -49,6 +50,7 @@ CAMPAIGNS = (
     "reproduce",
     "scene",
     "soak",
+    "templates_evidence",
     "touch_map",
     "transparency",
 )

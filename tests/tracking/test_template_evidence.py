@@ -1,0 +1,85 @@
+"""The views that make the evidence for templates: where they should be, covered as they say, and measured."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from tests.worlds import views
+
+from benchmarks import templates_evidence
+
+pytest.importorskip("skimage")
+
+
+def test_a_tilted_square_is_foreshortened_as_a_pinhole_does() -> None:
+    """Middle at the centre of the image, tilt about x: depth of a point is distance + y sin(tilt)."""
+    tilt, scale = np.deg2rad(60), 1.2
+    centre = 0.5 * (np.array(views.SIZE) - 1)
+    found = views.pinhole(tilt, 0.0, 0.0, scale, centre)
+    y = np.array([-60.0, 0.0, 80.0])
+    points = views.mapped(
+        found, np.column_stack([np.full(3, 0.5 * (views.SIDE - 1)), y + 0.5 * (views.SIDE - 1)])
+    )
+    distance = views.FOCAL_PX / scale
+    expected = centre[1] + views.FOCAL_PX * y * np.cos(tilt) / (distance + y * np.sin(tilt))
+    assert np.allclose(points[:, 0], centre[0])
+    assert np.allclose(points[:, 1], expected)
+
+
+@pytest.fixture(scope="module")
+def drawn() -> list[views.View]:
+    return [views.view(seed) for seed in range(0, 50, 2)]
+
+
+def test_the_template_is_in_the_image_where_the_homography_says(drawn) -> None:
+    checked = 0
+    for seen in drawn:
+        assert 0.0 <= seen.covered <= 0.42  # the mask is sampled with whole pixels
+        assert np.allclose(
+            seen.corners, views.mapped(seen.homography, np.array([[0, 0], [199, 0], [199, 199], [0, 199]]))
+        )
+        if seen.covered > 0.25 or seen.tilt_rad > 0.7:
+            continue
+        scores = {}
+        for shift in (-1.5, 0.0, 1.5):
+            moved = np.array([[1, 0, shift], [0, 1, shift], [0, 0, 1.0]]) @ seen.homography
+            back = cv2.warpPerspective(seen.image, np.linalg.inv(moved), (views.SIDE, views.SIDE)).astype(
+                float
+            )
+            soft = (
+                cv2.GaussianBlur(a.astype(float), (0, 0), 1.5)[20:-20, 20:-20] for a in (seen.template, back)
+            )
+            scores[shift] = np.corrcoef(*(a.ravel() for a in soft))[0, 1]
+        # Shadows, bright spots and what covers it lower all three alike.
+        assert max(scores, key=lambda shift: scores[shift]) == 0.0
+        checked += 1
+    assert checked >= 3
+
+
+def test_views_are_drawn_over_the_whole_range(drawn) -> None:
+    tilt, covered = (np.array([getattr(one, name) for one in drawn]) for name in ("tilt_rad", "covered"))
+    assert tilt.min() < np.deg2rad(15)
+    assert tilt.max() > np.deg2rad(50)
+    assert (covered > 0.2).sum() >= 3
+    assert np.array_equal(views.view(2).image, drawn[1].image)
+
+
+def test_wrong_and_valid_is_counted() -> None:
+    base = {"tilt_deg": 10.0, "covered": 0.1, "start_px": 1.0, "reason": "", "chi2": 1.0}
+    rows = [
+        base | {"valid": True, "worst_px": 2.1},
+        base | {"valid": True, "worst_px": 1.9},
+        base | {"valid": False, "worst_px": 30.0},
+        base | {"valid": True, "worst_px": float("nan")},
+    ]
+    wrong, followed, honest = templates_evidence.figures(rows)
+    assert wrong["ours"] == 50.0
+    assert followed["ours"] == 25.0
+    assert honest["ours"] == 1.0
+
+
+def test_a_slice_of_the_campaign_runs(tmp_path) -> None:
+    rows = templates_evidence.campaign(count=4, report=tmp_path / "views.jsonl")
+    assert len(rows) == 4
+    assert rows == templates_evidence.campaign(count=4, report=tmp_path / "views.jsonl")
