@@ -97,6 +97,17 @@ def test_no_shadow_on_the_bare_strip_is_a_force(images, config, seed) -> None:
             assert all(np.isnan(one.force_N) and not one.valid for one in profile.contacts)
 
 
+@pytest.mark.parametrize("seed", [2, 8, 20])
+def test_a_shadow_that_makes_foam_as_grey_as_the_lit_floor_is_no_force(images, config, seed) -> None:
+    world = images.World(seed)
+    sensor = zeroed(config, world)
+    # The resting front has no contrast any more: only the texture tells foam from floor.
+    shadow = images.edge_shadow(0.0165, 0.0, 0.3, 1.0 - world.floor / world.foam)
+    for i in range(3):
+        profile = sensor.read(frame(world.image(shadow=shadow, floor_in_shadow=False), i))
+        assert not profile.valid or profile.force_N <= 3.0 * profile.force_sigma_N + ALLOWED_N, i
+
+
 def test_a_shadow_is_no_force_after_loading_a_zero_either(images, config) -> None:
     world = images.World(13)
     zeroed(config, world).zero_reference.save(config.parent / "zero.yaml")

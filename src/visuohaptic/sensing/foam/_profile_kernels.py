@@ -31,7 +31,7 @@ def _total(sigma, uncertainty, zero_sigma, i):
 
 
 @kernel
-def _end_variance(s, delta, sigma, uncertainty, stress, factor, height, end, side, limit):
+def _end_variance(s, mean, sigma, uncertainty, stress, factor, height, end, side, limit):
     """Variance of a force by points at one end of its region that come and go with the noise [N^2].
 
     The region ends one point beyond the outermost one above its threshold. With the chance of each
@@ -44,18 +44,18 @@ def _end_variance(s, delta, sigma, uncertainty, stress, factor, height, end, sid
     """
     outermost = end
     for _ in range(OUTSIDE):
-        if 0 <= outermost + side < len(s) and delta[outermost + side] > 0.0:
+        if 0 <= outermost + side < len(s) and mean[outermost + side] > 0.0:
             outermost += side
     left_out = 0.0
     open_still = 1.0
-    mean = 0.0
+    average = 0.0
     square = 0.0
     j = outermost
     for _ in range(INSIDE + OUTSIDE + 1):
-        threshold = EDGE_SIGMAS * _total(sigma, uncertainty, 0.0, j)
-        above = 0.5 * math.erfc((threshold - delta[j]) / (math.sqrt(2.0) * max(sigma[j], 1e-12)))
+        threshold = OF_THREE * _total(sigma, uncertainty, 0.0, j)
+        above = 0.5 * math.erfc((threshold - mean[j]) / (math.sqrt(2.0 / 3.0) * max(sigma[j], 1e-12)))
         chance = open_still * above
-        mean += chance * left_out
+        average += chance * left_out
         square += chance * left_out * left_out
         open_still -= chance
         if j == limit or open_still < 1e-6:
@@ -69,8 +69,8 @@ def _end_variance(s, delta, sigma, uncertainty, stress, factor, height, end, sid
     total = 1.0 - open_still
     if total <= 0.0:
         return 0.0
-    mean /= total
-    return max(square / total - mean * mean, 0.0)
+    average /= total
+    return max(square / total - average * average, 0.0)
 
 
 @kernel
@@ -322,8 +322,8 @@ def integrate_regions(
                 mode,
                 force,
             )
-        image = _end_variance(s, delta, sigma, uncertainty, stress, factor, height, first, -1, last)
-        image += _end_variance(s, delta, sigma, uncertainty, stress, factor, height, last, 1, first)
+        image = _end_variance(s, mean, sigma, uncertainty, stress, factor, height, first, -1, last)
+        image += _end_variance(s, mean, sigma, uncertainty, stress, factor, height, last, 1, first)
         systematic = 0.0
         zero = 0.0
         for j in range(first, last + 1):

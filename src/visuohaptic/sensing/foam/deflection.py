@@ -190,7 +190,7 @@ def fill_gaps(
 
     One or two points are bridged by the shape of their neighbours. What lies in a wider gap would draw the foam
     along beside it: a point at a distance x from the last one seen, which is deflected by d +- sigma, is pressed by no more
-    than (d + sigma) exp(x / l) with twice the shortest decay length l of free foam.
+    than (d + sigma) exp(x / l) with the shortest decay length l of free foam.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def fill_gaps(
         for k in ends:
             error = np.hypot(sigma_m[k], uncertainty_m[k])
             drawn = (max(delta_m[k], 0.0) + error) * np.exp(
-                np.abs(s_m[gap] - s_m[k]) / (2 * DECAY_PER_WIDTH * width_m)
+                np.abs(s_m[gap] - s_m[k]) / (DECAY_PER_WIDTH * width_m)
             )
             hidden[gap] = np.minimum(hidden[gap], np.minimum(drawn, 1.0))
         if ends:
@@ -231,7 +231,7 @@ def fill_gaps(
     noise = np.where(seen, np.minimum(noise_m, total), 0.0)
     own = np.where(seen, _KINK_NOISE * uncertainty_m, np.where(hidden > 0.0, 0.0, _BRIDGE_NOISE * bridge))
     own = np.minimum(own, np.sqrt(np.maximum(total**2 - noise**2, 0.0)))
-    return Deflection(delta, total, noise, own, seen, hidden, raw_m, states)
+    return Deflection(delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states)
 
 
 def _better_bridged(

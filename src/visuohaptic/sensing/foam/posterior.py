@@ -184,7 +184,7 @@ class EdgePosterior:
             _image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -_MAX_ODDS)
         unary[:, FOAM] += np.where(strip.low_confidence, _UNCLEAN, 0.0)
-        unary[:, FOAM] += self._place(strip.t_s, delta, sigma, against)
+        unary[:, FOAM] += self._place(strip.t_s, delta, np.hypot(sigma, strip.common_sigma_m), against)
         against[~seen, :] = 0.0
         against[~seen, 4] = _MAX_ODDS
         unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
@@ -224,6 +224,7 @@ class EdgePosterior:
         anywhere = self._width / np.clip(reach, blunt, self._width)
         step = 2.0 * (self._speed * np.where(known, waited, np.inf) + blunt)
         near = np.where(np.abs(delta - self._trusted_m) < 0.5 * step, self._width / step, 0.0)
+        near = np.where(known, near, anywhere)
         pressed = np.log(np.maximum(0.3 * anywhere + 0.7 * near, 0.3)) - fast - thick
         against[:, 2] = np.clip(fast + thick, 0.0, 40.0)
         result: Float[np.ndarray, "K"] = np.clip(
@@ -266,7 +267,11 @@ def _image_evidence(
     variance = float(np.median(np.minimum(moved, fixed)))
     half = 0.5 * _INDEPENDENT * b[:, COUNT]
     odds = [
-        np.clip(half * (1.0 + np.log(b[:, OWN] / variance) - rest / variance), -_MAX_ODDS, _MAX_ODDS)
+        np.clip(
+            half * (1.0 + np.log(np.maximum(b[:, OWN], 0.05) / variance) - rest / variance),
+            -_MAX_ODDS,
+            _MAX_ODDS,
+        )
         for rest in (moved, fixed)
     ]
     foam = np.logaddexp(np.logaddexp(_MOVED + odds[0], _FIXED + odds[1]), _OTHER)

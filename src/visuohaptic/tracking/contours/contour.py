@@ -138,7 +138,6 @@ class ContourTracker:
         self._noise_var = 0.0
         self._cap = 0.0
         self._contrast = 0.0
-        self._good = 0.0
         self._age = 0
 
     def track(
@@ -182,12 +181,10 @@ class ContourTracker:
             )
         due = guess is None or self._age >= self.settings.full_search_every
         contour = self._attempt(grey, lines, None if due else guess)
-        # Fewer good points than before: the contour may have jumped out of the window.
-        if not due and _good_fraction(contour) < self._good - 0.08:
+        # Some points have no edge: the contour, or what covered a part of it, may have jumped out of the window.
+        if not due and contour.valid.mean() < _FEW_VALID:
             due = True
             contour = self._attempt(grey, lines, None)
-        good = _good_fraction(contour)
-        self._good = good if due else max(self._good, good)
         self._age = 0 if due else self._age + 1
         return contour
 
@@ -307,6 +304,8 @@ class ContourTracker:
         )
 
 
+#: Fraction of valid points below which the whole range is searched: three of eighty may be dirt.
+_FEW_VALID = 0.96
 #: A blur that differs by more than this from the last frame's is another one: twice the noise of its median.
 _SAME_BLUR = 0.05
 #: Other blurs that are tried where a fit leaves this part of the contrast [px].
@@ -327,11 +326,6 @@ def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines
     row = np.clip(np.rint(points[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
     left, middle, right = (grey[row, column + i].astype(np.float64) for i in (-1, 0, 1))
     return max(2.0, 1.4826 * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0)))
-
-
-def _good_fraction(contour: Contour) -> float:
-    """Fraction of points that sit on an edge."""
-    return float(contour.valid.mean())
 
 
 def _fitting(name: str, values: Float[np.ndarray, "k"], count: int) -> Float[np.ndarray, "k"]:
