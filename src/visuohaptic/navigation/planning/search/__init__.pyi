@@ -9,6 +9,7 @@ from .push_states import SearchLimits as SearchLimits
 from .push_states import SearchResult as SearchResult
 from .push_states import SearchState as SearchState
 from .push_states import SeenFields as SeenFields
+from .push_states import needed_clearance as needed_clearance
 from .push_states import push_sequence as push_sequence
 from .push_states import seed_cells as seed_cells
 from .search_domain import Body as Body

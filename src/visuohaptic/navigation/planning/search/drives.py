@@ -45,7 +45,8 @@ def pull_string(
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0
     places = domain.drives.get((shifts.tobytes(), start.tobytes(), goal.tobytes()))
-    if places is None:
+    # What only showed that a drive exists keeps no more room than it needs: good enough where it is long.
+    if places is None or len(places) < LONG_DRIVE:
         found = _cells_on_map(domain, shifts, start, goal, domain.reach)
         if found is None:
             return np.zeros((0, 2)), float("inf")

@@ -253,10 +253,9 @@ class PushPass:
         for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
             opens = length >= opens_at
             spent = contact.spent + heuristic.push_units(contact.body, length, oblique=push.oblique)
-            if not opens:  # another push has to follow
+            if not opens and self.weight > 1.0:  # another push has to follow, most likely
                 to_go = max(to_go, driven + heuristic.min_any_push)
-                if self.weight > 1.0:
-                    to_go += heuristic.crossing(contact.body, shift)
+                to_go += heuristic.crossing(contact.body, shift)
             entry = _Push(contact, length, spent, opens)
             if np.isfinite(to_go):
                 self.queue.push(spent + to_go * self.weight, entry)
@@ -264,8 +263,7 @@ class PushPass:
     def _tried(self, free: float, opening: Float[np.ndarray, "k"]) -> list[float]:
         """Lengths that are tried of a push [cells], ascending."""
         step = self.step
-        closed = min([free, *opening.tolist()])
-        lengths = {n * step for n in LADDER if n * step <= closed}
+        lengths = {n * step for n in LADDER if n * step <= free}
         lengths.add(free if free < step else np.floor(free / step + 1e-6) * step)
         for length in opening:
             first = np.ceil(length / step - 1e-6)

@@ -15,6 +15,7 @@ __all__ = [
     "SearchResult",
     "SearchState",
     "SeenFields",
+    "needed_clearance",
     "push_sequence",
     "seed_cells",
 ]
@@ -171,3 +172,18 @@ def push_sequence(state: SearchState) -> tuple[PushStep, ...]:
         steps.append(at.step)
         at = at.parent
     return tuple(reversed(steps))
+
+
+def needed_clearance(radius: float) -> float:
+    """Clearance that a robot needs between the centres of cells, and between the samples of a segment [cells].
+
+    The distance from an obstacle bends by at most 1 / distance: interpolated between the centres of cells it is too
+    high by at most 1 / (8 distance), and between samples it may fall below both by spacing^2 / (8 distance).
+
+    Parameters
+    ----------
+    radius
+        Of the robot [cells].
+    """
+    spacing = max(0.5, radius / 7.0)
+    return radius + (1.0 + spacing**2) / (8.0 * radius)

@@ -1,7 +1,6 @@
 """The domain of the search over pushes: static obstacles with their clearance, and where each object is.
 
-Everything here is in grid coordinates: cells, x along the columns and y along
-the rows of the map, so that a turned origin needs no thought further in.
+Everything here is in grid coordinates: cells, x along the columns and y along the rows of the map.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from ...problem.planning_problem import MovableObject, PlanningProblem, RobotMod
 from ...problem.push_costs import Manipulability, PushCosts, manipulability
 from ...pushing.contact_candidates import PushContact, push_contacts
 from .object_cells import clear_cells
+from .push_states import needed_clearance
 
 __all__ = [
     "Body",
@@ -345,7 +345,7 @@ def build_search_domain(
     return SearchDomain(
         grid,
         robot,
-        _with_rounding(radius),
+        needed_clearance(radius),
         robot.v_max_m_s / robot.v_min_m_s,
         occupied,
         clearance,
@@ -356,16 +356,6 @@ def build_search_domain(
         clearance if block == 1 else largest_in_blocks(clearance, block),
         outlines,
     )
-
-
-def _with_rounding(radius: float) -> float:
-    """Clearance that a robot needs between the centres of cells, and between the samples of a segment [cells].
-
-    The distance from an obstacle bends by at most 1 / distance: interpolated between the centres of cells it is too
-    high by at most 1 / (8 distance), and between samples it may fall below both by spacing^2 / (8 distance).
-    """
-    spacing = max(0.5, radius / 7.0)
-    return radius + (1.0 + spacing**2) / (8.0 * radius)
 
 
 def _distance(
