@@ -20,7 +20,7 @@ COVERAGE = """
 from benchmarks.kernel_signatures import PARTS
 from visuohaptic.cli.main import main
 from visuohaptic.core.kernels import KERNELS
-assert main(["warmup", "--json"]) == 0
+assert main(["warmup", "--jobs", "1", "--json"]) == 0
 warm = {one: set(one.overloads) for one in KERNELS}
 for part in PARTS:
     part()
