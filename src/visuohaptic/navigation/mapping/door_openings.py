@@ -104,10 +104,17 @@ def free_space(grid: OccupancyMap) -> DoorSpace:
     small = np.bincount(patches.ravel()) * r * r < PATCH_M2
     small[0] = False
     blocked = wall | (unknown & ~small[patches])
-    core = distance_cells(~blocked) > 0.5 * CLOSED_GAP_M / r
-    free = ~blocked & (distance_cells(~core) < 0.5 * CLOSED_GAP_M / r)
+    free = without_gaps(~blocked, CLOSED_GAP_M, r)
     extent_m = tuple(_extent_m(occupied, gap_m, r) for gap_m in (0.0, _BRIDGED_M))
     return DoorSpace(r, free, extent_m, _wall_direction(occupied))
+
+
+def without_gaps(
+    free: Bool[np.ndarray, "rows columns"], gap_m: float, resolution_m: float
+) -> Bool[np.ndarray, "rows columns"]:
+    """Free cells that a disc of diameter ``gap_m`` reaches (morphological opening)."""
+    core = distance_cells(free) > 0.5 * gap_m / resolution_m
+    return free & (distance_cells(~core) < 0.5 * gap_m / resolution_m)
 
 
 def _extent_m(

@@ -21,7 +21,16 @@ from jaxtyping import Bool, Float, Int32
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
-from .door_openings import MEASURES, DoorSpace, Opening, distance_cells, free_space, measure, narrow_places
+from .door_openings import (
+    MEASURES,
+    DoorSpace,
+    Opening,
+    distance_cells,
+    free_space,
+    measure,
+    narrow_places,
+    without_gaps,
+)
 
 __all__ = [
     "DOOR_MEASURES",
@@ -39,6 +48,8 @@ DOOR_MEASURES = (*MEASURES, "smaller_room_m", "larger_room_m")
 
 #: Rooms smaller than this (m^2) have no number.
 _ROOM_M2 = 0.8
+#: Narrower gaps (m) join no rooms unless they are doors: scans leave many in a wall of glass.
+_ROOM_GAP_M = 0.56
 #: Openings whose middles are nearer than this (m) are one door: the narrowest two need 0.4 m and a pier between them.
 _SAME_DOOR_M = 0.6
 
@@ -202,14 +213,16 @@ def _line(shape: tuple[int, ...], opening: Opening) -> Bool[np.ndarray, "rows co
     return mask > 0
 
 
-def _rooms(space: DoorSpace, openings: list[Opening]) -> tuple[Int32[np.ndarray, "rows columns"], int]:
-    """Number of the room at each free cell with openings closed, and the number of rooms."""
+def _rooms(
+    space: DoorSpace, openings: list[Opening], gap_m: float = 0.0
+) -> tuple[Int32[np.ndarray, "rows columns"], int]:
+    """Number of the room at each free cell with openings and smaller gaps closed, and the number of rooms."""
     from scipy import ndimage
 
     free = space.free.copy()
     for opening in openings:
         free &= ~_line(free.shape, opening)
-    rooms, count = ndimage.label(free)
+    rooms, count = ndimage.label(without_gaps(free, gap_m, space.resolution_m) if gap_m else free)
     return rooms, int(count)
 
 
@@ -244,7 +257,7 @@ def _with_rooms(
     taken: list[tuple[Opening, float]],
 ) -> DoorMap:
     """Number the rooms, and tell of each door which it joins."""
-    rooms, count = _rooms(space, [opening for opening, _ in taken])
+    rooms, count = _rooms(space, [opening for opening, _ in taken], _ROOM_GAP_M)
     area = np.bincount(rooms.ravel(), minlength=count + 1) * space.resolution_m**2
     good = area >= _ROOM_M2
     good[0] = False
