@@ -45,11 +45,23 @@ def real_names(seeds: str) -> list[str]:
     return [name for name in names if (data_folder() / name).exists()]
 
 
-def judged(grid: OccupancyMap, jambs_m: np.ndarray, unclear_m: np.ndarray) -> Row:
+def floor(key: str) -> tuple[str, OccupancyMap, np.ndarray, np.ndarray]:
+    """Kind, map, jambs of the true doors (n, 2, 2) [m] and middles of unclear openings (n, 2) [m] of a floor."""
+    source, name = key.split(" ", 1)
+    none = np.zeros((0, 2))
+    if source == "generated":
+        made = building(int(name))
+        return made.name.split()[0], OccupancyMap(made.cells, made.cell_m), made.jambs_m, none
+    if (truth := yaml.safe_load(TRUTH.read_text()).get(name)) is not None:
+        jambs, unclear = (np.array(truth[key], dtype=float) for key in ("doors", "unclear"))
+        grid = OccupancyMap(*load(data_folder(), name))
+        return "real", grid, jambs.reshape(-1, 2, 2), unclear.reshape(-1, 2)
+    path = data_folder() / name
+    return "real", OccupancyMap.load(path), drawn_doors(path.parent / "doors.yaml")[0], none
+
+
+def judged(found: DoorMap, jambs_m: np.ndarray, unclear_m: np.ndarray) -> Row:
     """Doors of one map: confidence of each, whether it is true, and how many there are."""
-    began = time.process_time()
-    found = find_doors(grid)
-    spent_s = time.process_time() - began
     hits = {i for i, _ in matched(found, jambs_m)} if len(jambs_m) else set()
     clear = [
         door
@@ -62,7 +74,6 @@ def judged(grid: OccupancyMap, jambs_m: np.ndarray, unclear_m: np.ndarray) -> Ro
         "confidence": [round(float(door.confidence), 4) for door in found.doors],
         "true": [index in true for index in range(len(found.doors))],
         "drawn": len(jambs_m),
-        "cpu_s": round(spent_s, 3),
         "curve": [_at(found, jambs_m, level) for level in BINS[1:-1]],
     }
 
@@ -76,20 +87,11 @@ def _at(found: DoorMap, jambs_m: np.ndarray, level: float) -> list[float]:
 
 def play(key: str) -> Row:
     """One building."""
-    kind, name = key.split(" ", 1)
-    if kind == "generated":
-        made = building(int(name))
-        return {
-            "kind": made.name.split()[0],
-            **judged(OccupancyMap(made.cells, made.cell_m), made.jambs_m, np.zeros((0, 2))),
-        }
-    if (truth := yaml.safe_load(TRUTH.read_text()).get(name)) is not None:
-        jambs, unclear = (np.array(truth[key], dtype=float) for key in ("doors", "unclear"))
-        grid = OccupancyMap(*load(data_folder(), name))
-        return {"kind": "real", **judged(grid, jambs.reshape(-1, 2, 2), unclear.reshape(-1, 2))}
-    path = data_folder() / name
-    corners, _ = drawn_doors(path.parent / "doors.yaml")
-    return {"kind": "real", **judged(OccupancyMap.load(path), corners, np.zeros((0, 2)))}
+    kind, grid, jambs_m, unclear_m = floor(key)
+    began = time.process_time()
+    found = find_doors(grid)
+    spent_s = round(time.process_time() - began, 3)
+    return {"kind": kind, "cpu_s": spent_s, **judged(found, jambs_m, unclear_m)}
 
 
 def table(name: str, rows: list[Row]) -> list[Row]:

@@ -41,10 +41,15 @@ def drawn_doors(path: Path) -> tuple[np.ndarray, list[list[np.ndarray]]]:
 
 def matched(found: DoorMap, corners: np.ndarray) -> list[tuple[int, int]]:
     """Pairs (found, drawn), one to one, the nearest together."""
+    middles = np.array([door.middle_m for door in found.doors]).reshape(-1, 2)
+    return matched_places(middles, corners.mean(axis=1))
+
+
+def matched_places(middles: np.ndarray, true_m: np.ndarray) -> list[tuple[int, int]]:
+    """Pairs (place, true place), one to one, the nearest together."""
     from scipy.optimize import linear_sum_assignment
 
-    middles = np.array([door.middle_m for door in found.doors]).reshape(-1, 2)
-    far = np.hypot(*(middles[:, None] - corners.mean(axis=1)[None]).transpose(2, 0, 1))
+    far = np.hypot(*(middles[:, None] - true_m[None]).transpose(2, 0, 1))
     rows, columns = linear_sum_assignment(np.where(far < TOLERANCE_M, far, 1e3))
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if far[i, j] < TOLERANCE_M]
 

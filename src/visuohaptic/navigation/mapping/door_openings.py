@@ -17,28 +17,30 @@ from ...io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["MEASURES", "DoorSpace", "Opening", "free_space", "measure", "narrow_places"]
 
-#: Names of the measures of an opening, in the order of :attr:`Opening.measures`.
+#: Names of the measures of an opening, in the order of :attr:`Opening.measures`: log-ratios, metres and radians.
 MEASURES = (
-    "too_wide_m",  #: width above a single door's
-    "too_narrow_m",
-    "recess",  #: log of how far one wall, or both in turn, step back on both sides
-    "crossed_recess",  #: the same, of opposite jambs
-    "widening",  #: clearance reached within 2 m on the tighter side, by half the width
-    "turn_rad",  #: against the directions of the building's walls
-    "straightness",  #: coherence of the walls around, 0..1
+    "width",  #: log of the width over a single door's
+    "double",  #: the same above 1.3 single doors, where double doors begin
+    "clearance_m",  #: clearance within 2 m on the tighter side, above half the width
+    "recess",  #: log of how far opposite jambs step back on the two sides
+    "wall",  #: log of the extent of the smaller wall at a jamb, without gaps [m]
+    "smaller_wall",  #: the same, gaps of two cells bridged
+    "larger_wall",
     "thickness_m",  #: of the thinner wall beside the opening
-    "wall_length",  #: root of the length of wall in line with the opening [m]
+    "turn_rad",  #: against the directions of the building's walls
 )
 
-#: Gaps narrower than this are not passages: they are closed, like those in a wall of glass (m).
-CLOSED_GAP_M = 0.56
+#: Width of a single door between its frames as a laser sees it (m).
+SINGLE_WIDTH_M = 0.8
+#: Gaps narrower than this are not passages: they are closed, like those in a wall of glass (m). A door of 0.7 m
+#: between walls that noise has thickened by two to three cells of 5 cm keeps half a metre on the map.
+CLOSED_GAP_M = 0.42
+#: Gaps that scans leave in one wall (m).
+_BRIDGED_M = 0.2
 #: A group of obstacles smaller than this stands alone: furniture, no wall (m).
 ALONE_M = 1.2
 #: Unknown patches smaller than this are free (m^2): the laser has missed them.
 PATCH_M2 = 1.0
-#: Width that needs no excuse (m): a single door between its frames as a laser sees it.
-USUAL_WIDTH_M = (0.75, 1.0)
-
 _DEPTH_M = (0.15, 0.85)  #: where the walls must step back, from the opening's middle line
 _REACH_M = 2.6  #: half edge of the window that is looked at
 
@@ -48,9 +50,9 @@ class DoorSpace:
     """A map as doors are looked for in it."""
 
     resolution_m: float
-    occupied: Bool[np.ndarray, "rows columns"]
     free: Bool[np.ndarray, "rows columns"]  #: without lone furniture, gaps below ``CLOSED_GAP_M`` closed
-    coherence: Float32[np.ndarray, "rows columns"]  #: 1 at straight walls, 0 in clutter
+    #: diagonal of the wall at each cell, as it is and with the gaps of scans bridged
+    extent_m: tuple[Float32[np.ndarray, "rows columns"], ...]
     direction_rad: float  #: of the walls, modulo 90 degrees, in the grid
 
 
@@ -58,7 +60,6 @@ class DoorSpace:
 class Opening:
     """A narrow place between two jambs; places are (row, column)."""
 
-    place: Int[np.ndarray, "2"]  #: free cell in its middle
     jambs: Float[np.ndarray, "2 2"]
     width_m: float
     measures: Float[np.ndarray, "9"]  #: see :data:`MEASURES`
@@ -94,45 +95,52 @@ def free_space(grid: OccupancyMap) -> DoorSpace:
     """
     from scipy import ndimage
 
-    r, around = grid.resolution_m, np.ones((3, 3))
+    r = grid.resolution_m
     occupied = grid.cells >= 50
     # Wall pieces with small gaps between them are one wall; what stays small by itself is furniture.
-    groups, count = ndimage.label(distance_cells(~occupied) <= 0.5 * CLOSED_GAP_M / r, around)
-    large = np.zeros(count + 1, dtype=bool)
-    for number, (rows, columns) in enumerate(ndimage.find_objects(groups), start=1):
-        extent = np.hypot(rows.stop - rows.start, columns.stop - columns.start) * r - CLOSED_GAP_M
-        large[number] = extent > ALONE_M
-    wall = occupied & large[groups]
+    wall = occupied & (_extent_m(occupied, CLOSED_GAP_M, r) > ALONE_M)
     unknown = ~occupied & ~grid.free
-    patches, _ = ndimage.label(unknown, around)
+    patches, _ = ndimage.label(unknown, np.ones((3, 3)))
     small = np.bincount(patches.ravel()) * r * r < PATCH_M2
     small[0] = False
     blocked = wall | (unknown & ~small[patches])
-    core = distance_cells(~blocked) > 0.5 * CLOSED_GAP_M / r
-    free = ~blocked & (distance_cells(~core) < 0.5 * CLOSED_GAP_M / r)
-    coherence, direction = _wall_directions(occupied, r)
-    return DoorSpace(r, occupied, free, coherence, direction)
+    free = without_gaps(~blocked, CLOSED_GAP_M, r)
+    extent_m = tuple(_extent_m(occupied, gap_m, r) for gap_m in (0.0, _BRIDGED_M))
+    return DoorSpace(r, free, extent_m, _wall_direction(occupied))
 
 
-def _wall_directions(
-    occupied: Bool[np.ndarray, "rows columns"], resolution_m: float
-) -> tuple[Float32[np.ndarray, "rows columns"], float]:
-    """Coherence of the structure tensor, and the direction that most walls have."""
+def without_gaps(
+    free: Bool[np.ndarray, "rows columns"], gap_m: float, resolution_m: float
+) -> Bool[np.ndarray, "rows columns"]:
+    """Free cells that a disc of diameter ``gap_m`` reaches (morphological opening)."""
+    core = distance_cells(free) > 0.5 * gap_m / resolution_m
+    return free & (distance_cells(~core) < 0.5 * gap_m / resolution_m)
+
+
+def _extent_m(
+    occupied: Bool[np.ndarray, "rows columns"], gap_m: float, resolution_m: float
+) -> Float32[np.ndarray, "rows columns"]:
+    """Diagonal of the group of occupied cells around each cell, gaps bridged [m]; 0 where there is none."""
+    from scipy import ndimage
+
+    near = distance_cells(~occupied) <= 0.5 * gap_m / resolution_m
+    groups, _ = ndimage.label(near, np.ones((3, 3)))
+    boxes = ndimage.find_objects(groups)
+    extent = [np.hypot(*(side.stop - side.start for side in box)) * resolution_m - gap_m for box in boxes]
+    return np.array([0.0, *extent], dtype=np.float32)[groups]
+
+
+def _wall_direction(occupied: Bool[np.ndarray, "rows columns"]) -> float:
+    """Direction that most walls have, modulo 90 degrees [rad]: angle of the mean of the gradients' fourth powers."""
     import cv2
 
-    smooth = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.0)
-    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
-    sigma = max(0.15 / resolution_m, 1.0)
-    xx, yy, xy = (cv2.GaussianBlur(product, (0, 0), sigma) for product in (gx * gx, gy * gy, gx * gy))
-    strength = np.sqrt((xx - yy) ** 2 + 4 * xy * xy)
-    coherence = strength / (xx + yy + 1e-9)
-    normal = 0.5 * np.arctan2(2 * xy, xx - yy)
-    mean = np.sum((strength * np.exp(4j * normal))[occupied])
-    return coherence.astype(np.float32), float(np.angle(mean) / 4)
+    smooth = cv2.GaussianBlur(occupied.astype(np.float64), (0, 0), 1.5)
+    gradient = cv2.Sobel(smooth, cv2.CV_64F, 1, 0) + 1j * cv2.Sobel(smooth, cv2.CV_64F, 0, 1)
+    return float(np.angle(np.sum(gradient**4 / np.maximum(np.abs(gradient) ** 2, 1e-12))) / 4)
 
 
 def narrow_places(space: DoorSpace, widest_m: float) -> Int[np.ndarray, "n 2"]:
-    """Cells (row, column) in the middle of the narrow places, the narrowest first.
+    """Cells (row, column) in the middle of the narrow places.
 
     Parameters
     ----------
@@ -143,6 +151,7 @@ def narrow_places(space: DoorSpace, widest_m: float) -> Int[np.ndarray, "n 2"]:
     """
     import cv2
     from scipy import ndimage
+    from skimage.measure import label
     from skimage.morphology import h_maxima
     from skimage.segmentation import watershed
 
@@ -157,51 +166,24 @@ def narrow_places(space: DoorSpace, widest_m: float) -> Int[np.ndarray, "n 2"]:
     lowest = ndimage.minimum_filter(other, footprint=around)
     border = (basins > 0) & (lowest < basins)
     meeting = np.where(border, basins.astype(np.int64) * (int(basins.max()) + 1) + lowest, 0)
-    _, codes = np.unique(meeting, return_inverse=True)
-    pieces = _pieces(codes.reshape(meeting.shape), border)
-    if pieces.max() == 0:
-        return np.zeros((0, 2), dtype=np.int64)
+    # Connected cells where the same two basins meet are one place.
+    pieces = label(meeting, background=0, connectivity=2)
     numbers = np.arange(1, int(pieces.max()) + 1)
-    clearance = ndimage.maximum(distance, pieces, numbers) * space.resolution_m
     places = np.array(ndimage.maximum_position(distance, pieces, numbers)).reshape(-1, 2).astype(np.int64)
-    kept = clearance < 0.75 * widest_m
-    return places[kept][np.argsort(clearance[kept], kind="stable")]
+    return places[distance[tuple(places.T)] * space.resolution_m < 0.75 * widest_m]
 
 
-def _pieces(
-    codes: Int[np.ndarray, "rows columns"], border: Bool[np.ndarray, "rows columns"]
-) -> Int[np.ndarray, "rows columns"]:
-    """Connected cells of the same code get the same number, others another."""
-    from scipy import ndimage
-
-    around = np.ones((3, 3))
-    joint, _ = ndimage.label(border, around)
-    pieces = np.zeros(codes.shape, dtype=np.int64)
-    last = 0
-    for number, place in enumerate(ndimage.find_objects(joint), start=1):
-        mine = joint[place] == number
-        for code in np.unique(codes[place][mine]):
-            part, found = ndimage.label(mine & (codes[place] == code), around)
-            pieces[place] += np.where(part > 0, part + last, 0)
-            last += found
-    return pieces
-
-
-def measure(
-    space: DoorSpace, free: Bool[np.ndarray, "rows columns"], place: Int[np.ndarray, "2"]
-) -> Opening | None:
+def measure(space: DoorSpace, place: Int[np.ndarray, "2"]) -> Opening | None:
     """Jambs and measures of the narrow place at a free cell; None where there is no pair of jambs.
 
     Parameters
     ----------
     space
         Free space with walls only.
-    free
-        The free cells of ``space``, or fewer where other doors are closed.
     place
         Free cell (row, column) in the middle of a narrow place.
     """
-    r = space.resolution_m
+    r, free = space.resolution_m, space.free
     jambs = _jambs(free, place, r)
     if jambs is None:
         return None
@@ -210,33 +192,35 @@ def measure(
     u = along / np.hypot(*along)
     n = np.array([-u[1], u[0]])
     middle = jambs.mean(axis=0)
-    reach = round(_DEPTH_M[1] / r)
-    offsets = np.arange(-reach, reach + 1)
-    spread = np.array(
-        [[_free_length(free, middle + t * n, sign * u, r) for sign in (-1, 1)] for t in offsets]
+    depth = np.arange(round(_DEPTH_M[0] / r), round(_DEPTH_M[1] / r) + 1)
+    here, front, back = (
+        np.array([[_free_length(free, middle + t * n, s * u, r) for s in (-1, 1)] for t in side]).max(axis=0)
+        for side in ([0], depth, -depth)
     )
-    deep = np.arange(round(_DEPTH_M[0] / r), reach + 1)
-    here = spread[reach]
-    front = np.maximum(spread[reach + deep].max(axis=0) - here, 0.0)
-    back = np.maximum(spread[reach - deep].max(axis=0) - here, 0.0)
-    same = max(min(front[0], back[0]), min(front[1], back[1]))
-    cross = max(min(front[0], back[1]), min(front[1], back[0]))
+    recess = np.minimum(front - here, (back - here)[::-1]).max()
+    width, half = np.log(max(width_m, r) / SINGLE_WIDTH_M), max(0.5 * width_m, 0.1)
     turn = np.arctan2(u[0], u[1]) - space.direction_rad
-    half = max(0.5 * width_m, 0.1)
+    (wall, _), (smaller, larger) = (_wall_extents(extent, jambs) for extent in space.extent_m)
     measures = [
-        max(width_m - USUAL_WIDTH_M[1], 0.0),
-        max(USUAL_WIDTH_M[0] - width_m, 0.0),
-        np.log(max(same, cross, 0.03)),
-        np.log(max(cross, 0.03)),
-        min(_widening(free, middle, n, r) / half, 2.5),
+        width,
+        max(width - 0.25, 0.0),
+        min(_widening(free, middle, n, r), 2.5 * half) - half,
+        np.log(max(recess, 0.03)),
+        np.log(np.clip(wall, r, 6.0)),
+        np.log(np.clip(smaller, r, 6.0)),
+        np.log(np.clip(larger, r, 10.0)),
+        min(*(_thickness(free, jamb, s * u, n, r) for jamb, s in zip(jambs, (-1, 1), strict=True)), 1.0),
         min(abs((turn + np.pi / 4) % (np.pi / 2) - np.pi / 4), 0.5),
-        _straightness(space, middle, half + 0.6),
-        min(
-            *(_thickness(free, jamb, sign * u, n, r) for jamb, sign in zip(jambs, (-1, 1), strict=True)), 1.0
-        ),
-        np.sqrt(max(_wall_length(space, jamb, s * u, n) for jamb, s in zip(jambs, (-1, 1), strict=True))),
     ]
-    return Opening(place, jambs, width_m, np.array(measures, dtype=np.float64))
+    return Opening(jambs, width_m, np.array(measures, dtype=np.float64))
+
+
+def _wall_extents(
+    extent_m: Float32[np.ndarray, "rows columns"], jambs: Float[np.ndarray, "2 2"]
+) -> tuple[float, float]:
+    """Extents of the walls within two cells of the jambs, the smaller first [m]."""
+    smaller, larger = sorted(float(extent_m[_window(extent_m.shape, jamb, 2)].max()) for jamb in jambs)
+    return smaller, larger
 
 
 def _window(shape: tuple[int, ...], place: np.ndarray, reach: int) -> tuple[slice, slice]:
@@ -307,12 +291,6 @@ def _widening(free: np.ndarray, middle: np.ndarray, passage: np.ndarray, resolut
     return min(best) * resolution_m
 
 
-def _straightness(space: DoorSpace, middle: np.ndarray, reach_m: float) -> float:
-    window = _window(space.occupied.shape, middle, round(reach_m / space.resolution_m))
-    occupied = space.occupied[window]
-    return float(space.coherence[window][occupied].mean()) if occupied.any() else 0.0
-
-
 def _thickness(free: np.ndarray, jamb: np.ndarray, away: np.ndarray, passage: np.ndarray, r: float) -> float:
     """Thickness of what stands beside the opening, looked at up to 0.45 m from the jamb [m]."""
     reach = round(1.0 / r)
@@ -327,14 +305,3 @@ def _thickness(free: np.ndarray, jamb: np.ndarray, away: np.ndarray, passage: np
         if len(above) and len(below):
             thinnest = min(thinnest, float(above[0] - below[-1]) * r)
     return thinnest
-
-
-def _wall_length(space: DoorSpace, jamb: np.ndarray, away: np.ndarray, passage: np.ndarray) -> float:
-    """Length over which three quarters of the line beyond the jamb are occupied, at most 2.5 m [m]."""
-    r = space.resolution_m
-    steps, band = np.arange(0, 2.5 / r), np.arange(-round(0.15 / r), round(0.15 / r) + 1)
-    points = jamb + steps[:, None, None] * away + band[None, :, None] * passage
-    hit = np.asarray(_look(space.occupied, points).any(axis=1))
-    covered = np.cumsum(hit) / (np.arange(len(hit)) + 1)
-    good = np.flatnonzero((covered >= 0.75) & hit)
-    return float(good[-1] + 1) * r if len(good) else 0.0

@@ -1,9 +1,8 @@
 """Doors from the geometry of a map: gaps of door width in walls, with a room on either side.
 
-The narrow places of the map (:mod:`.door_openings`) are scored by their shape
-and by what closing all of them separates. The best is taken first and closed;
-the others are measured again, because two doors side by side make the piece of
-corridor between them look like a third.
+The narrow places of the map (:mod:`.door_openings`) are measured, and closed all at once to see what rooms they
+separate. The log-odds that one is a door are a weighted sum of the measures: logistic regression on generated and
+real buildings, whose weights ``python -m benchmarks.doors_training`` writes to ``door_weights.json``.
 
 What a map cannot show: a closed door is wall, and whether an opening has a
 wing. Openings between rooms are reported, with or without wing.
@@ -11,7 +10,10 @@ wing. Openings between rooms are reported, with or without wing.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
 
 import numpy as np
 from jaxtyping import Bool, Float, Int32
@@ -19,42 +21,48 @@ from jaxtyping import Bool, Float, Int32
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
-from .door_openings import MEASURES, DoorSpace, Opening, free_space, measure, narrow_places
+from .door_openings import (
+    MEASURES,
+    DoorSpace,
+    Opening,
+    distance_cells,
+    free_space,
+    measure,
+    narrow_places,
+    without_gaps,
+)
 
-__all__ = ["Door", "DoorMap", "DoorSettings", "find_doors"]
+__all__ = [
+    "DOOR_MEASURES",
+    "Door",
+    "DoorMap",
+    "DoorSettings",
+    "door_candidates",
+    "find_doors",
+    "select_doors",
+]
 
-#: Weights of the measures, the two of what lies behind, and the constant, of a logistic score. Fitted with
-#: ridge regularisation to the openings of two floors of an office building and looked at on a dozen other maps.
-_WEIGHTS = {
-    "too_wide_m": -1.7,
-    "too_narrow_m": -11.0,
-    "recess": 0.2,
-    "crossed_recess": 0.5,
-    "widening": 4.2,
-    "turn_rad": -3.0,
-    "straightness": 5.3,
-    "thickness_m": -2.3,
-    "wall_length": 0.65,
-    "separates": 1.75,
-    "room": 2.15,
-}
-_CONSTANT = -11.15
+#: Names of the measures of a candidate: those of the opening, and the radius of the largest free circle (m) in the
+#: smaller and the larger of the rooms behind it.
+DOOR_MEASURES = (*MEASURES, "smaller_room_m", "larger_room_m")
 
-#: Rooms smaller than this (m^2), or with a smaller free circle (radius, m), are no rooms.
-_ROOM_M2, _ROOM_CIRCLE_M = 0.8, 1.2
-#: Factor of the confidence of a gap inside one room.
-_SAME_ROOM = 0.5
+#: Rooms smaller than this (m^2) have no number.
+_ROOM_M2 = 0.8
+#: Narrower gaps (m) join no rooms unless they are doors: scans leave many in a wall of glass.
+_ROOM_GAP_M = 0.56
+#: Openings whose middles are nearer than this (m) are one door: the narrowest two need 0.4 m and a pier between them.
+_SAME_DOOR_M = 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class DoorSettings:
     """What counts as a door."""
 
-    narrowest_m: float = field(default=0.6, metadata=POSITIVE)  #: between the jambs
+    #: between the jambs; a door of 0.7 m keeps half a metre between walls that noise has thickened
+    narrowest_m: float = field(default=0.42, metadata=POSITIVE)
     widest_m: float = 2.0
-    min_confidence: float = field(
-        default=0.4, metadata=within(0, 1)
-    )  #: found nine of ten drawn doors of two floors with four wrong in ten
+    #: from 0.4 on, less than 0.8 of the drawn doors of the training floors are found
+    min_confidence: float = field(default=0.3, metadata=within(0, 1))
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -74,7 +82,7 @@ class Door:
     width_m: float  #: free width between them
     passage: Float[np.ndarray, "2"]  #: unit vector (x, y) through the door, from the first room to the second
     rooms: tuple[int, int]  #: numbers in :attr:`DoorMap.rooms`; 0 where no room is known behind it
-    confidence: float  #: 0..1
+    confidence: float  #: probability that it is a door, 0..1
 
     @property
     def middle_m(self) -> Float[np.ndarray, "2"]:
@@ -124,63 +132,75 @@ def find_doors(grid: OccupancyMap, settings: DoorSettings | None = None) -> Door
     (1, 0.9, frozenset({(1, 2)}))
     """
     settings = settings or DoorSettings()
-    space = free_space(grid)
-    openings = [
-        opening
-        for place in narrow_places(space, settings.widest_m)
-        if (opening := measure(space, space.free, place)) is not None and _fits(opening, settings)
-    ]
-    behind = _behind(space, openings)
-    first = [_confidence(opening, *both) for opening, both in zip(openings, behind, strict=True)]
-    taken: list[tuple[Opening, float]] = []
-    free = space.free.copy()
-    for number in np.argsort([-value for value in first], kind="stable"):
-        if first[number] < 0.5 * settings.min_confidence:
-            break
-        found = _again(space, free, openings[number], settings) if taken else openings[number]
-        if found is None:
-            continue
-        confidence = min(_confidence(found, *behind[number]), first[number])
-        if confidence >= settings.min_confidence:
-            taken.append((found, confidence))
-            free &= ~_line(free.shape, found)
-    return _with_rooms(grid, space, _kept(space, free, taken, settings.min_confidence))
+    space, openings, measures = door_candidates(grid, settings)
+    weights = _weights()
+    log_odds = measures @ [weights[name] for name in DOOR_MEASURES] + weights["constant"]
+    return select_doors(grid, space, openings, 1.0 / (1.0 + np.exp(-log_odds)), settings.min_confidence)
 
 
-def _kept(
+def select_doors(
+    grid: OccupancyMap,
     space: DoorSpace,
-    free: Bool[np.ndarray, "rows columns"],
-    taken: list[tuple[Opening, float]],
+    openings: list[Opening],
+    confidence: Float[np.ndarray, "openings"],
     min_confidence: float,
-) -> list[tuple[Opening, float]]:
-    """Half the confidence for a gap that has the same room on both sides when every door is closed."""
-    from scipy import ndimage
+) -> DoorMap:
+    """The openings that are confident enough, one at each place, and the rooms between them.
 
-    rooms, _ = ndimage.label(free)
-    kept = []
-    for opening, confidence in taken:
-        here, there = (_room_at(rooms, opening, sign, space.resolution_m) for sign in (1.0, -1.0))
-        weighed = confidence * (_SAME_ROOM if here == there else 1.0)
-        if weighed >= min_confidence:
-            kept.append((opening, weighed))
-    return sorted(kept, key=lambda pair: -pair[1])
+    Parameters
+    ----------
+    grid
+        As for :func:`find_doors`.
+    space, openings
+        From :func:`door_candidates`.
+    confidence
+        Probability that each opening is a door, 0..1.
+    min_confidence
+        Lower limit.
+
+    Returns
+    -------
+    DoorMap
+        The most certain door first.
+    """
+    taken: list[tuple[Opening, float]] = []
+    for number in np.argsort(-confidence, kind="stable"):
+        middle = openings[number].middle
+        far_m = [float(np.hypot(*(other.middle - middle))) * space.resolution_m for other, _ in taken]
+        if confidence[number] >= min_confidence and min(far_m, default=np.inf) >= _SAME_DOOR_M:
+            taken.append((openings[number], float(confidence[number])))
+    return _with_rooms(grid, space, taken)
 
 
-def _fits(opening: Opening, settings: DoorSettings) -> bool:
-    return settings.narrowest_m <= opening.width_m <= settings.widest_m
+def door_candidates(
+    grid: OccupancyMap, settings: DoorSettings
+) -> tuple[DoorSpace, list[Opening], Float[np.ndarray, "openings measures"]]:
+    """Openings of door width, and their measures (:data:`DOOR_MEASURES`).
+
+    Parameters
+    ----------
+    grid
+        As for :func:`find_doors`.
+    settings
+        Range of widths.
+
+    Returns
+    -------
+    tuple
+        Space that is searched, openings, measures of each.
+    """
+    space = free_space(grid)
+    found = [measure(space, place) for place in narrow_places(space, settings.widest_m)]
+    openings = [o for o in found if o is not None and settings.narrowest_m <= o.width_m <= settings.widest_m]
+    rows = [[*o.measures, *room_m] for o, room_m in zip(openings, _rooms_m(space, openings), strict=True)]
+    return space, openings, np.array(rows, dtype=np.float64).reshape(-1, len(DOOR_MEASURES))
 
 
-def _again(
-    space: DoorSpace, free: Bool[np.ndarray, "rows columns"], before: Opening, settings: DoorSettings
-) -> Opening | None:
-    """The opening with the doors closed that are known by now; None where nothing is left of it."""
-    if not free[tuple(before.place)]:
-        return None
-    now = measure(space, free, before.place)
-    if now is None or not _fits(now, settings):
-        return None
-    # The closed door is no jamb of another.
-    return now if np.abs(now.jambs - before.jambs).max() * space.resolution_m < 0.3 else None
+@cache
+def _weights() -> dict[str, float]:
+    """Weight of each measure, and the constant."""
+    text = (resources.files(__package__) / "door_weights.json").read_text(encoding="utf-8")
+    return {name: float(weight) for name, weight in json.loads(text).items()}
 
 
 def _line(shape: tuple[int, ...], opening: Opening) -> Bool[np.ndarray, "rows columns"]:
@@ -193,31 +213,33 @@ def _line(shape: tuple[int, ...], opening: Opening) -> Bool[np.ndarray, "rows co
     return mask > 0
 
 
-def _behind(space: DoorSpace, openings: list[Opening]) -> list[tuple[bool, float]]:
-    """With all openings closed that could be doors: is it another room behind, and how large is the smaller one.
+def _rooms(
+    space: DoorSpace, openings: list[Opening], gap_m: float = 0.0
+) -> tuple[Int32[np.ndarray, "rows columns"], int]:
+    """Number of the room at each free cell with openings and smaller gaps closed, and the number of rooms."""
+    from scipy import ndimage
+
+    free = space.free.copy()
+    for opening in openings:
+        free &= ~_line(free.shape, opening)
+    rooms, count = ndimage.label(without_gaps(free, gap_m, space.resolution_m) if gap_m else free)
+    return rooms, int(count)
+
+
+def _rooms_m(space: DoorSpace, openings: list[Opening]) -> list[tuple[float, float]]:
+    """Radius of the largest free circle on either side, the smaller first, with all openings closed [m].
 
     All at once, because a room with two doors is separated only when both are closed.
     """
     from scipy import ndimage
 
-    from .door_openings import distance_cells
-
-    r = space.resolution_m
-    free = space.free.copy()
-    for opening in openings:
-        if opening.measures[MEASURES.index("recess")] > np.log(0.2):
-            free &= ~_line(free.shape, opening)
-    rooms, count = ndimage.label(free)
-    numbers = np.arange(count + 1)
-    area = np.bincount(rooms.ravel(), minlength=count + 1) * r * r
-    circle = np.asarray(ndimage.maximum(distance_cells(free), rooms, numbers)) * r
-    good = (area >= _ROOM_M2) & (numbers > 0)
-    found = []
-    for opening in openings:
-        sides = [_room_at(rooms, opening, sign, r) for sign in (1.0, -1.0)]
-        apart = sides[0] != sides[1] and bool(good[sides].all())
-        found.append((apart, float(min(circle[sides].min(), _ROOM_CIRCLE_M)) if min(sides) else 0.0))
-    return found
+    rooms, count = _rooms(space, openings)
+    radius = ndimage.maximum(distance_cells(rooms > 0), rooms, np.arange(count + 1)) * space.resolution_m
+    pairs = [
+        sorted(float(radius[_room_at(rooms, o, sign, space.resolution_m)]) for sign in (1.0, -1.0))
+        for o in openings
+    ]
+    return [(min(smaller, 1.2), min(larger, 2.0)) for smaller, larger in pairs]
 
 
 def _room_at(rooms: np.ndarray, opening: Opening, sign: float, resolution_m: float) -> int:
@@ -229,24 +251,13 @@ def _room_at(rooms: np.ndarray, opening: Opening, sign: float, resolution_m: flo
     return 0
 
 
-def _confidence(opening: Opening, apart: bool, circle_m: float) -> float:
-    values = [*opening.measures, float(apart), circle_m]
-    score = _CONSTANT + float(np.dot(list(_WEIGHTS.values()), values))
-    return float(1.0 / (1.0 + np.exp(-np.clip(score, -30, 30))))
-
-
 def _with_rooms(
     grid: OccupancyMap,
     space: DoorSpace,
     taken: list[tuple[Opening, float]],
 ) -> DoorMap:
     """Number the rooms, and tell of each door which it joins."""
-    from scipy import ndimage
-
-    free = space.free.copy()
-    for opening, _ in taken:
-        free &= ~_line(free.shape, opening)
-    rooms, count = ndimage.label(free)
+    rooms, count = _rooms(space, [opening for opening, _ in taken], _ROOM_GAP_M)
     area = np.bincount(rooms.ravel(), minlength=count + 1) * space.resolution_m**2
     good = area >= _ROOM_M2
     good[0] = False
