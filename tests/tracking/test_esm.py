@@ -39,7 +39,7 @@ def test_exponential_is_the_matrix_exponential() -> None:
         a = np.array([[p[1], p[2], p[0]], [p[4], p[5], p[3]], [p[6], p[7], 0]])
         a -= np.eye(3) * np.trace(a) / 3
         result = np.zeros((3, 3))
-        kernels._exponential(np.append(p, [0, 0]), result)
+        kernels.exponential(np.append(p, [0, 0]), result)
         np.testing.assert_allclose(result, expm(a), rtol=1e-8, atol=1e-10)
         assert np.linalg.det(result) == pytest.approx(1.0, rel=1e-8)  # SL(3)
 
@@ -55,7 +55,7 @@ def test_fields_are_the_derivative_of_the_exponential() -> None:
         for sign in (1, -1):
             step = np.zeros(10)
             step[k] = sign * 1e-5
-            kernels._exponential(step, growth)
+            kernels.exponential(step, growth)
             mapped = np.column_stack([points, np.ones(7)]) @ (h @ growth).T
             sides.append(mapped[:, :2] / mapped[:, 2:])
         np.testing.assert_allclose(jacobian[:, :, k], (sides[0] - sides[1]) / 2e-5, rtol=1e-6, atol=1e-6)

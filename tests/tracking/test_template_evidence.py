@@ -83,3 +83,11 @@ def test_a_slice_of_the_campaign_runs(tmp_path) -> None:
     rows = templates_evidence.campaign(count=4, report=tmp_path / "views.jsonl")
     assert len(rows) == 4
     assert rows == templates_evidence.campaign(count=4, report=tmp_path / "views.jsonl")
+
+
+def test_covered_and_unevenly_lit_views_are_followed(drawn) -> None:
+    """Of 25 views at most one is kept valid beyond 2 px, and nine of ten are right and valid."""
+    rows = [templates_evidence.measure(seen) for seen in drawn]
+    right = [row["valid"] and row["worst_px"] <= templates_evidence.WRONG_PX for row in rows]
+    assert sum(row["valid"] for row in rows) - sum(right) <= 1
+    assert sum(right) >= 22

@@ -36,7 +36,7 @@ from ._esm_row_kernels import (
     row_vector,
 )
 
-__all__ = ["gauss_newton_sums", "refine_level"]
+__all__ = ["exponential", "gauss_newton_sums", "refine_level"]
 
 _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
@@ -208,8 +208,16 @@ def gauss_newton_sums(
 
 
 @kernel(**_JIT)
-def _exponential(step, result):
-    """Homography of SL(3) that flows along the eight fields for unit time, by scaling and squaring."""
+def exponential(step, result):
+    """Homography of SL(3) that flows along the eight fields for unit time, by scaling and squaring.
+
+    Parameters
+    ----------
+    step
+        The eight parameters, (8,) or longer.
+    result
+        Filled, (3, 3).
+    """
     a = np.zeros((3, 3))
     trace = (step[1] + step[5]) / 3.0
     a[0, 0], a[0, 1], a[0, 2] = step[1] - trace, step[2], step[0]
@@ -359,7 +367,7 @@ def refine_level(
             taken -= vector[k] * step[k]
         light[4] = max(0.0, 1.0 - taken / max(stats[5], 1e-9))
         light[3] *= np.sqrt(light[4])
-        _exponential(step, growth)
+        exponential(step, growth)
         _product(h, growth, 1.0, moved)
         shift = _corner_shift(h, moved, x[-1], y[-1])
         if not shift < 1e6:

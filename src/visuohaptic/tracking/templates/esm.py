@@ -24,13 +24,14 @@ Every frame is compared with the original template: nothing drifts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ...core.errors import InputError
 from ..points.homography import apply_homography
+from .block_fit import BlockFit, fit_blocks, recover
 from .esm_pyramid import EsmSettings, GaussNewton, Work
 from .esm_template import EsmTemplate
 from .warp import is_proper, motion_jacobian
@@ -107,13 +108,29 @@ def align(
     if not work.enough:
         return _lost(template, homography, "outside the image")
 
+    start = work.homography
+    shift = _descend(work)
+    even = work.homography, work.centred
+    fit = None if not np.isfinite(shift) else fit_blocks(work, 0, 8, 4)
+    if fit is not None and not _doubt(fit, settings) and _even_light(work, fit, even[0]):
+        fit = replace(fit, homography=even[0], covariance=_covariance(work, even[1]))
+    elif _doubt(fit, settings) or work.ncc < settings.ncc_search:
+        again = recover(work, start)
+        if fit is None or (again is not None and again.log_odds > fit.log_odds):
+            fit = again
+    return _judged(work, fit)
+
+
+def _descend(work: Work) -> float:
+    """Gauss-Newton from the coarsest level to the finest; the last motion of the corners [px], infinite if it fails."""
+    settings, template = work.settings, work.template
     top = work.count - 1
     if top > 0:
         _coarse(work, top)
     for k in range(top - 1, 0, -1):
         work.refine(k, GaussNewton(6, fraction=0.5, cut=settings.cut_sigmas, damping=1e-3, tolerance=0.2))
         if not is_proper(work.homography, template.corners):
-            return _lost(template, homography, "no convergence")
+            return np.inf
     if work.count > 1:
         work.refine(0, GaussNewton(6, subset=True, cut=settings.cut_sigmas, tolerance=0.25))
     else:
@@ -126,7 +143,7 @@ def align(
         work.margin = min(2.5 * work.light[3], 30.0)
     last = GaussNewton(3, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px)
     shift = work.refine(0, last)
-    return _judged(work, shift)
+    return shift if is_proper(work.homography, template.corners) else np.inf
 
 
 def _coarse(work: Work, top: int) -> None:
@@ -199,52 +216,74 @@ def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignme
     )
 
 
-def _judged(work: Work, shift: float) -> Alignment:
+def _doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
+    """Why a fit is not good enough to be trusted; empty when it is."""
+    if fit is None:
+        return "no convergence"
+    if fit.seen < settings.min_seen:
+        return f"only {100 * fit.seen:.0f} % of the template are seen"
+    probability = fit.probability(settings.right_px)
+    if probability < settings.min_probability:
+        return f"right within {settings.right_px:g} px with a probability of {probability:.3f} only"
+    return ""
+
+
+def _judged(work: Work, fit: BlockFit | None) -> Alignment:
     """The result with its covariance and validity."""
-    template, settings = work.template, work.settings
-    level, _, _ = work.pair(0)
-    s1, _, _, _, _, rr, energy = work.stats[:7]
-    n = work.stats[7]
-    inside = n / level.image.size
-    homography = work.to_image @ work.homography
+    homography = work.to_image @ (work.homography if fit is None else fit.homography)
     homography = homography / homography[2, 2]
-    reason = ""
-    if not (np.isfinite(shift) and is_proper(homography, template.corners)):
-        reason = "no convergence"
-    elif inside < settings.min_inside:
-        reason = f"only {100 * inside:.0f} % of the template are in the image"
-    elif work.ncc < settings.min_ncc:
-        reason = f"correlation {work.ncc:.2f} is below {settings.min_ncc:g}"
-    if reason:
-        return _lost(template, homography, reason)
-    # What blur and light leave on the edges is the same in every frame, and odd across them: it does not move
-    # the template. Taken for noise it would make the covariance of a sharp print up to 1.5 times too large.
-    noise_variance = min(rr * work.light[4], s1 * work.light[3] ** 2) / max(energy, 1e-9)
-    covariance = noise_variance * _inflation(work) * np.linalg.inv(work.matrix)[:8, :8]
-    to_centred = level.from_template
-    corners_centred = template.corners @ to_centred[:2, :2].T + to_centred[:2, 2]
-    jacobian = motion_jacobian(work.centred, corners_centred).reshape(8, 8) * 2.0**work.image_base
+    reason = _doubt(fit, work.settings)
+    if reason or fit is None:
+        return _lost(work.template, homography, reason)
+    level, _, _ = work.pair(0)
+    s1, n = work.stats[0], work.stats[7]
     return Alignment(
         homography=homography,
         valid=True,
         reason="",
         ncc=work.ncc,
-        inside=float(inside),
+        inside=float(n / level.image.size),
         weight=float(s1 / n),
-        noise=float(np.sqrt(noise_variance)),
+        noise=float(np.sqrt(_noise_variance(work))),
         gain=float(work.light[0]),
         bias=float(work.light[1]),
-        corners=apply_homography(homography, template.corners),
-        corner_covariance=jacobian @ covariance @ jacobian.T,
+        corners=apply_homography(homography, work.template.corners),
+        corner_covariance=fit.covariance,
     )
 
 
-def _inflation(work: Work) -> float:
-    """Variance of a smooth sum over template pixels, relative to that of independent image pixels.
+def _even_light(work: Work, fit: BlockFit, homography: Float[np.ndarray, "3 3"]) -> bool:
+    """Whether one light and one noise explain the residual as well as a light for every block (Hannan and Quinn).
 
-    Where the template is the finer of the two, neighbouring samples share image pixels: the
-    sum has 1 / relative^2 times the variance. Where it is the coarser one, samples are
-    independent and only have less noise each, by what the kernel averages.
+    And whether both say the same of the motion, with an error rate of a hundredth (Hausman, Econometrica 46 (1978)).
     """
-    kept = work.stats[6] / max(work.stats[0], 1e-9)
-    return float(max(kept, 1.0 / work.relative**2))
+    # Samples that are finer than the image's pixels are not independent.
+    samples = work.stats[0] * min(1.0, work.relative**2)
+    variance = work.stats[5] * work.light[4] / max(work.stats[0], 1.0)
+    blocks = work.pair(0)[0].independent.size
+    # Four parameters of light and two of motion for every block.
+    if samples * np.log(max(variance, 1e-9) / fit.variance) >= 2 * 6 * blocks * np.log(
+        np.log(max(samples, 16.0))
+    ):
+        return False
+    mine, other = (apply_homography(h, work.template.corners) for h in (homography, fit.homography))
+    off = (mine - other).ravel() * 2.0**work.image_base
+    return bool(off @ np.linalg.solve(fit.covariance, off) < 20.1)  # chi^2 of 8 degrees of freedom
+
+
+def _noise_variance(work: Work) -> float:
+    """Variance of one image pixel [grey levels^2]; what blur and light leave on the edges is no noise."""
+    samples, squares, energy = work.stats[0], work.stats[5], work.stats[6]
+    return float(min(squares * work.light[4], samples * work.light[3] ** 2) / max(energy, 1e-9))
+
+
+def _covariance(work: Work, centred: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "8 8"]:
+    """Of the corners [px^2] where nothing but the noise of independent pixels is in the residual."""
+    to_centred = work.pair(0)[0].from_template
+    corners = work.template.corners @ to_centred[:2, :2].T + to_centred[:2, 2]
+    jacobian = motion_jacobian(centred, corners).reshape(8, 8) * 2.0**work.image_base
+    # Where the template is the finer of the two, neighbouring samples share image pixels: a sum has 1 / relative^2
+    # times the variance. Where it is the coarser one, samples only have less noise each, by what the kernel averages.
+    kept = max(work.stats[6] / max(work.stats[0], 1e-9), 1.0 / work.relative**2)
+    covariance = _noise_variance(work) * kept * np.linalg.inv(work.matrix)[:8, :8]
+    return np.asarray(jacobian @ covariance @ jacobian.T)

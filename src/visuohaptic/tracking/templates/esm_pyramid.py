@@ -11,7 +11,7 @@ import numpy as np
 from ..points.homography import apply_homography
 from .esm_template import EsmTemplate, Level
 
-__all__ = ["EsmSettings", "GaussNewton", "Work"]
+__all__ = ["NO_OFFSET", "EsmSettings", "GaussNewton", "Work"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +21,14 @@ class EsmSettings:
     levels: int = 4  #: of the pyramid, each half the size of the one before
     search_px: float = 40.0  #: motion of the corners that must be bridged [px of the image]
     cut_sigmas: float = 3.0  #: residuals beyond this many standard deviations lose their weight
-    min_ncc: float = 0.6  #: below this correlation the template counts as lost
-    ncc_search: float = 0.8  #: below this coarse correlation the translation is searched for
-    min_inside: float = 0.4  #: fraction of the template that must be in the image
+    right_px: float = (
+        2.0  #: a pose whose corners are all nearer than this to the truth is right [px of the image]
+    )
+    min_probability: float = 0.99  #: that the pose is right; below it the template counts as lost
+    ncc_search: float = 0.8  #: below this correlation another place is searched for
+    min_seen: float = (
+        0.5  #: fraction of the blocks that must show the template: no two poses can both have more
+    )
     tolerance_px: float = 0.06  #: a last pass that moves the corners less is not repeated
     cubic: bool = True  #: interpolate by a cubic spline in the last passes
 
@@ -35,7 +40,7 @@ _COARSER = 1.0
 _PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
 _PREFILTER /= _PREFILTER.sum()
 #: An offset of this shape means none.
-_NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
+NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +268,7 @@ class Work:
         """
         from ._esm_kernels import refine_level
 
-        offset = self.bent if self.offset is not None and k == 0 else _NO_OFFSET
+        offset = self.bent if self.offset is not None and k == 0 else NO_OFFSET
         return float(
             refine_level(
                 image, level.image, level.gradient_x, level.gradient_y, level.x, level.y, rows, offset, h,

@@ -35,6 +35,9 @@ class Level:
     unit: float  #: columns per unit of x
     to_template: Float[np.ndarray, "3 3"]  #: centred coordinates to pixels of the whole template
     from_template: Float[np.ndarray, "3 3"]  #: its inverse
+    side: int  #: of the blocks whose motion is compared at the end [px of the level]
+    independent: Float[np.ndarray, "down across"]  #: number of independent values in each block
+    contrast: Float[np.ndarray, "down across"]  #: variance of each block [grey levels^2]
 
 
 def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
@@ -72,6 +75,8 @@ def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: tuple[
         for start in range(0, rows - 2, 4)
         for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
     ]
+    side = _block_side(rows - 2, columns - 2)
+    independent, contrast = _blocks(image[inner], side)
     return Level(
         image=np.ascontiguousarray(image[inner]),
         gradient_x=np.ascontiguousarray(gradient_x),
@@ -83,7 +88,35 @@ def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: tuple[
         unit=unit,
         to_template=to_template,
         from_template=np.linalg.inv(to_template),
+        side=side,
+        independent=independent,
+        contrast=contrast,
     )
+
+
+def _block_side(rows: int, columns: int) -> int:
+    """Side of the blocks of a level: 12 px, in which light is even and motion seen; 6 to 16 of them along a side."""
+    shorter, longer = sorted((rows, columns))
+    return max(min(max(shorter // 6, 4), 12), longer // 16)
+
+
+def _blocks(image: Float32[np.ndarray, "R C"], side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Number of independent values in each block, and its variance.
+
+    n independent values correlate by chance with a mean square of 1 / (n - 1); what chance is, the other blocks of
+    the template tell.
+    """
+    down, across = (size // side for size in image.shape)
+    tiles = image[: down * side, : across * side].astype(np.float64).reshape(down, side, across, side)
+    flat = tiles.swapaxes(1, 2).reshape(down * across, side * side)
+    flat = flat - flat.mean(axis=1, keepdims=True)
+    contrast = (flat**2).mean(axis=1).reshape(down, across)
+    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6)
+    squared = (flat @ flat.T) ** 2
+    textured = np.diag(squared) > 0.5
+    np.fill_diagonal(squared, 0.0)
+    mean = squared[:, textured].sum(axis=1) / max(int(textured.sum()) - 1, 1)
+    return (1.0 + 1.0 / np.maximum(mean, 1e-3)).reshape(down, across), contrast
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,310 @@
+"""Compiled loops of the fit by blocks: sums over each block of a template, and the robust step of all of them."""
+
+# mypy: allow-untyped-defs, allow-untyped-calls
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+from .._solve_kernels import solve_step
+from ._esm_row_kernels import row_bilinear, row_cubic, row_positions
+
+__all__ = ["block_step", "block_sums"]
+
+_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
+#: Places of the diagonal in an upper triangle of seven rows.
+_DIAGONAL = np.array([0, 7, 13, 18, 22, 25, 27], dtype=np.int64)
+
+
+@kernel(**_JIT)
+def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, sums):
+    """Sums over the pixels of every block of a template of what a fit of light and motion needs.
+
+    Parameters
+    ----------
+    image
+        (height, width) float32, B-spline coefficients where ``cubic``.
+    template, gradient_x, gradient_y
+        (R, C) float32; the gradients are per unit of the centred coordinates.
+    offset
+        (2, R, C), added to the warped position [px]; (2, 1, 1): none.
+    h
+        Column, row, 1 to the image, (3, 3).
+    cubic
+        Interpolate by a cubic spline.
+    side
+        Of a block [px of the template]; the last ones of a row or column are up to twice as large.
+    sums
+        Filled with the products of 1, xT, yT, T, gradient x, gradient y and the image, where x and y are
+        measured from the middle of the block in its sides; upper triangle, row by row, (rows, columns, 28).
+    """
+    height, width = image.shape
+    rows, columns = template.shape
+    down, across = sums.shape[0], sums.shape[1]
+    flat = image.reshape(-1)
+    index = np.zeros(columns, np.int32)
+    fx = np.zeros(columns, np.float32)
+    fy = np.zeros(columns, np.float32)
+    inside = np.zeros(columns, np.float32)
+    value = np.zeros(columns, np.float32)
+    energy = np.zeros(columns, np.float32)
+    weights = np.zeros((2, 4, columns), np.float32)
+    nothing = np.zeros(columns, np.float32)
+    moved = offset.shape[1] > 1
+    zero, scale = np.float32(0.0), np.float32(1.0 / side)
+    for j in range(down):
+        for i in range(across):
+            for k in range(28):
+                sums[j, i, k] = 0.0
+    for v in range(rows):
+        ox = offset[0, v] if moved else nothing
+        oy = offset[1, v] if moved else nothing
+        row_positions(h, v, columns, width, height, ox, oy, index, fx, fy, inside)
+        if cubic:
+            row_cubic(flat, width, columns, index, fx, fy, weights, value, energy)
+        else:
+            row_bilinear(flat, width, columns, index, fx, fy, value, energy)
+        t, across_x, across_y = template[v], gradient_x[v], gradient_y[v]
+        j = min(v // side, down - 1)
+        below = rows if j == down - 1 else (j + 1) * side
+        y = np.float32((v - 0.5 * (j * side + below - 1)) / side)
+        for i in range(across):
+            end = columns if i == across - 1 else (i + 1) * side
+            middle = np.float32(0.5 * (i * side + end - 1))
+            s00 = s01 = s02 = s03 = s04 = s05 = s06 = zero
+            s11 = s12 = s13 = s14 = s15 = s16 = s22 = zero
+            s23 = s24 = s25 = s26 = s33 = s34 = s35 = zero
+            s36 = s44 = s45 = s46 = s55 = s56 = s66 = zero
+            for u in range(i * side, end):
+                w = inside[u]
+                x = (np.float32(u) - middle) * scale
+                q0, q3, q4, q5, q6 = w, w * t[u], w * across_x[u], w * across_y[u], w * value[u]
+                q1, q2 = x * q3, y * q3
+                xt, yt = x * t[u], y * t[u]
+                s00 += q0
+                s01 += q1
+                s02 += q2
+                s03 += q3
+                s04 += q4
+                s05 += q5
+                s06 += q6
+                s11 += q1 * xt
+                s12 += q1 * yt
+                s13 += q1 * t[u]
+                s14 += q1 * across_x[u]
+                s15 += q1 * across_y[u]
+                s16 += q1 * value[u]
+                s22 += q2 * yt
+                s23 += q2 * t[u]
+                s24 += q2 * across_x[u]
+                s25 += q2 * across_y[u]
+                s26 += q2 * value[u]
+                s33 += q3 * t[u]
+                s34 += q3 * across_x[u]
+                s35 += q3 * across_y[u]
+                s36 += q3 * value[u]
+                s44 += q4 * across_x[u]
+                s45 += q4 * across_y[u]
+                s46 += q4 * value[u]
+                s55 += q5 * across_y[u]
+                s56 += q5 * value[u]
+                s66 += q6 * value[u]
+            s = sums[j, i]
+            s[0] += s00
+            s[1] += s01
+            s[2] += s02
+            s[3] += s03
+            s[4] += s04
+            s[5] += s05
+            s[6] += s06
+            s[7] += s11
+            s[8] += s12
+            s[9] += s13
+            s[10] += s14
+            s[11] += s15
+            s[12] += s16
+            s[13] += s22
+            s[14] += s23
+            s[15] += s24
+            s[16] += s25
+            s[17] += s26
+            s[18] += s33
+            s[19] += s34
+            s[20] += s35
+            s[21] += s36
+            s[22] += s44
+            s[23] += s45
+            s[24] += s46
+            s[25] += s55
+            s[26] += s56
+            s[27] += s66
+
+
+@kernel(**_JIT)
+def _block_fit(s, m, fit):
+    """Motion of one block beside its own light, gain and its slopes and bias.
+
+    Parameters
+    ----------
+    s
+        Sums of the block, (28,).
+    m
+        Scratch, (7, 7).
+    fit
+        Filled with the information on the motion xx, xy, yy, the motion x, y, the squared correlation beside bias
+        and slopes, and the variance of a pixel; all 0 where nothing is known, (7,).
+    """
+    k = 0
+    for i in range(7):
+        fit[i] = 0.0
+        for j in range(i, 7):
+            m[i, j] = m[j, i] = s[k]
+            k += 1
+    gain = 0.0
+    for k in range(4):
+        if m[k, k] <= 1e-6 * s[_DIAGONAL[k]] + 1e-6:
+            return
+        if k == 3:
+            gain = m[3, 6] / m[3, 3]
+            if gain <= 0.0 or m[6, 6] <= 1e-3 * s[0]:
+                return
+            fit[5] = min(gain * m[3, 6] / m[6, 6], 1.0 - 1e-6)
+        for i in range(k + 1, 7):
+            factor = m[i, k] / m[k, k]
+            for j in range(k + 1, 7):
+                m[i, j] -= factor * m[k, j]
+    # A hundred-thousandth keeps a block with edges in one direction solvable; it tells nothing across them.
+    damp = 1e-5 * (m[4, 4] + m[5, 5]) + 1e-9
+    p, q, r = m[4, 4] + damp, m[4, 5], m[5, 5] + damp
+    det = p * r - q * q
+    x, y = (r * m[4, 6] - q * m[5, 6]) / det, (p * m[5, 6] - q * m[4, 6]) / det
+    # Grey levels are whole: a variance of 1 / 12.
+    fit[6] = max((m[6, 6] - x * m[4, 6] - y * m[5, 6]) / max(s[0] - 6.0, 1.0), 1.0 / 12.0)
+    factor = gain * gain / fit[6]
+    fit[0], fit[1], fit[2] = factor * p, factor * q, factor * r
+    fit[3], fit[4] = -x / gain, -y / gain
+
+
+@kernel(**_JIT)
+def _fields(x, y, field):
+    """The eight velocity fields at one point, (8, 2)."""
+    field[0, 0], field[1, 0], field[2, 0] = 1.0, x, y
+    field[3, 1], field[4, 1], field[5, 1] = 1.0, x, y
+    field[6, 0], field[6, 1] = -x * x, -x * y
+    field[7, 0], field[7, 1] = -x * y, -y * y
+
+
+@kernel(**_JIT)
+def _widened(fit, noise, spread, wide):
+    """Information (A^-1 noise + spread)^-1 = A (noise + spread A)^-1 on the motion of a block."""
+    a, b, c = fit[0], fit[1], fit[2]
+    p, q, r = noise + spread * a, spread * b, noise + spread * c
+    det = p * r - q * q
+    wide[0] = (a * r - b * q) / det
+    wide[1] = (b * p - a * q) / det
+    wide[2] = (c * p - b * q) / det
+
+
+@kernel(**_JIT)
+def block_step(sums, x, y, independent, full, noise, spread, passes, step, matrix, probability):
+    """Robust step of the homography from all blocks: expectation and maximisation over template or something else.
+
+    Returns the log-odds that the template is there at all, the scatter of the blocks' motion beyond what their
+    residuals promise (a variance, of the centred coordinates), and the variance of the pixels of those that show the template.
+
+    Parameters
+    ----------
+    sums
+        From :func:`block_sums`, (rows, columns, 28).
+    x, y
+        Centred coordinates of the blocks' middles, (columns,) and (rows,).
+    independent
+        Number of independent values in a block, (rows, columns).
+    full
+        Pixels of a block that must count for it to count [px].
+    noise
+        Variance of a sum over pixels, relative to that of independent ones.
+    spread
+        Scatter to begin with.
+    passes
+        Of expectation and maximisation.
+    step
+        Filled with the eight parameters of the small homography, and two zeros, (10,).
+    matrix
+        Filled with the information, (10, 10); only the first eight of each.
+    probability
+        Filled: that a block shows the template, (rows, columns).
+    """
+    down, across = sums.shape[0], sums.shape[1]
+    fits = np.zeros((down, across, 7))
+    scratch = np.zeros((7, 7))
+    chance = np.zeros((down, across))
+    vector = np.zeros(10)
+    wide = np.zeros(3)
+    active = np.zeros(10, np.bool_)
+    for k in range(8):
+        active[k] = True
+        step[k] = 0.0
+    step[8] = step[9] = 0.0
+    field = np.zeros((8, 2))
+    for j in range(down):
+        for i in range(across):
+            probability[j, i] = 0.0
+            if sums[j, i, 0] < full:
+                continue
+            _block_fit(sums[j, i], scratch, fits[j, i])
+            fit = fits[j, i]
+            m = max(independent[j, i] - 2.0, 3.0)
+            # Density of a correlation by chance; of one by the template, of unknown noise and blur, it is 1.
+            beta = math.lgamma(0.5) + math.lgamma(0.5 * (m - 2.0)) - math.lgamma(0.5 * (m - 1.0))
+            chance[j, i] = beta - 0.5 * (m - 4.0) * np.log(1.0 - fit[5]) if fit[5] > 0.0 else -5.0
+            probability[j, i] = 1.0 / (1.0 + np.exp(-chance[j, i]))
+    odds, count, rest = 0.0, 0.0, 0.0
+    for _ in range(passes):
+        for k in range(10):
+            vector[k] = 0.0
+            for m in range(10):
+                matrix[k, m] = 0.0
+        for j in range(down):
+            for i in range(across):
+                fit = fits[j, i]
+                if fit[6] <= 0.0:
+                    continue
+                _fields(x[i], y[j], field)
+                _widened(fit, noise, spread, wide)
+                p = probability[j, i]
+                for k in range(8):
+                    u = wide[0] * field[k, 0] + wide[1] * field[k, 1]
+                    w = wide[1] * field[k, 0] + wide[2] * field[k, 1]
+                    for m in range(8):
+                        matrix[k, m] += p * (u * field[m, 0] + w * field[m, 1])
+                    vector[k] -= p * (u * fit[3] + w * fit[4])
+        if not solve_step(matrix, vector, active, 0.0, step):
+            return -np.inf, spread, 0.0
+        total, count, odds, rest = 0.0, 0.0, 0.0, 0.0
+        for j in range(down):
+            for i in range(across):
+                fit = fits[j, i]
+                if fit[6] <= 0.0:
+                    continue
+                _fields(x[i], y[j], field)
+                _widened(fit, noise, spread, wide)
+                dx, dy = fit[3], fit[4]
+                for k in range(8):
+                    dx -= field[k, 0] * step[k]
+                    dy -= field[k, 1] * step[k]
+                chi2 = wide[0] * dx * dx + 2.0 * wide[1] * dx * dy + wide[2] * dy * dy
+                total += probability[j, i] * chi2
+                count += probability[j, i]
+                rest += probability[j, i] * fit[6]
+                # By chance the motion is that of few independent values instead of many pixels.
+                wider = sums[j, i, 0] / max(independent[j, i], 3.0)
+                ratio = chance[j, i] + np.log(wider) + 0.5 * chi2 * (1.0 / wider - 1.0)
+                ratio = min(max(ratio, -30.0), 30.0)
+                odds += np.log(0.5 + 0.5 * np.exp(ratio))
+                probability[j, i] = 1.0 / (1.0 + np.exp(-ratio))
+        spread = min(max(spread * total / max(2.0 * count - 8.0, 1.0), 1e-10), 1e-2)
+    return odds, spread, rest / max(count, 1e-9)

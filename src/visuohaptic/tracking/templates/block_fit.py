@@ -1,0 +1,165 @@
+"""Whether a template is where an alignment put it, how sure that is, and where it is when parts of it are covered.
+
+The template is cut into blocks. Each has its own light (gain, its slope in two directions, bias) and its own small
+motion with the covariance that its residual gives. A block shows the template or something else:
+
+- the correlation of something else is one of chance, of as many values as are independent in the block; that of the
+  template may be anything, because noise and blur are not known;
+- the motion of the template's blocks is one homography, with a scatter that is measured (blur, aliasing and
+  compression do not shrink with the number of pixels); that of something else scatters as widely as its texture allows.
+
+Expectation and maximisation give the homography, its covariance and the probability of each block (Dempster, Laird
+and Rubin, J. R. Stat. Soc. B 39 (1977)).
+"""
+
+# mypy: allow-untyped-calls
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from .esm_pyramid import NO_OFFSET, Work
+from .warp import is_proper, motion_jacobian
+
+__all__ = ["BlockFit", "fit_blocks", "recover"]
+
+#: Scatter of the blocks' motion to begin with [px^2].
+_SPREAD = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockFit:
+    """A homography from all blocks of the finest level."""
+
+    homography: Float[np.ndarray, "3 3"]  #: template pixels to pixels of the finest image that is used
+    covariance: Float[np.ndarray, "8 8"]  #: of the corners (x0, y0, x1, ...) [px^2 of the image]
+    seen: float  #: fraction of the blocks that show the template, each as much as it can tell, 0..1
+    log_odds: float  #: of the template against something else
+    variance: float  #: of a sample of the image beside the blocks' own light [grey levels^2]
+
+    def probability(self, within_px: float) -> float:
+        """That the template is there and none of its corners is further off than ``within_px``.
+
+        Parameters
+        ----------
+        within_px
+            Distance [px].
+        """
+        larger = [
+            float(np.linalg.eigvalsh(self.covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])[1])
+            for k in range(4)
+        ]
+        # A corner whose larger variance is v is beyond r with at most exp(-r^2 / 2 v).
+        beyond = sum(np.exp(-0.5 * within_px**2 / max(variance, 1e-12)) for variance in larger)
+        return float(max(0.0, 1.0 - beyond) / (1.0 + np.exp(-np.clip(self.log_odds, -50, 50))))
+
+
+def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
+    """Steps of the homography on one level, each from the blocks that show the template.
+
+    Parameters
+    ----------
+    work
+        Its homography is changed.
+    k
+        Level of the pyramid, 0 = finest.
+    passes
+        Looks at the image, at most.
+    turns
+        Of expectation and maximisation for each.
+
+    Returns
+    -------
+    BlockFit or None
+        None when the blocks do not decide on a homography.
+    """
+    from ._block_kernels import block_step, block_sums
+    from ._esm_kernels import exponential
+
+    level, image, h = work.pair(k)
+    h = np.ascontiguousarray(h / h[2, 2])
+    if k == 0:
+        image = work.spline(image, h, level)
+    down, across = level.independent.shape
+    sums, probability = np.zeros((down, across, 28)), np.zeros((down, across))
+    to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
+    matrix, step, growth = np.zeros((10, 10)), np.zeros(10), np.zeros((3, 3))
+    # Template pixels that are finer than the image's share its noise.
+    noise, spread = max(1.0, 1.0 / work.relative**2), _SPREAD / level.unit**2
+    offset = work.bent if work.offset is not None and k == 0 else NO_OFFSET
+    x, y = _middles(level.x, level.side), _middles(level.y, level.side)
+    converged = False
+    for _ in range(passes):
+        place = h @ to_centred
+        block_sums(
+            image, level.image, level.gradient_x, level.gradient_y, offset, place, k == 0, level.side, sums
+        )
+        log_odds, spread, variance = block_step(
+            sums,
+            x,
+            y,
+            level.independent,
+            0.5 * level.side**2,
+            noise,
+            spread,
+            turns,
+            step,
+            matrix,
+            probability,
+        )
+        if not np.isfinite(log_odds):
+            return None
+        exponential(step, growth)
+        h = h @ growth
+        h = h / h[2, 2]
+        back = h @ level.from_template
+        back[:2] *= 2.0**k
+        work.homography = back / back[2, 2]
+        if not is_proper(work.homography, work.template.corners):
+            return None
+        converged = np.abs(step[:8]).max() * level.unit < work.settings.tolerance_px
+        if converged:
+            break
+    if k == 0 and not converged:
+        return None
+    corners = work.template.corners @ level.from_template[:2, :2].T + level.from_template[:2, 2]
+    jacobian = motion_jacobian(h, corners).reshape(8, 8) * 2.0 ** (work.image_base + k)
+    covariance = jacobian @ np.linalg.inv(matrix[:8, :8]) @ jacobian.T
+    # The squared correlation that is expected of each block: blank paper tells nothing.
+    telling = 1.0 / (1.0 + variance / np.maximum(work.light[0] ** 2 * level.contrast, 1e-9))
+    seen = float((telling * probability).sum() / telling.sum())
+    return BlockFit(work.homography, covariance, seen, log_odds, variance)
+
+
+def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:
+    """Align by blocks alone, from the prediction: light that changes and what covers the template do not mislead them.
+
+    Parameters
+    ----------
+    work
+        Its homography is changed.
+    start
+        Prediction: template pixels to pixels of the finest image that is used.
+
+    Returns
+    -------
+    BlockFit or None
+        None when the blocks do not decide on a homography.
+    """
+    work.homography, found = start, None
+    for k in range(min(2, work.count - 1), -1, -1):
+        found = fit_blocks(work, k, 8, 8)
+        if found is None:
+            return None
+    return found
+
+
+def _middles(places: np.ndarray, side: int) -> Float[np.ndarray, "blocks"]:
+    """Middles of the blocks along one axis; the last one takes what is left."""
+    count = len(places) // side
+    ends = [*range(0, count * side, side), len(places)]
+    return np.array([0.5 * (places[i] + places[j - 1]) for i, j in pairwise(ends)], float)
