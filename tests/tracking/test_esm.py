@@ -11,8 +11,8 @@ from scipy.ndimage import map_coordinates
 
 from visuohaptic.core import InputError
 from visuohaptic.tracking.templates import EsmSettings, EsmTemplate, align, motion_jacobian, velocity_fields
-from visuohaptic.tracking.templates import _esm_kernels as kernels
-from visuohaptic.tracking.templates import _esm_row_kernels as row_kernels
+from visuohaptic.tracking.templates.alignment import _esm_kernels as kernels
+from visuohaptic.tracking.templates.alignment import _esm_row_kernels as row_kernels
 
 SIZE = (300, 300)
 

@@ -21,13 +21,13 @@ from .points.homography import estimate_homography_robust as estimate_homography
 from .points.homography import facing_motions as facing_motions
 from .pose.plane_pose import PlanePose as PlanePose
 from .pose.plane_pose import estimate_plane_poses as estimate_plane_poses
+from .templates.alignment.esm import Alignment as Alignment
+from .templates.alignment.esm import align as align
+from .templates.alignment.esm_pyramid import EsmSettings as EsmSettings
+from .templates.alignment.esm_template import EsmTemplate as EsmTemplate
 from .templates.detector import Detection as Detection
 from .templates.detector import DetectorSettings as DetectorSettings
 from .templates.detector import detect_templates as detect_templates
-from .templates.esm import Alignment as Alignment
-from .templates.esm import align as align
-from .templates.esm_pyramid import EsmSettings as EsmSettings
-from .templates.esm_template import EsmTemplate as EsmTemplate
 from .templates.template import Template as Template
 from .templates.template import TemplateQuality as TemplateQuality
 from .templates.template import load_templates as load_templates

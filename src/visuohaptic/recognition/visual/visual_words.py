@@ -16,7 +16,7 @@ from jaxtyping import Float, Float32, Int, UInt8
 
 from ...core.errors import InputError
 from ...tracking.points.homography import estimate_homography_robust
-from ...tracking.templates.warp import is_proper
+from ...tracking.templates.alignment.warp import is_proper
 
 __all__ = [
     "LocalFeatures",

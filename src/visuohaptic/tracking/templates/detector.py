@@ -15,10 +15,10 @@ from jaxtyping import Float, UInt8
 
 from ...core.errors import InputError
 from ..points.homography import apply_homography, estimate_homography, estimate_homography_robust
-from .esm import align
-from .esm_pyramid import EsmSettings
+from .alignment.esm import align
+from .alignment.esm_pyramid import EsmSettings
+from .alignment.warp import is_proper
 from .template import Template
-from .warp import is_proper
 
 __all__ = ["Detection", "DetectorSettings", "detect_templates"]
 

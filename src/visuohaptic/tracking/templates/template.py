@@ -16,7 +16,7 @@ from jaxtyping import Float, Float32, UInt8
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, decode_image, read_bytes
 from ...core.files.image_dpi import pixels_per_metre
-from .esm_template import MIN_SIDE_PX, EsmTemplate
+from .alignment.esm_template import MIN_SIDE_PX, EsmTemplate
 
 __all__ = ["TAG_CELLS", "Template", "TemplateQuality", "load_templates", "template_quality"]
 
@@ -264,7 +264,7 @@ def template_quality(template: Template) -> TemplateQuality:
     """
     import cv2
 
-    from .warp import velocity_fields
+    from .alignment.warp import velocity_fields
 
     image = template.image
     scale = 200.0 / max(image.shape)

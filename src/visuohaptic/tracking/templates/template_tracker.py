@@ -22,14 +22,14 @@ from ...core.measurement import Reason
 from ...core.resources import Closing
 from ..points.homography import apply_homography, estimate_homography
 from ..pose.plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
+from .alignment.esm import Alignment, align
+from .alignment.esm_blur import matching_blur
+from .alignment.esm_pyramid import EsmSettings
+from .alignment.warp import is_proper
 from .detector import DetectorSettings
-from .esm import Alignment, align
-from .esm_blur import matching_blur
-from .esm_pyramid import EsmSettings
 from .lens import lens_offset, lens_samples
 from .lost_search import LostPlace, LostSearch
 from .template import Template
-from .warp import is_proper
 
 __all__ = ["TemplatePose", "TemplateTracker", "TrackerSettings", "template_outlines"]
 

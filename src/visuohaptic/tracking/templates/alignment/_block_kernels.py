@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
-from .._solve_kernels import solve_step
+from ....core.kernels import kernel
+from ..._solve_kernels import solve_step
 from ._esm_row_kernels import row_bilinear, row_cubic, row_positions
 
 __all__ = ["block_step", "block_sums"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
-from ...core.errors import InputError
+from ....core.errors import InputError
 
 __all__ = ["BLUR_VARIANCES", "MIN_SIDE_PX", "EsmTemplate", "Level"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.kernels import kernel
+from ....core.kernels import kernel
 
 __all__ = [
     "row_bilinear",

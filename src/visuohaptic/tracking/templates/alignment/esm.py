@@ -29,8 +29,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ...core.errors import InputError
-from ..points.homography import apply_homography
+from ....core.errors import InputError
+from ...points.homography import apply_homography
 from .block_fit import BlockFit, fit_blocks, recover
 from .esm_pyramid import EsmSettings, GaussNewton, Work
 from .esm_template import EsmTemplate
@@ -87,7 +87,7 @@ def align(
         what lens distortion does beyond the homography.
     blur
         How much softer than the template the image is, as the variance of a Gaussian [template px^2]
-        (a usual camera's for sharp prints, none for images); see :func:`visuohaptic.tracking.templates.esm_blur.matching_blur`.
+        (a usual camera's for sharp prints, none for images); see :func:`visuohaptic.tracking.templates.alignment.esm_blur.matching_blur`.
 
     Returns
     -------

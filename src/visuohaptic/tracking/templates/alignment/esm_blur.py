@@ -37,7 +37,7 @@ def matching_blur(
     template, image, alignment
         A valid alignment of both.
     settings, offset
-        As given to :func:`visuohaptic.tracking.templates.esm.align`.
+        As given to :func:`visuohaptic.tracking.templates.alignment.esm.align`.
     start
         Where to begin; from there it goes downhill.
     """

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..points.homography import apply_homography
+from ...points.homography import apply_homography
 from .esm_template import EsmTemplate, Level
 
 __all__ = ["NO_OFFSET", "EsmSettings", "GaussNewton", "Work"]

@@ -22,8 +22,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.kernels import kernel
-from .._solve_kernels import solve_step
+from ....core.kernels import kernel
+from ..._solve_kernels import solve_step
 from ._esm_row_kernels import (
     row_bilinear,
     row_correlation,

@@ -1,0 +1,13 @@
+from .esm import Alignment as Alignment
+from .esm import align as align
+from .esm_blur import matching_blur as matching_blur
+from .esm_pyramid import EsmSettings as EsmSettings
+from .esm_pyramid import GaussNewton as GaussNewton
+from .esm_pyramid import Work as Work
+from .esm_template import BLUR_VARIANCES as BLUR_VARIANCES
+from .esm_template import MIN_SIDE_PX as MIN_SIDE_PX
+from .esm_template import EsmTemplate as EsmTemplate
+from .esm_template import Level as Level
+from .warp import is_proper as is_proper
+from .warp import motion_jacobian as motion_jacobian
+from .warp import velocity_fields as velocity_fields
