@@ -230,10 +230,12 @@ def straighten(step: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, float]:
             if best[j] + cost < best[k] - 1e-9:
                 best[k] = best[j] + cost
                 came[k] = j
-    stays = np.zeros(count, np.bool_)
+    kept = np.empty(count, np.int64)
+    first = count - 1
     k = count - 1
     while k > 0:
-        stays[k] = True
+        kept[first] = k
+        first -= 1
         k = came[k]
-    stays[0] = True
-    return np.flatnonzero(stays), best[count - 1]
+    kept[first] = 0
+    return kept[first:].copy(), best[count - 1]

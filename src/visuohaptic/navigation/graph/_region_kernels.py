@@ -13,12 +13,17 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
+from .tracing._path_kernels import longer
 from .tracing._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
 __all__ = ["UNREACHED", "descend", "diagonal", "spread"]
 
 #: Potential of cells that no node is reached from.
 UNREACHED = np.int32(2**31 - 1)
+
+#: Potential and cell in one number, which is sorted.
+_SHIFT = 31
+_CELL = np.int64(2**31 - 1)
 
 
 @kernel(error_model="numpy", boundscheck=False, inline="always")
@@ -31,6 +36,31 @@ def diagonal(step: int) -> int:
         Cost of a straight step [units].
     """
     return (step * 92682 + 32768) >> 16
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _sort(values: np.ndarray, count: int) -> None:
+    """Sort the first ``count`` values in place; a heap, because numba's own sort costs a second to compile."""
+    begin, end = count // 2, count
+    while end > 1:
+        if begin > 0:
+            begin -= 1
+            value = values[begin]
+        else:
+            end -= 1
+            value = values[end]
+            values[end] = values[0]
+        here = begin
+        child = 2 * here + 1
+        while child < end:
+            if child + 1 < end and values[child + 1] > values[child]:
+                child += 1
+            if values[child] <= value:
+                break
+            values[here] = values[child]
+            here = child
+            child = 2 * here + 1
+        values[here] = value
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -110,7 +140,7 @@ def spread(
     for k in range(8):
         offsets[k] = ROW_STEP[k] * columns + COLUMN_STEP[k]
     settled = 0
-    sources = np.empty(1024, np.int32)
+    sources = np.empty(1024, np.int64)
     while turn_head != turn_tail:
         square = turn[turn_head]
         turn_head = turn_head + 1 if turn_head < squares else 0
@@ -122,15 +152,15 @@ def spread(
         first[square] = -1
         while place >= 0:
             if count == len(sources):
-                sources = _longer(sources)
-            sources[count] = late[place]
+                sources = longer(sources)
+            sources[count] = (np.int64(flat_potential[late[place]]) << _SHIFT) | late[place]
             count += 1
             rest = late_next[place]
             late_next[place] = late_free
             late_free = place
             place = rest
         # Sources have any potential: sorted, they enter as the bands reach them.
-        order = np.argsort(flat_potential[sources[:count]])
+        _sort(sources, count)
         position = 0
         entries = 0
         free = -1
@@ -138,15 +168,15 @@ def spread(
         now = 0
         while entries > 0 or position < count:
             if entries == 0:
-                now = flat_potential[sources[order[position]]] >> shift
-            while position < count and flat_potential[sources[order[position]]] >> shift <= now:
-                cell = sources[order[position]]
+                now = flat_potential[sources[position] & _CELL] >> shift
+            while position < count and flat_potential[sources[position] & _CELL] >> shift <= now:
+                cell = sources[position] & _CELL
                 position += 1
                 if flat_potential[cell] >> shift < now:
                     continue  # improved since, and done then
                 if free < 0:
                     if used == len(item):
-                        item, following = _longer(item), _longer(following)
+                        item, following = longer(item), longer(following)
                     free = used
                     following[free] = -1
                     used += 1
@@ -199,7 +229,7 @@ def spread(
                     if not inside and (r < row0 or r > row1 or c < column0 or c > column1):
                         if late_free < 0:
                             if late_used == len(late):
-                                late, late_next = _longer(late), _longer(late_next)
+                                late, late_next = longer(late), longer(late_next)
                             late_free = late_used
                             late_next[late_free] = -1
                             late_used += 1
@@ -216,7 +246,7 @@ def spread(
                         continue
                     if free < 0:
                         if used == len(item):
-                            item, following = _longer(item), _longer(following)
+                            item, following = longer(item), longer(following)
                         free = used
                         following[free] = -1
                         used += 1
@@ -230,13 +260,6 @@ def spread(
                     entries += 1
             now += 1
     return settled
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _longer(array: np.ndarray) -> np.ndarray:
-    larger = np.empty(2 * len(array), array.dtype)
-    larger[: len(array)] = array
-    return larger
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -279,7 +302,7 @@ def descend(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, cell: int
             break
         cell = found
         if count == len(path):
-            path = _longer(path)
+            path = longer(path)
         path[count] = cell
         count += 1
     return path[:count].copy()

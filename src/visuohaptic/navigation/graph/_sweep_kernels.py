@@ -14,6 +14,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 from ._region_kernels import UNREACHED
+from .tracing._path_kernels import longer, longer_rows
 
 __all__ = ["TILE", "sweep", "touch"]
 
@@ -132,9 +133,7 @@ def _runs(
                     before = reachable
                 change[changes] = len(line)
                 if count + len(line) > len(runs):
-                    larger = np.empty((2 * len(runs), 2), np.int32)
-                    larger[:count] = runs[:count]
-                    runs = larger
+                    runs = longer_rows(runs)
                 for k in range(0, np.int64(changes), 2):
                     runs[count, 0] = first + change[k]
                     runs[count, 1] = first + change[k + 1]
@@ -270,9 +269,7 @@ def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.n
             if better == 0:
                 continue
             while count + better > len(found):
-                larger = np.empty(2 * len(found), np.int32)
-                larger[:count] = found[:count]
-                found = larger
+                found = longer(found)
             for k in range(stop - first):
                 if best[k] < here[k + 1]:
                     potential[row, first + k] = np.int32(best[k] >> _SHIFT)

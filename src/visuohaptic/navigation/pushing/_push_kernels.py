@@ -190,7 +190,8 @@ def _tilted(load, support, ox, oy, fraction):
         syy += load[i] * dy * dy
     spread = sxx * syy - sxy * sxy
     if spread <= 0.0:
-        fraction[:] = load
+        for i in range(n):
+            fraction[i] = load[i]
         return
     ax, ay = (syy * ox - sxy * oy) / spread, (sxx * oy - sxy * ox) / spread
     total = 0.0
@@ -281,7 +282,8 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                     # A force above the floor moves the load towards where it pushes to.
                     _tilted(load, support, tip_m * (c * fx + s * fy), tip_m * (-s * fx + c * fy), fraction)
                 if moving or attempt > 0:
-                    z[:] = known
+                    for a in range(3):
+                        z[a] = known[a]
                 else:
                     z[0], z[1], z[2] = shift[0], shift[1], 0.0
                 # Where sticking goes over into slipping Newton may go in circles; a blunter edge ends that.
@@ -317,7 +319,8 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
         if not solved:
             unsolved += 1
         x, y, yaw = x + z[0], y + z[1], yaw + z[2] / rho
-        known[:] = z
+        for a in range(3):
+            known[a] = z[a]
         fx, fy = force_x, force_y
         best, pull = -1, 0.0
         for a in range(MAX_CONTACTS):

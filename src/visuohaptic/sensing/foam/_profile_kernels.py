@@ -129,8 +129,7 @@ def integrate_regions(
     uncertainty,
     index,
     factor,
-    cell_before,
-    cell_after,
+    end_cells,
     zero_sigma,
     width,
     height,
@@ -160,8 +159,8 @@ def integrate_regions(
         Number of each point on the strip, (n,); a jump in it is a gap.
     factor
         Stress by the loading stress (hysteresis), (n,).
-    cell_before, cell_after
-        Length of foam beyond the first and the last point [m].
+    end_cells
+        Length of foam beyond the first and the last point [m], (2,).
     zero_sigma
         Error that is common to all points [m].
     width, height
@@ -263,9 +262,9 @@ def integrate_regions(
                 weight[j] = 0.0
                 pressure[j] = factor[j] * stress[j]
         if first == 0:
-            weight[0] += cell_before
+            weight[0] += end_cells[0]
         if last == n - 1:
-            weight[n - 1] += cell_after
+            weight[n - 1] += end_cells[1]
         relief = 0.0
         sampling = 0.0
         top = 0.0

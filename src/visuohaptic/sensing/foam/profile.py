@@ -260,10 +260,10 @@ def _integrated(
 
     curve = material.loading
     # Beyond a point that was not seen nothing is known: the cell of a seen end point alone is filled.
-    before = contour.end_cells_m[0] if seen.index[0] == 0 else 0.0
-    after = contour.end_cells_m[1] if seen.index[-1] == len(contour.s_m) - 1 else 0.0
+    seen_ends = seen.index[0] == 0, seen.index[-1] == len(contour.s_m) - 1
+    end_cells_m = np.where(seen_ends, contour.end_cells_m, 0.0)
     count, pressure, pressure_sigma, table, sums, weight = integrate_regions(
-        seen.s, seen.delta, seen.sigma, seen.uncertainty, seen.index, seen.factor, before, after,
+        seen.s, seen.delta, seen.sigma, seen.uncertainty, seen.index, seen.factor, end_cells_m,
         contour.zero_sigma_m, material.width_m, material.height_m, material.tension.ratio,
         BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS, MAX_GAP_POINTS,
         curve.knots, curve.pieces, curve.basis_pieces, material.softening_table_Pa, material.softening_end,

@@ -68,8 +68,11 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
             var = max(var, s[VAR] * noise_var * ratio)
         # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
         # One plateau has few patches: a calm one beside an uneven one is luck.
-        near = state[max(k - 3, 0) : min(k + 4, n), TEXTURE]
-        uneven = max(s[TEXTURE], near.mean())
+        lo, hi = max(k - 3, 0), min(k + 4, n)
+        near = 0.0
+        for j in range(lo, hi):
+            near += state[j, TEXTURE]
+        uneven = max(s[TEXTURE], near / (hi - lo))
         var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
         # A curve is no parabola: a tenth of the correction is uncertain, more where the curvature changes.
         uncertainty = 0.1 * abs(s[CURVE])

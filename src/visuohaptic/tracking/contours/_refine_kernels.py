@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
+from .._solve_kernels import median
 from ._fit_kernels import (  # fmt: skip
     BLUR,
     BLUR_INFO,
@@ -124,7 +125,7 @@ def start_on_edge(grey, origin, direction, found, strength, start, stop, polarit
         Distance within which an edge is looked for [px].
     """
     n = origin.shape[0]
-    chain = found.copy()
+    chain, first = found.copy(), np.empty(1)
     for k in range(1, n - 1):
         if strength[k] >= WEAK * cap:
             continue
@@ -136,9 +137,12 @@ def start_on_edge(grey, origin, direction, found, strength, start, stop, polarit
         if count < 3:
             continue
         row = np.empty((1, count), np.float32)
-        first = np.array([lo])
+        first[0] = lo
         edge_strength(grey, origin[k : k + 1], direction[k : k + 1], first, count, polarity, row)
-        top = np.argmax(row[0])
+        top = 0
+        for j in range(1, count):
+            if row[0, j] > row[0, top]:
+                top = j
         level = max(0.5 * row[0, top], 2.0 * floor)
         # A maximum at the end is the flank of an edge that lies farther away.
         if row[0, top] < max(WEAK * cap, 2.0 * floor) or top == 0 or top == count - 1:
@@ -242,6 +246,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     prior = np.zeros((n, 4))
     use = np.zeros(n, np.bool_)
     value = np.empty(n)
+    work = np.empty(n)
     variance = np.ones(n)
     mean = np.empty(n)
     spread = np.empty(n)
@@ -294,7 +299,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
         if sweep == 0 and not given:
             for k in range(n):
                 value[k] = min(measured[k, 0, 5], measured[k, 1, 5])
-            noise_var = max(np.median(value), 0.1)
+            noise_var = max(median(value, n, work), 0.1)
         elif not given:
             count = 0
             for k in range(n):
@@ -302,7 +307,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                     value[count] = state[k, CHI2]
                     count += 1
             if count > 3:
-                noise_var = max(np.median(value[:count]), 0.1)
+                noise_var = max(median(value, count, work), 0.1)
         _levels(measured, state, use, noise_var, prior)
         for k in range(n):
             if state[k, STATUS] == BORDER or not going[k]:
@@ -338,7 +343,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 state[k, BLUR] = min(max(b, MIN_BLUR), MAX_BLUR)
             elif spread[k] < 1e30:
                 state[k, BLUR] = min(max(mean[k], MIN_BLUR), MAX_BLUR)
-        curve_then[:] = state[:, CURVE]
+        for k in range(n):
+            curve_then[k] = state[k, CURVE]
         curvatures(origin, direction, state, trust, noise_var, CURVATURE_LIMIT)
     if not given:
         count = 0
@@ -347,5 +353,5 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 value[count] = state[k, CHI2]
                 count += 1
         if count > 3:
-            noise_var = max(np.median(value[:count]), 0.1)
+            noise_var = max(median(value, count, work), 0.1)
     return noise_var

@@ -123,7 +123,10 @@ def chain_minimum(cost, first, step, direction, weight, index):
     """
     lines, n = cost.shape
     if lines == 1:
-        index[0] = np.argmin(cost[0])
+        index[0] = 0
+        for c in range(1, n):
+            if cost[0, c] < cost[0, index[0]]:
+                index[0] = c
         return np.float64(cost[0, index[0]])
     padded = (n + 3) // 4 * 4
     best = np.empty((lines, n, padded), np.float32)  # [k, position on k, position on k - 1]
@@ -282,7 +285,10 @@ def search(
     if cap <= 0.0:
         total = 0.0
         for k in range(lines):
-            total += max(strength[k].max(), np.float32(0.0))
+            top = np.float32(0.0)
+            for j in range(count):
+                top = max(top, strength[k, j])
+            total += top
         cap = total / lines
     cap = max(cap, 2.0 * floor, 1e-3)
     cost = np.empty((lines, n), np.float32)
@@ -300,12 +306,12 @@ def search(
         total = 0.0
         for k in range(lines):
             middle = index[k] * stride
-            top = middle
+            best = middle
             for j in range(max(middle - stride // 2, 0), min(middle + stride // 2 + 1, count)):
-                if strength[k, j] > strength[k, top]:
-                    top = j
-            position[k] = first[k] + top
-            found[k] = max(strength[k, top], np.float32(0.0))
+                if strength[k, j] > strength[k, best]:
+                    best = j
+            position[k] = first[k] + best
+            found[k] = max(strength[k, best], np.float32(0.0))
             total += found[k]
         if turn < refinements:
             cap = max(total / lines, 2.0 * floor, 1e-3)

@@ -24,6 +24,7 @@ def gather_junctions(
     keys: np.ndarray,
     links: np.ndarray,
     order: np.ndarray,
+    widest: np.ndarray,
     columns: int,
     resolution_m: float,
     speeds: np.ndarray,
@@ -40,6 +41,8 @@ def gather_junctions(
         The slots: flat cell, linked neighbours, clearance and links; see the module.
     order
         Slots in use by ascending cell.
+    widest
+        Those of three links and more by descending key; of equal keys the first cell leads.
     columns
         Number of columns of the map.
     resolution_m
@@ -50,10 +53,7 @@ def gather_junctions(
     owner = np.full(len(cell), -1, np.int32)
     parent = np.full(len(cell), -1, np.int32)
     to_leader = np.zeros((len(cell), 3))
-    joined = np.empty(len(order), np.int32)
-    depth = np.empty(len(order), np.float32)
     queue = np.empty(len(order) + 1, np.int32)
-    several = 0
     for slot in order:
         to_leader[slot, 2] = keys[slot]
         owner[slot] = slot
@@ -64,14 +64,7 @@ def gather_junctions(
             if other >= 0 and BITS[masks[other]] >= 3:
                 owner[slot] = -1  # it may belong to another
                 break
-        if owner[slot] < 0:
-            joined[several] = slot
-            depth[several] = -keys[slot]
-            several += 1
-    # Stable: of equal distances the first cell leads.
-    by_depth = np.argsort(depth[:several], kind="mergesort")
-    for position in range(several):
-        leader = joined[by_depth[position]]
+    for leader in widest:
         if owner[leader] >= 0:
             continue
         owner[leader] = leader
@@ -122,7 +115,7 @@ def join_lines(
     to_leader: np.ndarray,
     table: np.ndarray,
     measured: np.ndarray,
-    used: int,
+    rings: np.ndarray,
     resolution_m: float,
     speeds: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -145,27 +138,18 @@ def join_lines(
         The lines, see the module.
     table, measured
         The lines: first and last cell and place in ``path``; length, cost and clearance.
-    used
-        Number of lines in ``table``.
+    rings
+        Lines that are rings, by ascending cell.
     resolution_m
         Edge length of a cell [m].
     speeds
         Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
-    rings = np.empty(256, np.int32)
-    ring_cells = np.empty(256, np.int32)
-    ring_count = 0
-    for line in range(used):
-        if table[line, 0] == -1:
-            if ring_count == len(rings):
-                rings, ring_cells = longer(rings), longer(ring_cells)
-            rings[ring_count], ring_cells[ring_count] = line, table[line, 1]
-            ring_count += 1
     # Every edge takes two links; arrays of just that size, because untouched memory is slow memory.
     taken = 0
     for slot in order:
         taken += BITS[masks[slot]]
-    room = taken // 2 + ring_count + 1
+    room = taken // 2 + len(rings) + 1
     ends = np.empty((room, 2), np.int32)
     measures = np.empty((room, 3))
     pieces = np.empty((room, 4), np.int32)
@@ -194,10 +178,9 @@ def join_lines(
             measures[edges, 1] = seconds + to_leader[first, 1] + to_leader[last, 1]
             measures[edges, 2] = min(clearance, min(to_leader[first, 2], to_leader[last, 2]))
             edges += 1
-    ring_order = np.argsort(ring_cells[:ring_count])
     # Nodes in the order of their cells; ``number`` says which one a leader has become.
-    nodes = np.empty(len(order) + ring_count, np.int32)
-    clear = np.empty(len(order) + ring_count, np.float32)
+    nodes = np.empty(len(order) + len(rings), np.int32)
+    clear = np.empty(len(order) + len(rings), np.float32)
     number = np.empty(len(cell), np.int32)
     n, k = 0, 0
     joined = edges
@@ -205,8 +188,8 @@ def join_lines(
         slot = order[position] if position < len(order) else -1
         if slot >= 0 and owner[slot] != slot:
             continue
-        while k < ring_count and (slot < 0 or ring_cells[ring_order[k]] < cell[slot]):
-            line = rings[ring_order[k]]
+        while k < len(rings) and (slot < 0 or table[rings[k], 1] < cell[slot]):
+            line = rings[k]
             nodes[n], clear[n] = table[line, 1], flat_distance[table[line, 1]]
             pieces[edges, 0], pieces[edges, 1] = -1, -1
             pieces[edges, 2], pieces[edges, 3] = table[line, 2], table[line, 3]

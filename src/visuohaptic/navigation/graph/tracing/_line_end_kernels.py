@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.kernels import kernel
-from ._path_kernels import longer
+from ._path_kernels import longer, longer_rows
 from ._skeleton_kernels import ADJACENT, COLUMN_STEP, ROW_STEP
 
 __all__ = ["BITS", "find_ends", "forget_lines"]
@@ -143,9 +143,9 @@ def find_ends(
     order
         Slots in use by ascending cell.
     maybe
-        Cells (flat) that may have become ends or parts of lines.
+        Cells (flat) that may have become ends or parts of lines, ascending.
     near
-        Cells (flat) of ends whose links have to be updated.
+        Cells (flat) of ends whose links have to be updated, ascending.
     """
     columns = place.shape[1]
     flat = place.ravel()
@@ -162,7 +162,6 @@ def find_ends(
                 new[count] = here
                 count += 1
                 flat[here] = -1
-    new = np.sort(new[:count])
     slots = np.empty(count, np.int32)
     slot = 0
     for k in range(count):
@@ -170,11 +169,8 @@ def find_ends(
             slot += 1
         if slot == len(cell):
             before = len(cell)
-            cell, masks, keys = longer(cell), longer(masks), longer(keys)
+            cell, masks, keys, links = longer(cell), longer(masks), longer(keys), longer_rows(links)
             cell[before:] = -1
-            larger = np.empty((len(cell), 8), np.int32)
-            larger[:before] = links
-            links = larger
         slots[k] = slot
         slot += 1
     # Slots that were given up are in the order still: out with them before they are used again.
@@ -200,18 +196,18 @@ def find_ends(
         masks[slot] = linked(mark, row, here - row * columns)
         keys[slot] = flat_distance[here]
         flat[here] = -1 - slot
-    cells = np.empty(count + len(near), np.int32)
-    cells[:count] = new
-    some = count
-    for here in near:
-        if flat[here] < 0:
-            cells[some] = here
+    look = np.empty(count + len(near), np.int32)
+    some, i, j = 0, 0, 0
+    before = -1
+    while i < count or j < len(near):
+        if j == len(near) or (i < count and new[i] < near[j]):
+            here = new[i]
+            i += 1
+        else:
+            here = near[j]
+            j += 1
+        if here != before and flat[here] < 0:
+            look[some] = -1 - flat[here]
             some += 1
-    cells = np.sort(cells[:some])
-    look = np.empty(some, np.int32)
-    some = 0
-    for k in range(len(cells)):
-        if k == 0 or cells[k] != cells[k - 1]:
-            look[some] = -1 - flat[cells[k]]
-            some += 1
+            before = here
     return cell, masks, keys, links, out[:total].copy(), look[:some]

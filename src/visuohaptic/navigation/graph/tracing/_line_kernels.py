@@ -17,7 +17,7 @@ import numpy as np
 
 from ....core.kernels import kernel
 from ._line_end_kernels import DEAD, linked
-from ._path_kernels import longer, measure
+from ._path_kernels import longer, longer_rows, measure
 from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
 __all__ = ["find_lines", "gather_paths"]
@@ -170,12 +170,7 @@ def find_lines(
                 line += 1
             if line == used:
                 if used == len(table):
-                    larger_table = np.empty((2 * used, 5), np.int32)
-                    larger_table[:used] = table
-                    table = larger_table
-                    larger_measured = np.empty((2 * used, 3))
-                    larger_measured[:used] = measured
-                    measured = larger_measured
+                    table, measured = longer_rows(table), longer_rows(measured)
                 used += 1
             if size + 4 >= len(path):
                 path = longer(path)

@@ -99,7 +99,7 @@ class SkeletonLines:
             first call, all cells of the skeleton.
         """
         from ._junction_kernels import gather_junctions, join_lines
-        from ._line_end_kernels import find_ends, forget_lines
+        from ._line_end_kernels import BITS, find_ends, forget_lines
         from ._line_kernels import find_lines, gather_paths
 
         scale = (layers.map.resolution_m, speeds(layers))
@@ -108,7 +108,7 @@ class SkeletonLines:
         self._lost += lost
         self._cell, self._masks, self._keys, self._links, self._order, look = find_ends(
             distance, mark, self._place, self._cell, self._masks, self._keys, self._links, self._order,
-            maybe, near,
+            np.sort(maybe), np.sort(near),
         )  # fmt: skip
         self._table, self._measured, self._path, self._used, self._size = find_lines(
             distance, mark, self._place, self._cell, self._masks, self._links, look, maybe,
@@ -120,8 +120,12 @@ class SkeletonLines:
             )
             self._lost = 0
         ends = (self._cell, self._masks, self._keys, self._links, self._order)
-        owner, parent, to_leader = gather_junctions(*ends, layers.shape[1], *scale)
+        widest = self._order[BITS[self._masks[self._order]] >= 3]
+        widest = widest[np.argsort(-self._keys[widest], kind="stable")]
+        owner, parent, to_leader = gather_junctions(*ends, widest, layers.shape[1], *scale)
+        rings = np.flatnonzero(self._table[: self._used, 0] == -1)
+        rings = rings[np.argsort(self._table[rings, 1])]
         cells, clearance_m, joined, measures, pieces = join_lines(
-            distance, *ends, owner, parent, to_leader, self._table, self._measured, self._used, *scale
+            distance, *ends, owner, parent, to_leader, self._table, self._measured, rings, *scale
         )
         return RawGraph(cells, clearance_m, joined, measures, pieces, self._cell.copy(), parent, self._path)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....core.kernels import kernel
 
-__all__ = ["cost", "longer", "measure"]
+__all__ = ["cost", "longer", "longer_rows", "measure"]
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -21,7 +21,24 @@ def longer(array: np.ndarray) -> np.ndarray:
         Values (n,).
     """
     larger = np.empty(2 * len(array) + 16, array.dtype)
-    larger[: len(array)] = array
+    for k in range(len(array)):
+        larger[k] = array[k]
+    return larger
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def longer_rows(array: np.ndarray) -> np.ndarray:
+    """The same table with room for as many rows again.
+
+    Parameters
+    ----------
+    array
+        Values (n, m).
+    """
+    larger = np.empty((2 * len(array) + 16, array.shape[1]), array.dtype)
+    for k in range(len(array)):
+        for column in range(array.shape[1]):
+            larger[k, column] = array[k, column]
     return larger
 
 

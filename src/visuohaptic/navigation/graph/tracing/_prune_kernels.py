@@ -280,7 +280,9 @@ def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
     ends
         Nodes of each edge, (m, 2).
     """
-    root = np.arange(count).astype(np.int32)
+    root = np.empty(count, np.int32)
+    for node in range(count):
+        root[node] = node
     for edge in range(len(ends)):
         a, b = ends[edge, 0], ends[edge, 1]
         while root[a] != a:
@@ -297,7 +299,9 @@ def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
             components += 1
         else:
             root[node] = root[root[node]] if root[root[node]] < 0 else root[_top(root, node)]
-    return -1 - root, components
+    for node in range(count):
+        root[node] = -1 - root[node]
+    return root, components
 
 
 @kernel(error_model="numpy", boundscheck=False)

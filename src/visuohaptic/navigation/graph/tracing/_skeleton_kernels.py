@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.kernels import kernel
+from ._path_kernels import longer
 
 __all__ = ["ADJACENT", "COLUMN_STEP", "KEPT", "ROW_STEP", "refine", "start", "survey"]
 
@@ -157,13 +158,6 @@ def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarra
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def _grown(array: np.ndarray) -> np.ndarray:
-    larger = np.empty(2 * len(array), array.dtype)
-    larger[: len(array)] = array
-    return larger
-
-
-@kernel(error_model="numpy", boundscheck=False)
 def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> np.ndarray:
     """Work the recursion out from the queued cells; returns the cells whose mark was turned (some twice).
 
@@ -212,7 +206,7 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
         if new == old:
             continue
         if turns == len(turned):
-            turned = _grown(turned)
+            turned = longer(turned)
         turned[turns] = cell
         turns += 1
         for k in range(7, -1, -1):
@@ -221,7 +215,7 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
                 if 0 <= r < rows and 0 <= c < columns and not mark[r, c] & _QUEUED:
                     mark[r, c] |= _QUEUED
                     if count == len(stack):
-                        stack = _grown(stack)
+                        stack = longer(stack)
                     stack[count] = r * columns + c
                     count += 1
     return turned[:turns]
