@@ -84,10 +84,11 @@ def run(args: Any) -> dict[str, Any]:
     folder: Path = args.out
     args.source = args.source or _choose_camera(args)
     size_m = {name: 1e-3 * _size_mm(args, name) for name in ("length", "width", "height")}
-    folder.mkdir(parents=True, exist_ok=True)
-    _print_tag(args, folder / "tag.pdf")
+    material = _given_foam(args.foam, size_m)
     with open_source(args.source) as source:
         frames = iter(source)
+        folder.mkdir(parents=True, exist_ok=True)
+        _print_tag(args, folder / "tag.pdf")
         _step(
             args,
             "1/4  Lay the tag flat on the strip: in its middle, lower edge of the black border on the back edge.",
@@ -96,7 +97,6 @@ def run(args: Any) -> dict[str, Any]:
         camera = _camera(args, seen[0])
         pose = _pose_of_foam(seen, camera, 1e-3 * args.tag)
         config = _write_sensor(folder, camera, size_m["length"], pose)
-        material = _given_foam(args.foam, size_m)
         material.save(folder / "foam.yaml")
         _step(args, "2/4  Take the tag away. Nothing may touch the strip now.")
         sensor, zero = _zeroed(config, _take(frames, ZERO_FRAMES, args.source))

@@ -40,6 +40,7 @@ class BlockFit:
     seen: float  #: fraction of the blocks that show the template, each as much as it can tell, 0..1
     log_odds: float  #: of the template against something else
     variance: float  #: of a sample of the image beside the blocks' own light [grey levels^2]
+    converged: bool  #: the last step moved no corner any more
 
     def probability(self, within_px: float) -> float:
         """That the template is there and none of its corners is further off than ``within_px``.
@@ -124,15 +125,13 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
         converged = np.abs(step[:8]).max() * level.unit < work.settings.tolerance_px
         if converged:
             break
-    if k == 0 and not converged:
-        return None
     corners = work.template.corners @ level.from_template[:2, :2].T + level.from_template[:2, 2]
     jacobian = motion_jacobian(h, corners).reshape(8, 8) * 2.0 ** (work.image_base + k)
     covariance = jacobian @ np.linalg.inv(matrix[:8, :8]) @ jacobian.T
     # The squared correlation that is expected of each block: blank paper tells nothing.
     telling = 1.0 / (1.0 + variance / np.maximum(work.light[0] ** 2 * level.contrast, 1e-9))
     seen = float((telling * probability).sum() / telling.sum())
-    return BlockFit(work.homography, covariance, seen, log_odds, variance)
+    return BlockFit(work.homography, covariance, seen, log_odds, variance, bool(converged))
 
 
 def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:
@@ -148,13 +147,14 @@ def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:
     Returns
     -------
     BlockFit or None
-        None when the blocks do not decide on a homography.
+        Of the finest level whose blocks decide on a homography; None without one.
     """
     work.homography, found = start, None
     for k in range(min(2, work.count - 1), -1, -1):
-        found = fit_blocks(work, k, 8, 8)
-        if found is None:
-            return None
+        finer = fit_blocks(work, k, 8, 8)
+        if finer is None:
+            break  # a template that is finer than the image has blocks in which nothing is seen
+        found = finer
     return found
 
 

@@ -218,7 +218,7 @@ def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignme
 
 def _doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
     """Why a fit is not good enough to be trusted; empty when it is."""
-    if fit is None:
+    if fit is None or not fit.converged:
         return "no convergence"
     if fit.seen < settings.min_seen:
         return f"only {100 * fit.seen:.0f} % of the template are seen"
