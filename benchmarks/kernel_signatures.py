@@ -101,6 +101,9 @@ def run_graph() -> None:
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.files import route_pieces
     from visuohaptic.navigation.graph import NavigationMap, plan_path, shortest_path
+    from visuohaptic.navigation.graph._region_kernels import spread
+    from visuohaptic.navigation.graph.regions import SQUARE, step_bounds
+    from visuohaptic.navigation.graph.tracing._line_kernels import gather_paths
     from visuohaptic.navigation.grid import SpeedLimits
 
     cells = np.zeros((60, 60), np.int8)
@@ -111,6 +114,12 @@ def run_graph() -> None:
     route_pieces(live.graph, live.regions.layers)
     plan_path(live.regions, np.array([1.0, 1.0]), np.array([5.0, 5.0]))
     live.set_obstacle("box", np.array([[4.0, 1.0], [4.5, 1.0], [4.5, 1.5]]))
+    # Only where paths turn back is anything left to spread; paths are gathered after many edits.
+    layers, regions = live.regions.layers, live.regions
+    gather_paths(np.empty((0, 5), np.int32), np.empty(0, np.int32), 0, 0)
+    queued = np.zeros(layers.step.size, np.uint8)
+    nothing = np.empty(0, np.int32)
+    spread(layers.step, regions.potential, regions.seed, nothing, *step_bounds(layers), SQUARE, queued)
 
 
 def run_mapper() -> None:
@@ -152,6 +161,26 @@ def run_pushing() -> None:
     simulate_push(model, (0.4, 0.0, 0.0), line_path(np.zeros(2), np.array([0.2, 0.0])), 0.17)
 
 
+def run_planning() -> None:
+    """Plan past a box that stands slantwise in a door, with pushes through its centre and beside it, and a joint graph."""
+    from visuohaptic.navigation.graph import assign_regions, build_graph
+    from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+    from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
+    from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem
+    from visuohaptic.rigs import ROBOT, STOOL, rooms, with_objects
+
+    walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])
+    corners_m = np.array([[1.88, 1.12], [2.25, 1.59], [2.02, 1.78], [1.65, 1.31]])
+    item = MovableObject("box", corners_m, STOOL)
+    map = with_objects(walls, [item])
+    problem = PlanningProblem(map, ROBOT, np.array([0.7, 1.4]), np.array([3.4, 1.4]), (item,))
+    make_plan(problem)
+    plan_off_centre_pushes(problem, make_plan)
+    layers = grid_layers(map, SpeedLimits(ROBOT.radius_m))
+    graph = build_graph(layers)
+    extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)])
+
+
 def run_reconstruction() -> None:
     """A few small views of a plane through both detectors and the fusion, and a small spline."""
     from visuohaptic.core.camera import Camera
@@ -163,8 +192,8 @@ def run_reconstruction() -> None:
         seen_fraction,
         within_hull,
     )
-    from visuohaptic.reconstruction.fusion import SpaceGrid
-    from visuohaptic.reconstruction.surfaces import RbfSurface
+    from visuohaptic.reconstruction.fusion import SpaceGrid, SparseTsdfVolume
+    from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
 
     camera = Camera.simple(80, 60, 70.0)
     frames = []
@@ -182,6 +211,8 @@ def run_reconstruction() -> None:
     surface(corners_m)
     surface.on_grid(corners_m)
     surface.gradient(corners_m)
+    isosurface(surface, Grid(np.zeros(3), (8, 8, 8), 0.01))
+    SparseTsdfVolume(0.05).integrate(frames[0])
     rows = np.array([0, 59])
     planes = np.array([[0.0, 0.0, -1.0, 0.5], [0.0, 0.0, 1.0, -0.6]])
     numbers = (camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2])
@@ -302,7 +333,7 @@ def run_foam() -> None:
     join(states, one_px, one_px, one_px, one_px.cumsum(), np.zeros(4), 1.0, 0.0, 0.0, states.copy())
     # Only compiled: its arguments are the tables of a calibrated foam.
     one, two, three = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]"
-    numbers = "f8, f8, f8, f8, f8, f8, i8, f8, f8, i8"
+    numbers = "f8[::1], f8, f8, f8, f8, i8, f8, f8, i8"
     integrate_regions.compile(
         f"({one}, {one}, {one}, {one}, i8[::1], {one}, {numbers}, {one}, {two}, {three}, {one}, f8)"
     )
@@ -319,6 +350,7 @@ PARTS = (
     run_graph,
     run_mapper,
     run_pushing,
+    run_planning,
     run_reconstruction,
     run_deformation,
     run_simulation,

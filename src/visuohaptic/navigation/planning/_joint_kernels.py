@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
-from ..pushing._outline_kernels import inside_polygon, polygon_distance, segment_distance
+from ..pushing._outline_kernels import extent, inside_polygon, polygon_distance, segment_distance
 
 #: Crumbs of an object's cells are looked for so far around its outline [cells].
 CRUMB_REACH = 1.25
@@ -52,10 +52,11 @@ def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: i
     near = np.zeros((rows, columns), np.bool_)
     # Cells whose centre is farther than this from the outline's box are neither met nor near.
     reach = CRUMB_REACH + 1.0
-    top = max(0, int(polygon[:, 1].min() - reach) - row0)
-    bottom = min(rows, int(polygon[:, 1].max() + reach) + 1 - row0)
-    left = max(0, int(polygon[:, 0].min() - reach) - column0)
-    right = min(columns, int(polygon[:, 0].max() + reach) + 1 - column0)
+    x_min, x_max, y_min, y_max = extent(polygon)
+    top = max(0, int(y_min - reach) - row0)
+    bottom = min(rows, int(y_max + reach) + 1 - row0)
+    left = max(0, int(x_min - reach) - column0)
+    right = min(columns, int(x_max + reach) + 1 - column0)
     for r in range(top, bottom):
         for c in range(left, right):
             if not occupied[r, c]:
@@ -204,7 +205,9 @@ def bounded_ways(
 
     ``best`` must be infinite everywhere and is left so; it and the heaps are scratch.
     """
-    touched = [source]
+    touched = np.empty(len(best), np.int64)
+    touched[0] = source
+    reached = 1
     best[source] = 0.0
     heap_cost[0], heap_node[0] = 0.0, source
     size = 1
@@ -230,7 +233,8 @@ def bounded_ways(
             other, total = ends[k], cost + costs[edges[k]]
             if total < best[other] and total <= bound:
                 if best[other] == np.inf:
-                    touched.append(other)
+                    touched[reached] = other
+                    reached += 1
                 best[other] = total
                 i = size
                 size += 1
@@ -241,6 +245,6 @@ def bounded_ways(
     found = np.empty(len(targets))
     for i in range(len(targets)):
         found[i] = best[targets[i]]
-    for node in touched:
-        best[node] = np.inf
+    for i in range(reached):
+        best[touched[i]] = np.inf
     return found

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 from ..grid._distance_kernels import distance_rows, vertical_cells
+from ..pushing._outline_kernels import extent
 from ._joint_kernels import border_costs, bounded_ways, free_object, place_node, region_of_node
 from .search._travel_kernels import FAR, travel_field
 
@@ -105,9 +106,8 @@ def node_in_window(
     """
     inner = clearance_without(cells, threshold, unknown_blocks, outline, wide, narrow)
     i0, j0 = narrow[0], narrow[2]
-    centre_x = 0.5 * (outline[:, 0].min() + outline[:, 0].max())
-    centre_y = 0.5 * (outline[:, 1].min() + outline[:, 1].max())
-    start = place_node(inner, radius, seed, i0, j0, centre_x, centre_y)
+    x_min, x_max, y_min, y_max = extent(outline)
+    start = place_node(inner, radius, seed, i0, j0, 0.5 * (x_min + x_max), 0.5 * (y_min + y_max))
     if start < 0:
         return start, np.zeros(0, np.int32), np.zeros(0, np.int64), np.zeros(0, np.float64)
     mine = region_of_node(inner, radius, seed, i0, j0, start)
@@ -169,7 +169,9 @@ def useful_neighbours(
     kept = np.zeros(count, np.bool_)
     if count == 0:
         return kept
-    furthest = drive.max()
+    furthest = drive[0]
+    for i in range(1, count):
+        furthest = max(furthest, drive[i])
     for i in range(count):
         bound = (drive[i] + furthest) * (1.0 + significant)
         around = bounded_ways(

@@ -55,12 +55,23 @@ def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
 
 
 @kernel
+def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
+    """Smallest and largest x, smallest and largest y."""
+    x_min, x_max, y_min, y_max = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(len(polygon)):
+        x_min, x_max = min(x_min, polygon[i, 0]), max(x_max, polygon[i, 0])
+        y_min, y_max = min(y_min, polygon[i, 1]), max(y_max, polygon[i, 1])
+    return x_min, x_max, y_min, y_max
+
+
+@kernel
 def distance_patch(rows: int, columns: int, polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
     """Distance of the cells around a polygon from it, and the first row and column of the patch."""
-    c0 = min(columns, max(0, int(math.floor(polygon[:, 0].min() - reach))))
-    c1 = max(c0, min(columns, int(math.ceil(polygon[:, 0].max() + reach)) + 1))
-    r0 = min(rows, max(0, int(math.floor(polygon[:, 1].min() - reach))))
-    r1 = max(r0, min(rows, int(math.ceil(polygon[:, 1].max() + reach)) + 1))
+    x_min, x_max, y_min, y_max = extent(polygon)
+    c0 = min(columns, max(0, int(math.floor(x_min - reach))))
+    c1 = max(c0, min(columns, int(math.ceil(x_max + reach)) + 1))
+    r0 = min(rows, max(0, int(math.floor(y_min - reach))))
+    r1 = max(r0, min(rows, int(math.ceil(y_max + reach)) + 1))
     patch = np.empty((r1 - r0, c1 - c0), np.float32)
     for r in range(r0, r1):
         for c in range(c0, c1):

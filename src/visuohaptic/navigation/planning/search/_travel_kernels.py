@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from ....core.kernels import kernel
-from ...pushing._outline_kernels import polygon_distance
+from ...graph.tracing._path_kernels import longer
+from ...pushing._outline_kernels import extent, polygon_distance
 
 #: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
 UNITS = 256
@@ -70,10 +71,11 @@ def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: i
     """Label the blocks of which every cell's centre is nearer than ``radius`` to a polygon; the first label stays."""
     rows, columns = region.shape
     inside = radius - 0.7072 * (block - 1)
-    c0 = max(0, int(math.floor((polygon[:, 0].min() - radius) / block)))
-    c1 = min(columns, int(math.ceil((polygon[:, 0].max() + radius) / block)) + 1)
-    r0 = max(0, int(math.floor((polygon[:, 1].min() - radius) / block)))
-    r1 = min(rows, int(math.ceil((polygon[:, 1].max() + radius) / block)) + 1)
+    x_min, x_max, y_min, y_max = extent(polygon)
+    c0 = max(0, int(math.floor((x_min - radius) / block)))
+    c1 = min(columns, int(math.ceil((x_max + radius) / block)) + 1)
+    r0 = max(0, int(math.floor((y_min - radius) / block)))
+    r1 = min(rows, int(math.ceil((y_max + radius) / block)) + 1)
     for r in range(r0, r1):
         for c in range(c0, c1):
             near = polygon_distance((c + 0.5) * block, (r + 0.5) * block, polygon) < inside
@@ -201,15 +203,9 @@ def travel_field(
                             free = pool_next[entry]
                         else:
                             if used == capacity:
-                                larger = capacity * 2
-                                grown_cell = np.empty(larger, np.int32)
-                                grown_next = np.empty(larger, np.int32)
-                                grown_cell[:capacity] = pool_cell
-                                grown_next[:capacity] = pool_next
-                                grown_cost = np.empty(larger, np.int32)
-                                grown_cost[:capacity] = pool_cost
-                                pool_cell, pool_next, pool_cost = grown_cell, grown_next, grown_cost
-                                capacity = larger
+                                pool_cell, pool_next = longer(pool_cell), longer(pool_next)
+                                pool_cost = longer(pool_cost)
+                                capacity = len(pool_cell)
                             entry = used
                             used += 1
                         pool_cell[entry] = v
