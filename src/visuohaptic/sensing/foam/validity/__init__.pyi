@@ -1,0 +1,17 @@
+from .edge_at_rest import EdgeLines as EdgeLines
+from .edge_at_rest import resting_edge as resting_edge
+from .flank import DECAY_PER_WIDTH as DECAY_PER_WIDTH
+from .flank import stepped_points as stepped_points
+from .gaps import bridged as bridged
+from .gaps import plausible as plausible
+from .hidden import hidden_points as hidden_points
+from .onset import NewContact as NewContact
+from .onset import unverified_force as unverified_force
+from .onset import with_unverified as with_unverified
+from .onset import without_dents as without_dents
+from .plausibility import FocusWatch as FocusWatch
+from .plausibility import OnsetWatch as OnsetWatch
+from .plausibility import local_roughness as local_roughness
+from .plausibility import rest_offset as rest_offset
+from .plausibility import roughness as roughness
+from .plausibility import thicker_than_at_rest as thicker_than_at_rest
