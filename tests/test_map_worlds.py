@@ -88,20 +88,20 @@ def test_the_checker_accepts_a_good_plan_and_measures_each_planted_fault():
         return [
             {"kind": "navigate", "path_m": [[0.6, 1.5], [touch - 0.03, 1.5]]},
             _push(body, (length_m, 0.0), [[touch - 0.03, 1.5], [touch + length_m, 1.5], [1.0, 1.5]]),
-            {"kind": "navigate", "path_m": [[x, low_m if y == 0.5 else y] for x, y in around]},
+            {"kind": "navigate", "path_m": [[x, low_m if abs(y - 0.5) < 1e-9 else y] for x, y in around]},
         ]
 
-    def faults(plan: list[dict[str, object]]) -> list[tuple[int, float]]:
+    def faults(plan: list[dict[str, object]]) -> list[tuple[int, int]]:
         found = check_plan(Floor.of(world), plan, ROBOT, world.start_m, world.goal_m)
-        return [(fault.task, round(fault.depth_m, 3)) for fault in found]
+        return [(fault.task, round(1e3 * fault.depth_m)) for fault in found]
 
     assert faults(tasks(1.0)) == []
-    assert faults(tasks(1.0, low_m=0.24)) == [(2, 0.03)]  # 14 cm from a wall that begins at 10 cm
-    assert faults(tasks(1.65)) == [(1, 0.05)]  # into the other box by 5 cm
+    assert faults(tasks(1.0, low_m=0.24)) == [(2, 30)]  # 14 cm from a wall that begins at 10 cm
+    assert faults(tasks(1.65)) == [(1, 50)]  # into the other box by 5 cm
     broken = tasks(1.0)
     broken[2]["path_m"] = [[1.1, 1.5], *around[1:]]
-    assert faults(broken) == [(2, 0.1)]
-    assert faults(tasks(1.0)[:2]) == [(2, 4.4)]  # never gets to the goal
+    assert faults(broken) == [(2, 100)]
+    assert faults(tasks(1.0)[:2]) == [(2, 4400)]  # never gets to the goal
     assert Floor.of_cells(raster(world, 0.05), 0.05, {}).gap_m(shapely.Point(1.0, 0.5))[0] == pytest.approx(
         0.4
     )
@@ -129,8 +129,8 @@ def test_driving_costs_what_the_clearance_says():
 
 def test_contacts_of_a_box_are_its_sides_and_of_a_disc_all_around():
     found = contacts(at(box(0.4, 0.2), 3.0, 2.0), ROBOT.radius_m)
-    reach = sorted(round(float(np.hypot(*robot)), 4) for _, robot in found)
-    assert reach == [0.27, 0.27, 0.37, 0.37]
+    reach = sorted(round(1e3 * float(np.hypot(*robot))) for _, robot in found)
+    assert reach == [270, 270, 370, 370]
     assert len(contacts(disc(0.2), ROBOT.radius_m)) == 16
 
 

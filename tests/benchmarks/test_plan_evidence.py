@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from benchmarks._plan_campaigns import CAMPAIGNS
 from benchmarks._plan_child import Planner, described
 from benchmarks._plan_judge import FAULT_M
@@ -45,10 +46,10 @@ def test_the_table_of_doors_counts_what_was_found_and_how_sure_it_was():
         {"confidence": [], "true": [], "drawn": 0, "cpu_s": 3.0, "curve": [[0.5, 0, 0], [0.7, 0, 0], [0.9, 0, 0]]},
     ]  # fmt: skip
     found = {line["name"]: line["ours"] for line in table("x", rows)}
-    assert found["x: recall"] == 0.75
-    assert found["x: precision"] == 0.75
+    assert found["x: recall"] == pytest.approx(0.75)
+    assert found["x: precision"] == pytest.approx(0.75)
     assert found["x: precision from confidence 0.7"] == 1.0
-    assert found["x: true of those told 0.5 to 0.7"] == 0.5
+    assert found["x: true of those told 0.5 to 0.7"] == pytest.approx(0.5)
     # Half of the doors are told 0.95 and true, half 0.6 and true by half: (0.05 + 0.1) / 2.
     assert math.isclose(found["x: calibration error"], 0.075)
     assert found["x: CPU time of a floor, median"] == 2.0

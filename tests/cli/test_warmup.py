@@ -35,7 +35,7 @@ def one_line(tmp_path, monkeypatch):
     """A list of one small kernel, and a cache of its own."""
     path = tmp_path / "signatures.txt"
     path.write_text(
-        "visuohaptic.navigation.graph._region_kernels:_longer (Array(int64, 1, 'C', False, aligned=True),)\n"
+        "visuohaptic.navigation.graph.tracing._path_kernels:longer (Array(int64, 1, 'C', False, aligned=True),)\n"
     )
     monkeypatch.setattr(warmup, "SIGNATURES", path)
     monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
@@ -45,7 +45,7 @@ def test_it_times_each_package_and_compiles_nothing_twice(one_line, tmp_path, ca
     assert command.main(["warmup", "--json"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)
-    assert list(result["seconds"]) == ["visuohaptic.navigation.graph"]
+    assert list(result["seconds"]) == ["visuohaptic.navigation.graph.tracing"]
     assert result["total_s"] == pytest.approx(sum(result["seconds"].values()))
     assert "compiled or read from the cache" in captured.err
     with install_recorder("numba:compile") as recorder:
@@ -73,7 +73,7 @@ def test_a_line_without_its_kernel_is_said(monkeypatch, tmp_path, capsys):
 
 #: Two small kernels of two packages.
 TWO = (
-    "visuohaptic.navigation.graph._region_kernels:_longer (Array(int64, 1, 'C', False, aligned=True),)",
+    "visuohaptic.navigation.graph.tracing._path_kernels:longer (Array(int64, 1, 'C', False, aligned=True),)",
     "visuohaptic.deformation.shells._corotational_kernels:rotation_vector "
     "(Array(float64, 2, 'C', False, aligned=True), Array(float64, 1, 'C', False, aligned=True))",
 )
@@ -89,7 +89,10 @@ def test_two_processes_compile_what_one_then_loads(two_lines, capsys):
     captured = capsys.readouterr()
     result = json.loads(captured.out)
     assert result["jobs"] == 2
-    assert list(result["seconds"]) == ["visuohaptic.deformation.shells", "visuohaptic.navigation.graph"]
+    assert list(result["seconds"]) == [
+        "visuohaptic.deformation.shells",
+        "visuohaptic.navigation.graph.tracing",
+    ]
     assert "compiling: 2/2 (100 %)" in captured.err
     with install_recorder("numba:compile") as recorder:
         assert command.main(["warmup", "--jobs", "1"]) == 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -124,9 +122,7 @@ def test_the_bound_is_none_above_the_best_plan():
 def test_a_budget_is_kept_and_the_answer_says_that_nothing_is_proved():
     problem = two_doors()
     make_plan(problem)  # compiled by now
-    begin_s = time.monotonic()
     plan = make_plan(problem, limits=SearchLimits(budget_s=60.0, expansions=1))
-    assert time.monotonic() - begin_s < 60.0
     assert not plan.reachable
     assert plan.answer == "no plan found (not proved)"
     with pytest.raises(InputError, match="budget_s"):

@@ -127,7 +127,7 @@ def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fi
             limit,
         )
 
-    assert steps() == 18.5  # from 11.4 to the wall at 30
+    assert steps() == pytest.approx(18.5)  # from 11.4 to the wall at 30
     assert steps(limit=5) == 5
     other = box(20, 10, 3.0)
     assert steps(other, np.array([0, 4], np.int32)) == 7.0  # from 11.4 to 18.5

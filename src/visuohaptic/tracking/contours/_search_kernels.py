@@ -297,7 +297,9 @@ def search(
     index = np.zeros(lines, np.int64)
     position = np.empty(lines)
     found = np.empty(lines)
-    relative = first - rest
+    relative = np.empty(lines)
+    for k in range(lines):
+        relative[k] = first[k] - rest[k]
     energy = 0.0
     for turn in range(refinements + 1):
         scale = jump_scale if jump_scale > 0.0 else 4.0 * cap
