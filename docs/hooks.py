@@ -44,7 +44,8 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     if _COMMANDS in markdown:
         markdown = markdown.replace(_COMMANDS, commands())
     if _CHANGELOG in markdown:
-        text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+        # The changelog stands beside ``docs``, its page within.
+        text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
         markdown = markdown.replace(_CHANGELOG, text.partition("\n")[2])
     return re.sub(r"^(\s*```python) notest\s*$", r"\1", markdown, flags=re.MULTILINE)
 

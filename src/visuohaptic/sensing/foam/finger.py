@@ -99,13 +99,6 @@ class FingerSensor(FoamSensor):
     def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
         """Take the zero reference while nothing touches the strip and the finger stands still.
 
-        Parameters
-        ----------
-        frames
-            Frames of a strip that nothing touches.
-        limit
-            No more than this many frames are read.
-
         Raises
         ------
         CalibrationError

@@ -58,25 +58,11 @@ class BeamReader(SensorReader["TrackedReading"]):
         return self.beam.sensor.setup.zero_path
 
     def zero(self, frames: Iterable[Frame]) -> BeamZero:
-        """Take the resting poses from frames of an untouched rod.
-
-        Parameters
-        ----------
-        frames
-            Of the sensor's camera, in order of time.
-        """
+        """Take the resting poses from frames of an untouched rod."""
         return self.beam.zero(frames)
 
     def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[TrackedReading]:
-        """Wrench and template poses of a frame; writes wrench and diagnostics.
-
-        Parameters
-        ----------
-        frame
-            Newer than the one before.
-        sink
-            Where they are written.
-        """
+        """Wrench and template poses of a frame; writes wrench and diagnostics."""
         found = self.beam.read(frame)
         wrench = found.reading.wrench
         if sink is not None:
@@ -86,15 +72,7 @@ class BeamReader(SensorReader["TrackedReading"]):
         return SensorReading(found, wrench.reason)
 
     def blank(self, t_s: float, sink: MeasurementSink) -> None:
-        """Write a stale wrench.
-
-        Parameters
-        ----------
-        t_s
-            Time [s].
-        sink
-            Where it is written.
-        """
+        """Write a stale wrench."""
         nothing = np.full(3, np.nan)
         sink.write_wrench(
             Wrench(t_s, False, Reason.STALE, nothing, nothing, np.full((6, 6), np.nan), sink.frame), self.name

@@ -54,25 +54,11 @@ class FoamReader(SensorReader[ForceProfile]):
         return self.sensor.setup.zero_path
 
     def zero(self, frames: Iterable[Frame]) -> ZeroReference:
-        """Take the zero reference from frames of an untouched strip.
-
-        Parameters
-        ----------
-        frames
-            Of the sensor's camera, in order of time.
-        """
+        """Take the zero reference from frames of an untouched strip."""
         return self.sensor.zero(frames)
 
     def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[ForceProfile]:
-        """Force profile of a frame; writes wrench, diagnostics, profile, contact contour and events.
-
-        Parameters
-        ----------
-        frame
-            Newer than the one before.
-        sink
-            Where they are written.
-        """
+        """Force profile of a frame; writes wrench, diagnostics, profile, contact contour and events."""
         profile = self.sensor.read(frame)
         state = self.odometry(frame.t_s)
         speed = None if state is None else float(state.speed_m_s)
@@ -89,13 +75,5 @@ class FoamReader(SensorReader[ForceProfile]):
         return SensorReading(profile, profile.reason, events)
 
     def blank(self, t_s: float, sink: MeasurementSink) -> None:
-        """Write a stale profile.
-
-        Parameters
-        ----------
-        t_s
-            Time [s].
-        sink
-            Where it is written.
-        """
+        """Write a stale profile."""
         sink.write_force(self.sensor.blank(t_s, Reason.STALE), self.name)

@@ -73,25 +73,11 @@ class SceneReader(SensorReader["SceneReading"]):
         return None if self.foam is None else self.foam.setup.zero_path
 
     def zero(self, frames: Iterable[Frame]) -> ZeroReference | None:
-        """Take the zero reference of its foam sensor.
-
-        Parameters
-        ----------
-        frames
-            Of the sensor's camera, in order of time.
-        """
+        """Take the zero reference of its foam sensor."""
         return self.sensor.zero(frames)
 
     def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[SceneReading]:
-        """Everything around the foam in a frame; writes pose, diagnostics and events.
-
-        Parameters
-        ----------
-        frame
-            Newer than the one before.
-        sink
-            Where they are written.
-        """
+        """Everything around the foam in a frame; writes pose, diagnostics and events."""
         from ..scene.scene_record import write_scene
 
         reading = self.sensor.read(frame)
@@ -104,15 +90,7 @@ class SceneReader(SensorReader["SceneReading"]):
         return SensorReading(reading, reading.motion.reason, tuple(reading.events))
 
     def blank(self, t_s: float, sink: MeasurementSink) -> None:
-        """Write diagnostics that say so; a pose that is not known is not written.
-
-        Parameters
-        ----------
-        t_s
-            Time [s].
-        sink
-            Where they are written.
-        """
+        """Write diagnostics that say so; a pose that is not known is not written."""
         message = ros.diagnostics(t_s, "odom", self.name, False, Reason.STALE.value, {})
         sink.write(f"/{self.name}/diagnostics", DIAGNOSTICS, t_s, message)
         if self.foam is not None:

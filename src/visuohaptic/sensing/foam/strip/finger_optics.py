@@ -124,15 +124,7 @@ class FingerOptics(StripOptics):
         return _moved(self._setup.T_camera_foam, position_m * self._axis)
 
     def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
-        """Find the finger, then track the front; ``None`` when the finger cannot be found.
-
-        Parameters
-        ----------
-        frame
-            The next frame in order of time.
-        zero
-            The strip at rest, if it is known.
-        """
+        """Find the finger, then track the front; ``None`` when the finger cannot be found."""
         grey = frame.grey
         found = self._follow(grey, frame.t_s, zero) or self._acquire(grey, frame.t_s, zero)
         if found is None:
