@@ -26,6 +26,7 @@ from tests.worlds.shell_touches import CONDITIONS
 from visuohaptic.core.files import write_text
 
 from ._journal import Journal
+from ._shell_meshes import KINDS, REFUSED, mesh_figures, mesh_row, refused_row
 from ._shell_readings import (
     OBJECTS,
     ROWS,
@@ -38,7 +39,7 @@ from ._shell_readings import (
 )
 from .harness import use_one_thread
 
-CAMPAIGNS = ("readings", "unknown", "few_curves")
+CAMPAIGNS = ("readings", "unknown", "few_curves", "meshes")
 #: Floors and aims of right, false unknown and calibration error.
 LIMITS = {
     "in range": ((0.97, 0.99), (0.02, 0.01), (0.05, 0.04)),
@@ -86,10 +87,27 @@ def few(
     return [done.rows[str(seed)] for seed in chosen]
 
 
+def meshes(
+    chosen: Sequence[int], kinds: Sequence[str] = (), journal: Path | None = None
+) -> list[dict[str, Any]]:
+    """Rows of ``meshes``: every kind for every seed."""
+    done = Journal(journal, {"campaign": "shell meshes"})
+    rows = []
+    for seed in chosen:
+        for kind in kinds or (*KINDS, *REFUSED):
+            if (key := f"{seed} {kind}") not in done:
+                done.put(key, mesh_row(kind, seed) if kind in KINDS else refused_row(kind, seed))
+            rows.append({"seed": seed, **done.rows[key]})
+        print(f"meshes: seed {seed}", flush=True)
+    return rows
+
+
 def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Figures of a campaign."""
     if name == "few_curves":
         return few_figures(rows)
+    if name == "meshes":
+        return mesh_figures(rows)
     figures = []
     for use_width in (True, False):
         for condition in CONDITIONS:
@@ -123,6 +141,9 @@ def main() -> None:
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=list(CONDITIONS))
     parser.add_argument("--no-width", action="store_true", help="by stiffness alone only")
     parser.add_argument("--width", action="store_true", help="with widths only")
+    parser.add_argument(
+        "--kinds", nargs="+", default=[], choices=[*KINDS, *REFUSED], help="only these meshes"
+    )
     parser.add_argument("--variants", type=int, default=VARIANTS, help="training objects of a class")
     parser.add_argument("--cache", type=Path, help="folder that keeps training data and objects")
     parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
@@ -139,6 +160,8 @@ def main() -> None:
             )
             if name == "few_curves":
                 rows = few(chosen, cache, journal)
+            elif name == "meshes":
+                rows = meshes(chosen, arguments.kinds, journal)
             else:
                 rows = recognition(
                     name, chosen, cache, journal=journal, conditions=arguments.conditions,

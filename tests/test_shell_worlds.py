@@ -2,7 +2,11 @@
 
 import numpy as np
 import pytest
+import trimesh
 
+from tests.worlds.ray_meshes import distance_to_mesh
+from tests.worlds.shell_bodies import draw, wall_of
+from tests.worlds.shell_meshes import KINDS, REFUSED, SCAN_NOISE_M, mesh_case, refused_mesh
 from tests.worlds.shells import Pinch, Revolution, opposite, side_stiffness
 
 
@@ -90,3 +94,41 @@ def test_sides_share_the_force():
     assert side_stiffness(np.array([[[2e-4, 1e-4], [1e-4, 4e-4]]])) == pytest.approx(
         np.array([[3333.3, 2000.0]]), rel=1e-4
     )
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "300,000 triangles, grooves"])
+def test_meshes_are_the_bodies_whose_stiffness_is_stated(kind):
+    case = mesh_case(kind, 2)
+    mesh = trimesh.Trimesh(case.vertices_m, case.faces)
+    # What is asked for is on the surface: within half a wall, a facet's height and the noise. Facets of 6 mm on a
+    # radius of 30 mm are 6^2 / (8 * 30) = 0.15 mm inside.
+    away = distance_to_mesh(case.points_m, case.vertices_m, case.faces)
+    assert away.max() < (0.5 * 1.6e-3 if case.wall_m is None else 1.5e-4) + 4 * SCAN_NOISE_M
+    assert (case.stiffness_N_per_m > 100).all()
+    assert np.isfinite(case.stiffness_N_per_m).all()
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0
+    # Closed at the foot; a mouth is the only hole.
+    edges = np.sort(mesh.edges, axis=1)
+    once = np.unique(edges, axis=0, return_counts=True)
+    rim = mesh.vertices[np.unique(once[0][once[1] == 1]), 2]
+    height = mesh.vertices[:, 2].max()
+    assert ((rim > height - 1e-6) | ((kind == "2,000 triangles") & (rim < 1e-9))).all()
+
+
+def test_a_fine_and_a_coarse_truth_of_grooves_agree():
+    member = draw(KINDS["grooves"][0], np.random.default_rng(0))
+    fine, coarse = (
+        wall_of(member, step_m=step, ring_step_m=step / 2.5).pinch_stiffness([0.03, 0.06])
+        for step in (0.0005, 0.0008)
+    )
+    assert coarse == pytest.approx(fine, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_what_is_no_container_is_one_closed_skin(kind):
+    vertices, faces = refused_mesh(kind, 0)
+    mesh = trimesh.Trimesh(vertices, faces)
+    assert mesh.is_watertight
+    assert mesh.volume > 0
+    assert abs(mesh.vertices[:, 2].min()) < 0.003

@@ -155,3 +155,26 @@ def test_a_few_curves_are_learned_and_asked_for(tmp_path):
     (figure,) = shell_evidence.summary("few_curves", rows)
     assert figure["ours"] == pytest.approx(0.25)
     assert figure["peer"] == pytest.approx(0.75)
+
+
+def test_a_mesh_is_read_mapped_and_asked():
+    (row,) = shell_evidence.meshes([0], ["2,000 triangles"])
+    assert row["faces"] > 1500
+    # A coarse mesh of a wall: a few percent, for the order of magnitude alone.
+    assert row["ratio"] == pytest.approx([1.0] * 6, rel=0.1)
+
+
+def test_figures_of_meshes():
+    rows = [
+        {"kind": "grooves", "faces": 9, "truth": [1.0] * 4, "ratio": [1.0, 0.985, 1.05, 1.0], "notes": [], "cpu_s": 1.0},
+        {"kind": "decimated", "faces": 9, "truth": [1.0] * 4, "refused": "a hole", "cpu_s": 3.0},
+        {"kind": "drill", "refused": "no wall"},
+        {"kind": "bulb", "notes": []},
+    ]  # fmt: skip
+    by_name = {figure["name"]: figure["ours"] for figure in shell_evidence.summary("meshes", rows)}
+    assert by_name["meshes: heights within 2 %"] == pytest.approx(3 / 8)
+    assert by_name["meshes: heights within 1 %"] == pytest.approx(2 / 8)
+    assert by_name["meshes: worst"] == pytest.approx(5.0)
+    assert by_name["meshes: taken as they are"] == pytest.approx(0.5)
+    assert by_name["meshes: import to map, slowest"] == pytest.approx(3.0)
+    assert by_name["no containers: refused"] == pytest.approx(0.5)

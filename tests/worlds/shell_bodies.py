@@ -6,13 +6,24 @@ wall), in metres and pascals; a pair of numbers is a range. How a wall comes of 
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 
 from .shells import Revolution
 
-__all__ = ["CLASSES", "MATERIALS", "OTHERS", "Description", "draw", "wall_of"]
+__all__ = [
+    "CLASSES",
+    "MATERIALS",
+    "OTHERS",
+    "Description",
+    "draw",
+    "knots_m",
+    "levels_m",
+    "radius_at",
+    "wall_of",
+]
 
 Description = dict[str, Any]
 
@@ -146,35 +157,63 @@ def draw(description: Description, rng: np.random.Generator, *, outside: float =
     return out
 
 
-def wall_of(member: Description, *, modulus: float = 1.0, wall: float = 1.0) -> Revolution:
-    """The wall of a member, its modulus and thickness by a factor."""
-    heights, knots = [0.0], [member["base"]["radius"][0]]
+def knots_m(member: Description) -> tuple[np.ndarray, np.ndarray]:
+    """Heights and radii at the ends of the sections of a member."""
+    heights, radii = [0.0], [member["base"]["radius"][0]]
     for section in member["sections"]:
         heights.append(heights[-1] + section["height"][0])
-        knots.append(section.get("radius", [knots[-1]])[0])
-    rings = [(ring["z"][0], ring["depth"][0], ring["width"][0]) for ring in member.get("rings", ())]
-    height, rim = heights[-1], member.get("rim")
-    cuts = {*heights} | ({height - rim["height"][0]} if rim else set())
-    for z, _depth, width in rings:
-        cuts |= {z - width / 2, z + width / 2}
-    z_m = [0.0]
-    for low, high in zip(sorted(cuts)[:-1], sorted(cuts)[1:], strict=True):
-        in_ring = any(abs(0.5 * (low + high) - z) < width / 2 for z, _depth, width in rings)
-        count = max(2, int(np.ceil((high - low) / (RING_FRUSTUM_M if in_ring else FRUSTUM_M))))
-        z_m += list(np.linspace(low, high, count + 1)[1:])
-    z = np.array(z_m)
-    which = np.clip(np.searchsorted(heights, z, side="left") - 1, 0, len(knots) - 2)
-    start, end = np.array(heights)[which], np.array(heights)[which + 1]
-    part = (z - start) / (end - start)
+        radii.append(section.get("radius", [radii[-1]])[0])
+    return np.array(heights), np.array(radii)
+
+
+def radius_at(member: Description, z_m: np.ndarray) -> np.ndarray:
+    """Radius of the middle of the wall at some heights."""
+    heights, radii = knots_m(member)
+    z = np.asarray(z_m, dtype=float)
+    which = np.clip(np.searchsorted(heights, z, side="left") - 1, 0, len(radii) - 2)
+    part = (z - heights[which]) / (heights[which + 1] - heights[which])
     bulge = np.array([section.get("bulge", [0.0])[0] for section in member["sections"]])[which]
-    radius = np.interp(z, heights, knots) + 4 * bulge * part * (1 - part)
-    for at, depth, width in rings:
-        radius += np.where(np.abs(z - at) < width / 2, depth * np.cos(np.pi * (z - at) / width) ** 2, 0.0)
+    radius: np.ndarray = np.interp(z, heights, radii) + 4 * bulge * part * (1 - part)
+    for ring in member.get("rings", ()):
+        away = (z - ring["z"][0]) / ring["width"][0]
+        radius += np.where(np.abs(away) < 0.5, ring["depth"][0] * np.cos(np.pi * away) ** 2, 0.0)
+    return radius
+
+
+def levels_m(member: Description, step_m: float, ring_step_m: float) -> np.ndarray:
+    """Heights from foot to mouth, at most so far apart; ends of sections, rings and rim are among them."""
+    heights, _radii = knots_m(member)
+    rings = [(ring["z"][0], ring["width"][0] / 2) for ring in member.get("rings", ())]
+    cuts = {*map(float, heights)} | {z + sign * half for z, half in rings for sign in (-1, 1)}
+    if "rim" in member:
+        cuts.add(float(heights[-1]) - member["rim"]["height"][0])
+    out = [0.0]
+    for low, high in itertools.pairwise(sorted(cuts)):
+        in_ring = any(abs(0.5 * (low + high) - z) < half for z, half in rings)
+        count = max(4, int(np.ceil((high - low) / (ring_step_m if in_ring else step_m))))
+        out += list(np.linspace(low, high, count + 1)[1:])
+    return np.array(out)
+
+
+def wall_of(
+    member: Description,
+    *,
+    modulus: float = 1.0,
+    step_m: float = FRUSTUM_M,
+    ring_step_m: float = RING_FRUSTUM_M,
+) -> Revolution:
+    """The wall of a member, its modulus by a factor.
+
+    Frusta of the default lengths leave 0.5 % in tight rings, for readings; an error goes with their square.
+    """
+    z = levels_m(member, step_m, ring_step_m)
+    heights, _radii = knots_m(member)
+    height, radius = heights[-1], radius_at(member, z)
     middle = 0.5 * (z[1:] + z[:-1])
     own = [section.get("wall", member["wall"])[0] for section in member["sections"]]
     thick = np.array(own)[np.clip(np.searchsorted(heights, middle) - 1, 0, len(own) - 1)]
-    if rim:
-        thick[middle > height - rim["height"][0]] = rim["wall"][0]
+    if "rim" in member:
+        thick[middle > height - member["rim"]["height"][0]] = member["rim"]["wall"][0]
     points = np.column_stack([radius, z])
     top = member.get("top", {"kind": "open"})
     if top["kind"] != "open":
@@ -182,5 +221,4 @@ def wall_of(member: Description, *, modulus: float = 1.0, wall: float = 1.0) -> 
         inner = np.linspace(radius[-1], PIN_M, 13)[1:]
         points = np.concatenate([points, np.column_stack([inner, np.full_like(inner, height)])])
         thick = np.concatenate([thick, np.full(len(inner), top.get("wall", [default])[0])])
-    young = member["youngs_modulus"]
-    return Revolution(points, wall * thick, modulus * young, MATERIALS[member["material"]][1])
+    return Revolution(points, thick, modulus * member["youngs_modulus"], MATERIALS[member["material"]][1])
