@@ -11,6 +11,7 @@ from tests.worlds.shell_bodies import CLASSES
 from tests.worlds.shell_touches import TouchedObject, known_object, squeezed_objects, unknown_object
 
 from visuohaptic.core import InputError
+from visuohaptic.core.threads import one_blas_thread
 from visuohaptic.deformation.maps import BuildPlan, build, plan_jobs
 from visuohaptic.deformation.shapes import ContainerDescription
 from visuohaptic.recognition import (
@@ -80,6 +81,7 @@ def explore_object(
     return found, readings
 
 
+@one_blas_thread()
 def known_row(
     classifier: HapticClassifier, thing: TouchedObject, seed: int, *, use_width: bool
 ) -> dict[str, Any]:
@@ -128,6 +130,7 @@ def unknown_row(
     }
 
 
+@one_blas_thread()
 def few_row(seed: int, cache: Path | None) -> dict[str, Any]:
     """Six objects learned from five curves each, and asked for by five others."""
     squeezed = squeezed_objects(seed, FEW_OBJECTS, FEW_CURVES, cache)

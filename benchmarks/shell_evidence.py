@@ -24,6 +24,7 @@ from typing import Any
 from tests.worlds.shell_touches import CONDITIONS
 
 from visuohaptic.core.files import write_text
+from visuohaptic.core.threads import one_blas_thread
 
 from ._journal import Journal
 from ._shell_meshes import KINDS, REFUSED, mesh_figures, mesh_row, refused_row
@@ -37,7 +38,6 @@ from ._shell_readings import (
     train,
     unknown_figures,
 )
-from .harness import use_one_thread
 
 CAMPAIGNS = ("readings", "unknown", "few_curves", "meshes")
 #: Floors and aims of right, false unknown and calibration error.
@@ -148,11 +148,10 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, help="folder that keeps training data and objects")
     parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
     arguments = parser.parse_args()
-    use_one_thread()
     widths = [use for use in (True, False) if not (arguments.no_width if use else arguments.width)]
     chosen = [2 * k + (arguments.seeds == "closed") for k in range(arguments.count)]
     report: dict[str, Any] = {}
-    with TemporaryDirectory() as scratch:
+    with TemporaryDirectory() as scratch, one_blas_thread():
         cache = arguments.cache or Path(scratch)
         for name in arguments.campaigns:
             journal = arguments.report and arguments.report.with_name(
