@@ -21,13 +21,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from tests.worlds.shell_meshes import KINDS, REFUSED
 from tests.worlds.shell_touches import CONDITIONS
 
 from visuohaptic.core.files import write_text
 from visuohaptic.core.threads import one_blas_thread
 
 from ._journal import Journal
-from ._shell_meshes import KINDS, REFUSED, mesh_figures, mesh_row, refused_row
+from ._shell_meshes import mesh_figures, mesh_row, refused_row
 from ._shell_readings import (
     OBJECTS,
     ROWS,
