@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "needs", "run"]
 
 EPILOG = """\
 reads   what a run that was killed, or met a full disk, has left: NAME.csv.part, NAME.parquet.part, NAME.mcap.part,
@@ -21,6 +21,15 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("path", type=Path, help="the unfinished file, or the folder of a depth sequence")
     parser.add_argument("--out", type=Path, help="the new file (default: the name without .part)")
+
+
+def needs(args: Any) -> set[str]:
+    """Libraries beyond the core, by the name of the file."""
+    return {
+        library
+        for kind, library in ((".mcap", "mcap"), (".parquet", "pyarrow"))
+        if kind in (args.path.suffix, args.path.with_suffix("").suffix)
+    }
 
 
 def run(args: Namespace) -> dict[str, Any]:
