@@ -333,6 +333,17 @@ def _recording(folder: Path, world: World) -> None:
     shutil.copy(world.run("sense foam")[0] / "run.mcap", folder)
 
 
+def _killed(folder: Path, world: World) -> None:
+    from visuohaptic.core import Event, EventKind
+    from visuohaptic.io import MeasurementWriter
+
+    with MeasurementWriter(folder / "run.mcap") as writer:
+        writer.write_event(Event(EventKind.CONTACT, 1.0))
+        left = (folder / "run.mcap.part").read_bytes()
+    (folder / "run.mcap").unlink()
+    (folder / "run.mcap.part").write_bytes(left)
+
+
 def _to_view(folder: Path, world: World) -> None:
     _office(folder, world)
     _, (plan,) = world.run("plan")
@@ -625,6 +636,7 @@ STORIES: dict[str, Story] = {
     "classify plan": Story(lambda f, r: _planned(r), room="classify", needs=("classify train",)),
     "classify run": Story(_classify_run, _curves, "classify", ("classify train",), around=_answers),
     "recording info": Story(lambda f, r: _recorded(r), _recording),
+    "recording recover": Story(_said(recovered=1), _killed),
     "recording import": Story(_said(frames=5), _robot_arm),
     "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
     "ros bridge": Story(_ros_bridge, _flatten("example foam"), around=_robot),

@@ -323,7 +323,7 @@ def test_nothing_is_lost_when_the_process_is_killed(tmp_path: Path) -> None:
     assert file.damage.cut
     with MeasurementWriter(path) as writer:
         writer.write_event(Event(EventKind.RELEASE, 1.0))
-    assert (tmp_path / "run.recovered1.mcap").exists(), "a new run keeps what the last one left"
+    assert (tmp_path / "run.unfinished1.mcap.part").exists(), "a new run keeps what the last one left"
 
 
 def test_bad_use(tmp_path: Path) -> None:

@@ -126,10 +126,12 @@ def test_what_a_killed_run_has_left_is_kept(
         part.write_bytes(b"rows of run %d" % number)
         with TableWriter(path) as table:
             table.write(PROFILES[0])
-        assert (tmp_path / f"k.recovered{number}.{suffix}").read_bytes() == b"rows of run %d" % number
+        assert (tmp_path / f"k.unfinished{number}.{suffix}.part").read_bytes() == b"rows of run %d" % number
         assert not part.exists()
     assert len(read_force_table(path).t_s) == 1
-    assert [record.getMessage().count("kept as") for record in caplog.records] == [1, 1]
+    assert [
+        record.getMessage().count("kept: visuohaptic recording recover") for record in caplog.records
+    ] == [1, 1]
 
 
 def test_a_full_disk_leaves_no_table_with_its_final_name(tmp_path: Path) -> None:

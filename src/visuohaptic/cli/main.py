@@ -81,6 +81,7 @@ _TABLE = (
         "recording import",
         "convert depth images and poses of another layout into a depth sequence",
     ),
+    ("geometry", "recording recover", "make what a killed run has left of a recording whole"),
     ("system", "ros bridge", "run the sensors as a ROS 2 node: image topics in, forces out"),
     ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
     ("system", "warmup", "compile all kernels now, so that later starts are fast"),

@@ -23,7 +23,6 @@ from .files.arrays import MAX_ARRAY_BYTES as MAX_ARRAY_BYTES
 from .files.arrays import read_npy as read_npy
 from .files.arrays import read_npz as read_npz
 from .files.atomic import atomic_path as atomic_path
-from .files.atomic import keep_unfinished as keep_unfinished
 from .files.atomic import write_text as write_text
 from .files.image_header import MAX_PIXELS as MAX_PIXELS
 from .files.image_header import image_size as image_size

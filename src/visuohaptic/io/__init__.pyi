@@ -23,6 +23,8 @@ from .laser_scans import OdometryScan as OdometryScan
 from .laser_scans import read_scans as read_scans
 from .laser_scans import write_scans as write_scans
 from .maps.occupancy_map import OccupancyMap as OccupancyMap
+from .recovery import Recovered as Recovered
+from .recovery import recover as recover
 from .ros.mcap_records import McapDamage as McapDamage
 from .ros.mcap_records import McapFile as McapFile
 from .ros.mcap_records import McapMessage as McapMessage

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..core.errors import InputError, VisuohapticError
+from .gate import reported
 from .server import Page, markdown_text
 from .stage import Stage, View
 
@@ -45,7 +46,7 @@ class BrowsePage(Page):
         names = tuple(self._views)
         self._choice: Any = gui.add_dropdown("show", names, order=0, visible=len(names) > 1)
         self._trouble: Any = gui.add_markdown("", order=1, visible=False)
-        self._choice.on_update(lambda _: self.open(self._choice.value))
+        self._choice.on_update(reported(lambda _: self.open(self._choice.value)))
         self.open(names[0])
 
     @property

@@ -21,6 +21,7 @@ from ..grasping.match import predicted_shape
 from ..grasping.planner import GraspPlan, plan_grasps, plan_map
 from ..grasping.plots import score_colours
 from ..grasping.score import grasp_scores
+from .gate import reported
 from .server import markdown_text
 from .stage import Stage, hit_face
 
@@ -187,9 +188,9 @@ class ObjectView:
             with self._lock:
                 self.show_grasps()
 
-        shade.on_update(recolour)
-        force.on_update(recolour)
-        ranked.on_click(rank)
+        shade.on_update(reported(recolour))
+        force.on_update(reported(recolour))
+        ranked.on_click(reported(rank))
         self._deep = deep
         self.paint(_SHADES[0])
         used = self.surface.vertices_m[np.unique(self.surface.faces)]

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ..core.errors import DeviceError, MissingExtraError
 from ..core.geometry import so3_log
 from ..core.resources import Closing
+from .gate import Gate
 
 if TYPE_CHECKING:
     import viser
@@ -22,6 +23,8 @@ _log = logging.getLogger(__name__)
 
 class Page(Closing):
     """A viser server on 127.0.0.1, closed with the context.
+
+    It answers who knows the secret in its address, and only pages that came from itself.
 
     Parameters
     ----------
@@ -39,7 +42,8 @@ class Page(Closing):
     """
 
     def __init__(self, port: int, title: str) -> None:
-        self._server: Any = _start(port, title)
+        self._gate = Gate()
+        self._server: Any = _start(port, title, self._gate)
         gui = self._server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
@@ -48,8 +52,8 @@ class Page(Closing):
 
     @property
     def url(self) -> str:
-        """Address of the page."""
-        return f"http://127.0.0.1:{self._server.get_port()}"
+        """Address of the page, with its secret: whoever has it can open the page."""
+        return f"http://127.0.0.1:{self._server.get_port()}/{self._gate.token}/"
 
     def show(self) -> bool:
         """Open the page in this machine's browser; ``False`` where there is no screen for one."""
@@ -75,7 +79,7 @@ def has_screen() -> bool:
     )
 
 
-def _start(port: int, title: str) -> viser.ViserServer:
+def _start(port: int, title: str, gate: Gate) -> viser.ViserServer:
     """A viser server on 127.0.0.1 that cannot be shared to the outside."""
     try:
         import viser
@@ -91,12 +95,23 @@ def _start(port: int, title: str) -> viser.ViserServer:
 
     # viser prints when it stops; stdout belongs to our results.
     rich.reconfigure(stderr=True)
+    # The address that it prints lacks the secret.
+    console = rich.get_console()
+    console.quiet = True
     try:
-        server = LocalServer(host="127.0.0.1", port=port, label=title, verbose=False)
+        with gate.guarding():
+            server = LocalServer(host="127.0.0.1", port=port, label=title, verbose=False)
     except OSError as error:
         raise DeviceError(
             f"the page cannot be served on port {port} ({error}); choose another port"
         ) from error
+    finally:
+        console.quiet = False
+    if gate.closed:
+        server.stop()
+        raise DeviceError(
+            f"the page cannot be protected with viser {viser.__version__}; run: pip install 'viser>=1.1,<2'"
+        )
     if port and server.get_port() != port:
         _log.warning("port %d is in use, the page is on port %d", port, server.get_port())
     return server

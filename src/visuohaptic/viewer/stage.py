@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..core.errors import MissingExtraError
+from .gate import reported
 
 __all__ = ["Stage", "View", "hit_face", "scale_colours"]
 
@@ -152,7 +153,9 @@ class Stage:
         self.drop(name)
         handle = self.keep(name, self.scene.add_mesh_trimesh(f"/view/{name}", shape))
         if on_click is not None:
-            handle.on_click(lambda event: on_click(np.array(event.ray_origin), np.array(event.ray_direction)))
+            handle.on_click(
+                reported(lambda event: on_click(np.array(event.ray_origin), np.array(event.ray_direction)))
+            )
         return handle
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..io.meshes.ply import PlyMesh
+from .gate import reported
 from .server import markdown_text
 from .stage import Stage, scale_colours
 
@@ -53,7 +54,7 @@ class SurfaceView:
         def recolour(_: Any) -> None:
             self.paint(stage, choice.value)
 
-        choice.on_update(recolour)
+        choice.on_update(reported(recolour))
         self.paint(stage, self.choices[0])
         low, high = self.mesh.vertices_m.min(axis=0), self.mesh.vertices_m.max(axis=0)
         x, y, z = (0.5 * (low + high)).tolist()

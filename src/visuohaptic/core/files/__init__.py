@@ -8,9 +8,10 @@ Writers leave a whole file or none.
 from __future__ import annotations
 
 from .arrays import MAX_ARRAY_BYTES, read_npy, read_npz
-from .atomic import atomic_path, keep_unfinished, write_text
+from .atomic import atomic_path, write_text
 from .image_header import MAX_PIXELS, image_size
 from .images import MAX_IMAGE_BYTES, ImageMode, decode_image, read_image
+from .part_file import PartFile, check_unlocked, csv_line, lock, whole_lines
 from .problems import field_problems
 from .regular import file_size, read_bytes, read_head, read_text
 from .yaml_text import load_yaml, load_yaml_model, parse_yaml, save_yaml
@@ -20,14 +21,17 @@ __all__ = [
     "MAX_IMAGE_BYTES",
     "MAX_PIXELS",
     "ImageMode",
+    "PartFile",
     "atomic_path",
+    "check_unlocked",
+    "csv_line",
     "decode_image",
     "field_problems",
     "file_size",
     "image_size",
-    "keep_unfinished",
     "load_yaml",
     "load_yaml_model",
+    "lock",
     "parse_yaml",
     "read_bytes",
     "read_head",
@@ -36,5 +40,6 @@ __all__ = [
     "read_npz",
     "read_text",
     "save_yaml",
+    "whole_lines",
     "write_text",
 ]

@@ -1,8 +1,7 @@
-"""Files that are either whole or not there, and what a run that was killed has left."""
+"""Files that are either whole or not there."""
 
 from __future__ import annotations
 
-import logging
 import os
 import tempfile
 from collections.abc import Iterator
@@ -11,9 +10,7 @@ from pathlib import Path
 
 from ..errors import InputError
 
-__all__ = ["atomic_path", "keep_unfinished", "write_text"]
-
-_log = logging.getLogger(__name__)
+__all__ = ["atomic_path", "write_text"]
 
 
 @contextmanager
@@ -79,22 +76,3 @@ def write_text(target: Path | str, text: str) -> None:
     """
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def keep_unfinished(part: Path, target: Path) -> None:
-    """Give what a killed run has left in ``part`` a name of its own, and say so in the log.
-
-    Parameters
-    ----------
-    part
-        Name of a streamed file while it is written.
-    target
-        Its name when it is whole; ``run.csv`` gives ``run.recovered1.csv``.
-    """
-    if not part.exists():
-        return
-    number = 1
-    while (kept := target.with_name(f"{target.stem}.recovered{number}{target.suffix}")).exists():
-        number += 1
-    part.rename(kept)
-    _log.warning("%s is left of a run that did not end; kept as %s", part, kept)

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..._version import __version__
 from ...core.errors import InputError, MissingExtraError, VisuohapticError
-from ...core.files import atomic_path, read_npz, write_text
+from ...core.files import atomic_path, lock, read_npz, write_text
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject, mesh_container
 from .build_plan import BUILD_FORMAT, BuildJob
@@ -294,14 +294,9 @@ def _manifest(jobs: Sequence[BuildJob], digests: dict[str, str], report: BuildRe
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Only one build at a time in a folder; the lock goes with the process."""
-    try:
-        import fcntl
-    except ImportError:  # not on Windows
-        yield
-        return
     with (folder / ".lock").open("w") as handle:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(handle)
         except OSError as error:
             raise InputError(folder, "another build is running in this folder") from error
         yield

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.files import save_yaml
+from ...core.files import PartFile, save_yaml, whole_lines, write_text
 from .depth_images import write_depth
 from .depth_sequence import DepthFrame
-from .poses import write_poses
+from .poses import POSE_HEADER, pose_line, read_poses
 
-__all__ = ["write_sequence"]
+__all__ = ["recover_sequence", "write_sequence"]
+
+#: Name of the description until the sequence is whole.
+DESCRIPTION_PART = "sequence.yaml.part"
 
 
 def write_sequence(
@@ -24,7 +26,8 @@ def write_sequence(
 ) -> int:
     """Write a sequence folder that :class:`.DepthSequence` reads; tells the number of frames.
 
-    Images are written as the frames come, the description last: a folder whose writer was stopped is no sequence.
+    A frame is with the operating system when the next one is taken. The description gets its name last: a folder
+    whose writer was stopped is no sequence until ``visuohaptic recording recover`` has made it one.
 
     Parameters
     ----------
@@ -43,30 +46,72 @@ def write_sequence(
         The folder is not empty, there is no frame, or the frames are of several cameras.
     """
     folder = Path(folder)
+    if (folder / DESCRIPTION_PART).exists():
+        raise InputError(
+            folder,
+            "holds a sequence whose writer did not end",
+            remedy=f"run: visuohaptic recording recover {folder}, or name a new folder",
+        )
     if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
         raise InputError(folder, "is not empty", remedy="name a new folder")
-    poses: list[tuple[float, Pose]] = []
-    camera = None
+    camera = poses = None
+    count = 0
     for index, frame in enumerate(frames):
-        if camera is None:
+        if camera is None or poses is None:
             camera = frame.camera
             (folder / "depth").mkdir(parents=True)
+            camera.save(folder / "camera.yaml")
+            save_yaml(
+                folder / DESCRIPTION_PART,
+                {"sensor": sensor, "depth_scale_m": depth_scale_m, "camera": "camera.yaml"},
+            )
+            poses = PartFile(folder / "poses.txt")
+            poses.write(POSE_HEADER.encode())
         elif (frame.camera.width, frame.camera.height) != (camera.width, camera.height):
             raise InputError("write_sequence", f"frame {index} is of another camera, expected one camera")
         name = f"{index:06d}.png"
         write_depth(folder / "depth" / name, frame.depth_m, depth_scale_m)
         if frame.color is not None:
             _write_color(folder / "color" / name, frame)
-        poses.append((frame.t_s, frame.T_world_camera))
-    if camera is None:
+        poses.write(pose_line(frame.t_s, frame.T_world_camera).encode())
+        count += 1
+    if poses is None:
         raise InputError("write_sequence", "found no frames, expected at least one")
-    camera.save(folder / "camera.yaml")
-    write_poses(folder / "poses.txt", poses)
-    save_yaml(
-        folder / "sequence.yaml",
-        {"sensor": sensor, "depth_scale_m": depth_scale_m, "camera": "camera.yaml"},
-    )
-    return len(poses)
+    poses.finish()
+    (folder / DESCRIPTION_PART).replace(folder / "sequence.yaml")
+    return count
+
+
+def recover_sequence(folder: Path) -> int:
+    """Make a sequence of what :func:`write_sequence` has left when it was killed; tells the number of frames.
+
+    Images without a pose are kept as ``NAME.part``.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Raises
+    ------
+    InputError
+        Its writer ended, or got as far as no frame.
+    """
+    if not (folder / DESCRIPTION_PART).is_file():
+        raise InputError(folder, "is no depth sequence whose writer was stopped")
+    part = folder / "poses.txt.part"
+    if part.exists():
+        lines = whole_lines(part)[1:]
+        if not lines:
+            raise InputError(folder, "has not one whole frame")
+        for path in sorted(folder.glob("*/*.png")):
+            if path.stem.isdigit() and int(path.stem) >= len(lines):
+                path.rename(path.with_name(path.name + ".part"))
+        write_text(folder / "poses.txt", POSE_HEADER + "".join(f"{line}\n" for line in lines))
+        part.unlink()
+    count = len(read_poses(folder / "poses.txt"))
+    (folder / DESCRIPTION_PART).replace(folder / "sequence.yaml")
+    return count
 
 
 def _write_color(path: Path, frame: DepthFrame) -> None:

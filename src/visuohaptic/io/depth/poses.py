@@ -14,7 +14,9 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import read_head, read_text, write_text
 
-__all__ = ["StampedPose", "interpolate_pose", "read_poses", "write_poses"]
+__all__ = ["POSE_HEADER", "StampedPose", "interpolate_pose", "pose_line", "read_poses", "write_poses"]
+
+POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
 
 #: Text files larger than this are no lists of poses [bytes].
 _MAX_FILE_BYTES = 1 << 28
@@ -211,8 +213,18 @@ def write_poses(path: Path | str, poses: Iterable[tuple[float, Pose]]) -> None:
     poses
         Time [s] and camera-to-world pose of each view.
     """
-    lines = ["# t_s tx_m ty_m tz_m qx qy qz qw, camera to world"]
-    for time_s, pose in poses:
-        numbers = [*pose.translation_m, *pose.quaternion_xyzw]
-        lines.append(f"{time_s:.6f} " + " ".join(f"{number:.9g}" for number in numbers))
-    write_text(path, "\n".join(lines) + "\n")
+    write_text(path, POSE_HEADER + "".join(pose_line(time_s, pose) for time_s, pose in poses))
+
+
+def pose_line(time_s: float, pose: Pose) -> str:
+    """One line of TUM text, with its line end.
+
+    Parameters
+    ----------
+    time_s
+        Time [s].
+    pose
+        Camera to world.
+    """
+    numbers = [*pose.translation_m, *pose.quaternion_xyzw]
+    return f"{time_s:.6f} " + " ".join(f"{number:.9g}" for number in numbers) + "\n"

@@ -23,7 +23,8 @@ __all__ = ["McapDamage", "McapFile", "McapMessage", "Topic"]
 
 _log = logging.getLogger(__name__)
 
-_MAGIC = b"\x89MCAP0\r\n"
+#: First bytes of a file.
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
 
 #: Chunks that claim to be larger than this when unpacked are damaged (bytes).
@@ -107,8 +108,8 @@ class McapFile:
         self.schemas: dict[int, _Schema] = {}
         self.channels: dict[int, _Channel] = {}
         self._decoders: dict[int, Any] = {}
-        head = read_head(self.path, len(_MAGIC))
-        if head != _MAGIC:
+        head = read_head(self.path, len(MCAP_MAGIC))
+        if head != MCAP_MAGIC:
             raise InputError(path, f"begins with {head!r}, expected an MCAP file")
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
@@ -122,7 +123,7 @@ class McapFile:
         self.damage = McapDamage()
         with self.path.open("rb") as stream:
             size = stream.seek(0, 2)
-            stream.seek(len(_MAGIC))
+            stream.seek(len(MCAP_MAGIC))
             for opcode, body in self._records(stream, size):
                 if opcode == _CHUNK:
                     yield from self._chunk(body, topics, stream.tell() - len(body))

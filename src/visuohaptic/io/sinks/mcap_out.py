@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from ...core.errors import InputError, MissingExtraError
-from ...core.files import keep_unfinished
+from ...core.files import PartFile
 from ...core.resources import Closing
 from ..ros import ros_messages as ros
 from ..ros._ros_definitions import definition
@@ -22,8 +21,8 @@ class MeasurementWriter(MeasurementSink, Closing):
     While it is written the file is called ``NAME.mcap.part``; it gets its name
     when it is closed. Every message is with the operating system when its
     ``write_...`` returns: after a crash the ``.part`` file still holds all of
-    them, and :class:`McapSource`, ``visuohaptic recording info`` and
-    ``mcap recover`` read it.
+    them; :class:`McapSource` and ``visuohaptic recording info`` read it, and
+    ``visuohaptic recording recover`` makes it whole.
 
     Parameters
     ----------
@@ -67,27 +66,17 @@ class MeasurementWriter(MeasurementSink, Closing):
         if chunk_bytes < 0:
             raise InputError("chunk_bytes", f"found {chunk_bytes}, expected >= 0")
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + ".part")  #: name until it is closed
         self.frame = frame
-        if not self.path.parent.is_dir():
-            raise InputError(path, "its folder does not exist", remedy=f"create {self.path.parent}")
-        if self.path.is_dir():
-            raise InputError(path, "is a folder, expected a file name")
-        try:
-            keep_unfinished(self.part, self.path)
-            self._stream: IO[bytes] = self.part.open("xb")
-        except OSError as error:
-            raise InputError(path, f"cannot be written ({error.strerror})") from error
+        self._file = PartFile(self.path)
         self._writer: Any = (
-            Writer(self._stream, chunk_size=chunk_bytes) if chunk_bytes else _unchunked(self._stream)
+            Writer(self._file, chunk_size=chunk_bytes) if chunk_bytes else _unchunked(self._file)
         )
         self._schemas: dict[str, Any] = {}
         self._counts: dict[str, int] = {}
-        self._open = True
 
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
         """Write the fields of any standard message that this library knows."""
-        if not self._open:
+        if self._file.closed:
             raise InputError(self.path, "is closed")
         if datatype not in self._schemas:
             self._schemas[datatype] = self._writer.register_msgdef(datatype, definition(datatype))
@@ -95,22 +84,16 @@ class MeasurementWriter(MeasurementSink, Closing):
         self._writer.write_message(
             topic, self._schemas[datatype], message, log_time=ros.stamp_ns(t_s), sequence=count
         )
-        self._stream.flush()
         self._counts[topic] = count + 1
 
     def close(self) -> None:
         """Write the index, and give the file its name; harmless when repeated."""
-        if not self._open:
-            return
-        self._open = False
-        self._writer.finish()
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
-        self._stream.close()
-        self.part.replace(self.path)
+        if not self._file.closed:
+            self._writer.finish()
+            self._file.finish()
 
 
-def _unchunked(stream: IO[bytes]) -> Any:
+def _unchunked(stream: PartFile) -> Any:
     """A writer whose messages stand alone in the file.
 
     A chunk of one message would do as well, but the index of the chunks is kept until the file is closed: half a

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import logging
-import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from ...core.errors import InputError, MissingExtraError
-from ...core.files import keep_unfinished
+from ...core.files import PartFile, atomic_path, csv_line
 from ...core.measurement import ForceProfile, Wrench
 from ...core.resources import Closing
 
 __all__ = ["FORCE_COLUMNS", "WRENCH_COLUMNS", "TableWriter"]
-
-_log = logging.getLogger(__name__)
 
 FORCE_COLUMNS = (
     "t_s",
@@ -43,7 +38,7 @@ WRENCH_COLUMNS = (
 #: List columns of a force table, in Parquet only.
 PROFILE_COLUMNS = ("s_m", "delta_m", "delta_sigma_m", "pressure_Pa")
 
-#: Rows that are collected before they are written to Parquet.
+#: Rows of a group of a Parquet file.
 _GROUP = 500
 
 
@@ -79,10 +74,10 @@ class TableWriter(Closing):
     """Writes force profiles or wrenches, one row each, to ``.csv`` or ``.parquet``.
 
     The kind of the first row fixes the columns. The file is called
-    ``NAME.part`` until it is closed. A CSV row is with the operating system
-    when ``write`` returns, so that a crash loses nothing; Parquet is written
-    in groups of rows and is whole only after ``close``. What a killed run has
-    left in ``NAME.part`` is kept under another name.
+    ``NAME.part`` until it is closed; a row is with the operating system when
+    ``write`` returns, so that a crash loses nothing: ``visuohaptic recording
+    recover`` makes the file whole. Rows of a Parquet file are Arrow messages
+    until then. What a killed run has left is kept under another name.
 
     Parameters
     ----------
@@ -94,14 +89,11 @@ class TableWriter(Closing):
         self.path = Path(path)
         if self.path.suffix not in (".csv", ".parquet"):
             raise InputError(path, f"found {self.path.suffix!r}, expected .csv or .parquet")
-        if not self.path.parent.is_dir():
-            raise InputError(path, "its folder does not exist", remedy=f"create {self.path.parent}")
-        self.part = self.path.with_name(self.path.name + ".part")
+        self._schema: Any = None
+        if self.path.suffix == ".parquet":
+            arrow()
+        self._file = PartFile(self.path)
         self._kind: type | None = None
-        self._columns: tuple[str, ...] = ()
-        self._stream: IO[str] | None = None
-        self._parquet: _ParquetRows | None = None
-        self._open = True
 
     def write(self, measured: ForceProfile | Wrench) -> None:
         """Append one measurement.
@@ -114,55 +106,33 @@ class TableWriter(Closing):
         Raises
         ------
         InputError
-            It is of another kind, or the file cannot be written.
+            It is of another kind, or the disk is full: the rows so far stay in ``NAME.part``.
         """
-        if not self._open:
-            raise InputError(self.path, "is closed")
         if self._kind is None:
             self._begin(type(measured))
-        if self._kind is not None and type(measured) is not self._kind:
+        if type(measured) is not self._kind:
             raise InputError(
                 self.path,
-                f"found a {type(measured).__name__}, expected {self._kind.__name__} as before",
+                f"found a {type(measured).__name__}, expected {self._kind.__name__ if self._kind else ''} as before",
             )
         row = _force_row(measured) if isinstance(measured, ForceProfile) else _wrench_row(measured)
-        try:
-            if self._parquet is not None:
-                if isinstance(measured, ForceProfile):
-                    row += [np.asarray(getattr(measured, name), dtype=np.float64) for name in PROFILE_COLUMNS]
-                self._parquet.add(row)
-            elif self._stream is not None:
-                # ``repr`` of a float is the shortest text that reads back as the same number.
-                texts = [
-                    str(v).lower() if isinstance(v, bool) else (repr(v) if isinstance(v, float) else v)
-                    for v in row
-                ]
-                csv.writer(self._stream, lineterminator="\n").writerow(texts)
-                self._stream.flush()
-        except OSError as error:
-            raise self._stopped(error) from error
+        if self._schema is None:
+            self._file.write(csv_line(row))
+            return
+        if isinstance(measured, ForceProfile):
+            row += [np.asarray(getattr(measured, name), dtype=np.float64) for name in PROFILE_COLUMNS]
+        pa, _ = arrow()
+        columns = [pa.array([value], type=field.type) for value, field in zip(row, self._schema, strict=True)]
+        self._file.write(pa.record_batch(columns, schema=self._schema).serialize())
 
     def _begin(self, kind: type) -> None:
-        self._columns = FORCE_COLUMNS if kind is ForceProfile else WRENCH_COLUMNS
-        try:
-            keep_unfinished(self.part, self.path)
-            if self.path.suffix == ".parquet":
-                lists = PROFILE_COLUMNS if kind is ForceProfile else ()
-                self._parquet = _ParquetRows(self.part, self._columns, lists)
-            else:
-                self._stream = self.part.open("x", newline="", encoding="utf-8")
-                csv.writer(self._stream, lineterminator="\n").writerow(self._columns)
-        except OSError as error:
-            raise InputError(self.path, f"cannot be written ({error.strerror})") from error
+        columns = FORCE_COLUMNS if kind is ForceProfile else WRENCH_COLUMNS
+        if self.path.suffix == ".csv":
+            self._file.write(csv_line(columns))
+        else:
+            self._schema = _schema(columns, PROFILE_COLUMNS if kind is ForceProfile else ())
+            self._file.write(self._schema.serialize())
         self._kind = kind
-
-    def _stopped(self, error: OSError) -> InputError:
-        """Nothing more is written, and what is not whole does not get the name of the table."""
-        self._open = False
-        return InputError(
-            self.path,
-            f"cannot be written ({error.strerror or error}); the rows so far are in {self.part.name}",
-        )
 
     def close(self) -> None:
         """Finish the file and give it its name; harmless when repeated.
@@ -174,55 +144,75 @@ class TableWriter(Closing):
         InputError
             The disk is full: the rows so far stay in ``NAME.part``.
         """
-        if not self._open:
+        if self._file.closed:
             return
         if self._kind is None:
             self._begin(ForceProfile)
-        self._open = False
-        try:
-            if self._parquet is not None:
-                self._parquet.close()
-            if self._stream is not None:
-                self._stream.flush()
-                os.fsync(self._stream.fileno())
-                self._stream.close()
-        except OSError as error:
-            raise self._stopped(error) from error
-        self.part.replace(self.path)
+        if self._schema is None:
+            self._file.finish()
+        else:
+            pack_rows(self._file.part, self.path)
+            self._file.discard()
 
 
-class _ParquetRows:
-    """Rows collected into groups."""
+def _schema(columns: Sequence[str], lists: Sequence[str]) -> Any:
+    pa, _ = arrow()
+    kinds = {"valid": pa.bool_(), "reason": pa.string(), "contacts": pa.int32()}
+    fields = [
+        pa.field(name, kinds.get(name, pa.float64()), metadata={"unit": _unit(name)}) for name in columns
+    ]
+    fields += [pa.field(name, pa.list_(pa.float64()), metadata={"unit": _unit(name)}) for name in lists]
+    return pa.schema(fields)
 
-    def __init__(self, path: Path, columns: Sequence[str], lists: Sequence[str]) -> None:
-        pa, pq = arrow()
-        kinds = {"valid": pa.bool_(), "reason": pa.string(), "contacts": pa.int32()}
-        fields = [
-            pa.field(name, kinds.get(name, pa.float64()), metadata={"unit": _unit(name)}) for name in columns
-        ]
-        fields += [pa.field(name, pa.list_(pa.float64()), metadata={"unit": _unit(name)}) for name in lists]
-        self._schema = pa.schema(fields)
-        self._pa = pa
-        self._rows: list[list[Any]] = []
-        self._writer = pq.ParquetWriter(str(path), self._schema, compression="zstd")
 
-    def add(self, row: list[Any]) -> None:
-        self._rows.append(row)
-        if len(self._rows) >= _GROUP:
-            self._flush()
+def pack_rows(part: Path, target: Path) -> int:
+    """Write the rows of an Arrow stream, which may be cut, as Parquet; tells how many.
 
-    def _flush(self) -> None:
-        if self._rows:
-            columns = [
-                self._pa.array(values, type=field.type)
-                for values, field in zip(zip(*self._rows, strict=True), self._schema, strict=True)
-            ]
-            self._writer.write_table(self._pa.table(columns, schema=self._schema))
-            self._rows = []
+    Parameters
+    ----------
+    part
+        Arrow stream with one row in each message.
+    target
+        Parquet file that is created or replaced.
 
-    def close(self) -> None:
-        self._flush()
-        self._writer.close()
+    Raises
+    ------
+    InputError
+        ``part`` does not begin as such a stream, or ``target`` cannot be written.
+    """
+    pa, pq = arrow()
+    count = 0
+    try:
+        # Mapped: a damaged header may ask for more than the file has.
+        rows = pa.ipc.open_stream(pa.memory_map(str(part)))
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(part, f"is no table that was being written ({error})") from error
+    try:
+        with (
+            atomic_path(target) as temporary,
+            pq.ParquetWriter(str(temporary), rows.schema, compression="zstd") as packed,
+        ):
+            while group := _next_rows(pa, rows):
+                packed.write_table(pa.Table.from_batches(group).combine_chunks())
+                count += len(group)
+    except OSError as error:
+        raise InputError(
+            target,
+            f"cannot be written ({error.strerror or error})",
+            remedy=f"make room and run: visuohaptic recording recover {part}",
+        ) from error
+    return count
+
+
+def _next_rows(pa: Any, rows: Any) -> list[Any]:
+    """The next rows, at most a group; a cut one at the end is left out."""
+    group: list[Any] = []
+    try:
+        while len(group) < _GROUP:
+            group.append(rows.read_next_batch())
+    except (StopIteration, OSError, pa.ArrowException):
+        pass
+    return group
 
 
 def arrow() -> tuple[Any, Any]:

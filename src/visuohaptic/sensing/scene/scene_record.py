@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import os
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.files import keep_unfinished
+from ...core.files import PartFile, csv_line
 from ...core.resources import Closing
 from ...io.ros import ros_messages as ros
 
@@ -126,15 +124,8 @@ class SceneTable(Closing):
         self.path = Path(path)
         if self.path.suffix != ".csv":
             raise InputError(path, f"found {self.path.suffix!r}, expected .csv")
-        if not self.path.parent.is_dir():
-            raise InputError(path, "its folder does not exist", remedy=f"create {self.path.parent}")
-        self.part = self.path.with_name(self.path.name + ".part")
-        try:
-            keep_unfinished(self.part, self.path)
-            self._stream: IO[str] | None = self.part.open("x", newline="", encoding="utf-8")
-        except OSError as error:
-            raise InputError(path, f"cannot be written ({error.strerror})") from error
-        csv.writer(self._stream, lineterminator="\n").writerow(SCENE_COLUMNS)
+        self._file = PartFile(self.path)
+        self._file.write(csv_line(SCENE_COLUMNS))
 
     def write(self, reading: SceneReading) -> None:
         """Append one reading.
@@ -143,19 +134,16 @@ class SceneTable(Closing):
         ----------
         reading
             Scene of one frame.
+
+        Raises
+        ------
+        InputError
+            The disk is full: the rows so far stay in ``NAME.part``.
         """
-        if self._stream is None:
-            raise InputError(self.path, "is closed")
         values = _values(reading)
-        texts = [str(v).lower() if isinstance(v, bool) else v for v in (values[k] for k in SCENE_COLUMNS)]
-        csv.writer(self._stream, lineterminator="\n").writerow(texts)
-        self._stream.flush()
+        self._file.write(csv_line(values[name] for name in SCENE_COLUMNS))
 
     def close(self) -> None:
         """Finish the file and give it its name; harmless when repeated."""
-        if self._stream is None:
-            return
-        os.fsync(self._stream.fileno())
-        self._stream.close()
-        self._stream = None
-        self.part.replace(self.path)
+        if not self._file.closed:
+            self._file.finish()

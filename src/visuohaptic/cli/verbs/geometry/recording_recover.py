@@ -1,0 +1,40 @@
+"""``visuohaptic recording recover``: a killed run's recording made whole."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "add_arguments", "needs", "run"]
+
+EPILOG = """\
+reads   what a run that was killed, or met a full disk, has left: NAME.csv.part, NAME.parquet.part, NAME.mcap.part,
+        a cut MCAP file, or the folder of a depth sequence without sequence.yaml
+writes  all whole rows, messages or frames: NAME without .part, or the file --out; never over another file
+
+example: visuohaptic recording recover run.mcap.part
+"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("path", type=Path, help="the unfinished file, or the folder of a depth sequence")
+    parser.add_argument("--out", type=Path, help="the new file (default: the name without .part)")
+
+
+def needs(args: Any) -> set[str]:
+    """Libraries beyond the core, by the name of the file."""
+    return {
+        library
+        for kind, library in ((".mcap", "mcap"), (".parquet", "pyarrow"))
+        if kind in (args.path.suffix, args.path.with_suffix("").suffix)
+    }
+
+
+def run(args: Namespace) -> dict[str, Any]:
+    """Recover; returns what is printed."""
+    from ....io.recovery import recover
+
+    found = recover(args.path, args.out)
+    return {"path": str(found.path), "kind": found.kind, "recovered": found.count}

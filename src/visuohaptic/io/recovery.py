@@ -1,0 +1,102 @@
+"""What a killed run has left is made whole: tables, MCAP recordings, depth sequences."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from ..core.errors import InputError, MissingExtraError
+from ..core.files import atomic_path, check_unlocked, read_head, whole_lines, write_text
+from .depth.depth_sequence_out import recover_sequence
+from .ros.mcap_records import MCAP_MAGIC, McapFile
+from .sinks.tables import pack_rows
+
+__all__ = ["Recovered", "recover"]
+
+#: Begin of a message of Arrow.
+_ARROW = b"\xff\xff\xff\xff"
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What was made whole."""
+
+    path: Path  #: the whole file or folder
+    kind: Literal["CSV", "Parquet", "MCAP", "depth sequence"]
+    count: int  #: rows, messages or frames
+
+
+def recover(path: Path | str, out: Path | str | None = None) -> Recovered:
+    """Write all whole rows, messages or frames of an unfinished recording as a finished one.
+
+    The unfinished file stays as it is; a folder is completed in place.
+
+    Parameters
+    ----------
+    path
+        ``NAME.csv.part``, ``NAME.parquet.part``, ``NAME.mcap.part``, a cut MCAP file, or the folder of a depth
+        sequence whose writer was stopped.
+    out
+        New file; by default the name without ``.part``.
+
+    Raises
+    ------
+    InputError
+        There is nothing to recover, another run is still writing it, or ``out`` exists.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return Recovered(path, "depth sequence", recover_sequence(path))
+    check_unlocked(path)
+    if out is None and path.suffix != ".part":
+        raise InputError(path, "does not end with .part", remedy="name the new file with --out")
+    target = path.with_suffix("") if out is None else Path(out)
+    if target.exists():
+        raise InputError(target, "exists", remedy="name a new file with --out")
+    head = read_head(path, len(MCAP_MAGIC))
+    if head == MCAP_MAGIC:
+        return Recovered(target, "MCAP", _mcap(path, target))
+    if head[:4] == _ARROW:
+        return Recovered(target, "Parquet", pack_rows(path, target))
+    return Recovered(target, "CSV", _csv(path, target))
+
+
+def _csv(path: Path, target: Path) -> int:
+    lines = whole_lines(path)
+    columns = len(next(csv.reader(lines[:1]), []))
+    if columns < 2 or any(len(row) != columns for row in csv.reader(lines)):
+        raise InputError(path, "is neither a table, nor MCAP", remedy="nothing of it can be recovered")
+    write_text(target, "".join(f"{line}\n" for line in lines))
+    return len(lines) - 1
+
+
+def _mcap(path: Path, target: Path) -> int:
+    try:
+        from mcap.writer import Writer
+    except ImportError as error:
+        raise MissingExtraError("mcap", "recording", "writing MCAP") from error
+    file = McapFile(path)
+    channels: dict[int, int] = {}
+    schemas: dict[int, int] = {0: 0}
+    count = 0
+    with atomic_path(target) as temporary, temporary.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="visuohaptic")
+        for message in file.messages():
+            if message.schema not in schemas:
+                schema = file.schemas[message.schema]
+                schemas[message.schema] = writer.register_schema(schema.name, schema.encoding, schema.data)
+            if message.channel not in channels:
+                channel = file.channels[message.channel]
+                channels[message.channel] = writer.register_channel(
+                    channel.topic, channel.encoding, schemas[message.schema]
+                )
+            time_ns = message.log_time_ns
+            writer.add_message(
+                channels[message.channel], time_ns, message.data, time_ns, sequence=message.sequence
+            )
+            count += 1
+        writer.finish()
+    return count

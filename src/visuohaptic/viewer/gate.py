@@ -1,0 +1,151 @@
+"""Who may open a page of this machine: who knows its secret, and asks from the page itself."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from http import HTTPStatus
+from importlib import import_module
+from typing import Any
+from urllib.parse import urlsplit
+
+from ..core.errors import VisuohapticError
+
+__all__ = ["Gate", "reported"]
+
+_log = logging.getLogger(__name__)
+#: Of the connections themselves: malformed requests and lost browsers are no news, however many there are.
+_connections_log = logging.getLogger(f"{__name__}.connections")
+_connections_log.setLevel(logging.CRITICAL)
+
+#: Names by which a browser of this machine calls it; any other reached us by a foreign name server.
+_LOCAL_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
+#: Largest message of a browser [bytes]: camera poses, clicks and values of widgets take a few hundred.
+MAX_MESSAGE_BYTES = 1 << 20
+#: Browsers at once; each gets every picture.
+MAX_BROWSERS = 16
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+_PATCHING = threading.Lock()
+
+
+class Gate:
+    """Refuses requests with a foreign ``Host`` or ``Origin``, or without the secret of the page's address."""
+
+    def __init__(self) -> None:
+        self.token = secrets.token_urlsafe(24)  #: first part of the path of every request
+        self.closed = True  #: whether no server asks this gate
+        self._browsers = 0
+        self._misread = 0
+
+    def refusal(self, path: str, headers: Mapping[str, str]) -> str:
+        """Why a request is refused; empty when it is let in.
+
+        Parameters
+        ----------
+        path
+            Path of the request, with its query.
+        headers
+            Headers of the request; a name that is there twice raises.
+        """
+        try:
+            host, origin = headers.get("Host", ""), headers.get("Origin")
+        except LookupError:
+            return "a header is there twice"
+        try:
+            name = urlsplit(f"//{host}").hostname
+        except ValueError:
+            name = None
+        if name not in _LOCAL_NAMES:
+            return "the page is asked for under the name of another machine"
+        if origin is not None and origin != f"http://{host}":
+            return "the request comes from another page"
+        given = path.partition("?")[0].split("/")[1:2]
+        if not given or not secrets.compare_digest(given[0].encode(), self.token.encode()):
+            return "the address lacks the secret that was printed with it"
+        return ""
+
+    @contextmanager
+    def guarding(self) -> Iterator[None]:
+        """Put this gate before the server that viser starts inside; it has no setting for one.
+
+        Stays ``closed`` when viser starts its server in another way than known here.
+        """
+        library: Any = import_module("websockets.asyncio.server")
+        with _PATCHING:
+            serve = library.serve
+
+            def guarded(handler: Any, *place: Any, **options: Any) -> Any:
+                if not str(getattr(handler, "__module__", "")).startswith("viser."):
+                    return serve(handler, *place, **options)
+                answer = options["process_request"]
+                options |= {
+                    "process_request": lambda connection, request: self._answer(answer, connection, request),
+                    "max_size": MAX_MESSAGE_BYTES,
+                    "logger": _connections_log,
+                    "server_header": None,
+                }
+                self.closed = False
+                return serve(lambda connection: self._serve(handler, connection), *place, **options)
+
+            library.serve = guarded
+            try:
+                yield
+            finally:
+                library.serve = serve
+
+    def _answer(self, answer: Any, connection: Any, request: Any) -> Any:
+        if refusal := self.refusal(request.path, request.headers):
+            return connection.respond(HTTPStatus.FORBIDDEN, f"Refused: {refusal}.\n")
+        request.path = request.path[1 + len(self.token) :] or "/"
+        response = answer(connection, request)
+        if response is not None:
+            for name, value in _HEADERS.items():
+                response.headers[name] = value
+        elif self._browsers >= MAX_BROWSERS:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "Refused: too many browsers.\n")
+        return response
+
+    async def _serve(self, handler: Any, connection: Any) -> None:
+        """Serve one browser; what it sends that is not understood ends its connection and nothing else."""
+        import asyncio
+
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: self._note(context))
+        self._browsers += 1
+        try:
+            await handler(connection)
+        finally:
+            self._browsers -= 1
+
+    def _note(self, context: Mapping[str, Any]) -> None:
+        """One line about the first value that was not understood; the others are for those who debug."""
+        level = logging.DEBUG if self._misread else logging.WARNING
+        self._misread += 1
+        found = type(context["exception"]).__name__ if "exception" in context else context["message"]
+        _log.log(level, "a browser sent a value that the page does not understand (%s)", found)
+
+
+def reported(callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    """A callback of a widget that says in one line what is wrong with a value that a browser has sent.
+
+    Parameters
+    ----------
+    callback
+        Called with the event of viser.
+    """
+
+    def call(event: Any) -> None:
+        try:
+            callback(event)
+        except (VisuohapticError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+            _log.warning("the page: %s", error if isinstance(error, VisuohapticError) else repr(error))
+
+    return call

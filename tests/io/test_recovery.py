@@ -1,0 +1,214 @@
+"""What was acknowledged before a kill or a full disk is recovered, and no later run touches it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from visuohaptic.cli.main import main
+from visuohaptic.core import InputError
+from visuohaptic.io import McapFile, TableWriter, recover
+from visuohaptic.io.depth import DepthSequence, write_sequence
+
+from .helpers import profile
+from .test_depth_sequence_out import frames
+
+#: Writes rows 0, 1, ... and prints each number when ``write`` has returned.
+WRITER = """
+import sys
+import numpy as np
+from tests.io.helpers import profile
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.io import DepthFrame, MeasurementWriter, TableWriter
+from visuohaptic.io.depth import write_sequence
+
+path, count, limit = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+if limit:
+    import resource, signal
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+def said(number):
+    print(number, flush=True)
+    return number
+
+camera = Camera.simple(20, 16, 30.0)
+def views():
+    rng = np.random.default_rng(0)
+    for n in range(count):
+        depth_m = rng.uniform(0.5, 3.0, (16, 20)).astype(np.float32)
+        yield DepthFrame(0.1 * n, depth_m, None, Pose(np.eye(3), np.array([n, 0.0, 0.0]) * 1e-3), camera)
+        said(n)  # the next one is asked for when this one is written
+
+try:
+    if path.endswith("scan"):
+        write_sequence(path, views())
+    elif path.endswith(".mcap"):
+        with MeasurementWriter(path) as writer:
+            for n in range(count):
+                writer.write_force(profile(0.1 * n, valid=True, force_N=float(n)))
+                said(n)
+    else:
+        with TableWriter(path) as table:
+            for n in range(count):
+                table.write(profile(0.1 * n, valid=True, force_N=float(n)))
+                said(n)
+except ValueError as error:
+    print(error)
+"""
+ROOT = Path(__file__).parents[2]
+
+
+def start(path: Path, count: int, limit: int = 0) -> subprocess.Popen[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    return subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), str(count), str(limit)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+        text=True,
+    )
+
+
+def killed(path: Path, after: int) -> int:
+    """Kill a writer when it has acknowledged some rows; how many it had."""
+    with start(path, 10**6) as child:
+        assert child.stdout is not None
+        for _ in range(after):
+            assert child.stdout.readline(), child.stderr.read() if child.stderr else ""
+        child.send_signal(signal.SIGKILL)
+        return after + len(child.stdout.read().split())
+
+
+def numbers(path: Path) -> list[float]:
+    """Numbers of the rows, by readers that are not ours where there are some."""
+    if path.suffix == ".csv":
+        with path.open(newline="") as stream:
+            return [float(row["force_N"]) for row in csv.DictReader(stream)]
+    if path.suffix == ".parquet":
+        return pq.read_table(path).column("force_N").to_pylist()
+    if path.suffix == ".mcap":
+        from mcap.reader import make_reader
+
+        with path.open("rb") as stream:
+            times_s = [m.log_time * 1e-9 for _, _, m in make_reader(stream).iter_messages(["/foam/profile"])]
+        assert not McapFile(path).damage
+        return [float(np.rint(10 * t_s)) for t_s in times_s]
+    return [float(np.rint(1e3 * frame.T_world_camera.translation_m[0])) for frame in DepthSequence(path)]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
+@pytest.mark.parametrize(
+    ("name", "after"), [("r.csv", 1), ("r.csv", 700), ("r.parquet", 33), ("r.mcap", 40), ("scan", 20)]
+)
+def test_all_that_a_killed_run_had_acknowledged_is_recovered(tmp_path: Path, name: str, after: int) -> None:
+    acknowledged = killed(tmp_path / name, after)
+    left = tmp_path / name if name == "scan" else tmp_path / f"{name}.part"
+    assert name == "scan" or not (tmp_path / name).exists()
+    # Half of a row that was on its way when the process ended.
+    if name in ("r.csv", "r.parquet"):
+        with left.open("ab") as stream:
+            stream.write(b"1.5,true,ok,3.2" if name == "r.csv" else b"\xff\xff\xff\xff\x88\1\0\0half")
+    found = recover(left)
+    assert found.path == tmp_path / name
+    assert numbers(found.path)[:acknowledged] == list(range(acknowledged))
+    # What was written and not acknowledged may be there, too; half of it may not.
+    assert len(numbers(found.path)) - acknowledged in (0, 1)
+    if name != "scan":
+        assert left.exists()
+        with pytest.raises(InputError, match="exists; name a new file"):
+            recover(left)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the limit for the size of files stands for the disk")
+@pytest.mark.parametrize("name", ["r.csv", "r.parquet", "r.mcap"])
+def test_a_full_disk_loses_no_acknowledged_row(tmp_path: Path, name: str) -> None:
+    with start(tmp_path / name, 10**6, limit=300_000) as child:
+        out, trouble = child.communicate(timeout=120)
+    assert trouble == ""
+    *acknowledged, message = out.splitlines()
+    assert message.startswith(str(tmp_path / name))
+    assert f"visuohaptic recording recover {tmp_path / name}.part" in message
+    assert [one.name for one in tmp_path.iterdir()] == [f"{name}.part"]
+    assert len(acknowledged) > 20
+    assert numbers(recover(tmp_path / f"{name}.part").path) == list(range(len(acknowledged)))
+
+
+def test_the_next_run_leaves_what_a_killed_one_has_left(tmp_path: Path) -> None:
+    with TableWriter(tmp_path / "k.parquet") as table:
+        table.write(profile(0.0, valid=True, force_N=1.0))
+        half = (tmp_path / "k.parquet.part").read_bytes()
+    for number in (1, 2):
+        (tmp_path / "k.parquet.part").write_bytes(half)
+        with TableWriter(tmp_path / "k.parquet") as table:
+            table.write(profile(0.0, valid=True, force_N=2.0))
+        assert numbers(tmp_path / "k.parquet") == [2.0]
+        found = recover(tmp_path / f"k.unfinished{number}.parquet.part")
+        assert found.path.name == f"k.unfinished{number}.parquet"
+        assert numbers(found.path) == [1.0]
+
+
+def test_a_sequence_that_was_stopped_is_not_written_over(tmp_path: Path) -> None:
+    def broken():
+        yield from frames(3)
+        raise RuntimeError("the camera is gone")
+
+    with pytest.raises(RuntimeError):
+        write_sequence(tmp_path / "scan", broken())
+    with pytest.raises(InputError, match="did not end; run: visuohaptic recording recover"):
+        write_sequence(tmp_path / "scan", frames())
+    # An image without its pose: the process ended between the two.
+    (tmp_path / "scan/depth/000003.png").write_bytes((tmp_path / "scan/depth/000000.png").read_bytes())
+    assert recover(tmp_path / "scan").count == 3
+    assert len(list(DepthSequence(tmp_path / "scan"))) == 3
+    assert (tmp_path / "scan/depth/000003.png.part").exists()
+    with pytest.raises(InputError, match="is no depth sequence whose writer was stopped"):
+        recover(tmp_path / "scan")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are locked by fcntl")
+def test_two_runs_at_once_into_one_file_are_refused(tmp_path: Path) -> None:
+    with TableWriter(tmp_path / "r.csv") as table:
+        table.write(profile(0.0, valid=True, force_N=1.0))
+        with start(tmp_path / "r.csv", 3) as other:
+            assert "another run is writing this file" in other.communicate(timeout=60)[0]
+        code = "import sys\nfrom visuohaptic.io import recover\nrecover(sys.argv[1])\n"
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path / "r.csv.part")],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert "another run is writing this file" in done.stderr
+        table.write(profile(0.1, valid=True, force_N=2.0))
+    assert numbers(tmp_path / "r.csv") == [1.0, 2.0]
+
+
+def test_the_verb_and_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.csv.part").write_text("t_s,force_N\n0.0,1.5\n0.1,2.")
+    assert main(["recording", "recover", str(tmp_path / "a.csv.part"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recovered"] == 1
+    assert (tmp_path / "a.csv").read_text() == "t_s,force_N\n0.0,1.5\n"
+    refused = {
+        "a.csv": "does not end with .part",
+        "none.part": "cannot be read",
+        "": "is no depth sequence",
+    }
+    (tmp_path / "b.part").write_bytes(b"\0\1\2" * 99)
+    (tmp_path / "c.part").write_bytes(b"\xff\xff\xff\xff" * 99)
+    (tmp_path / "d.part").write_bytes(b"")
+    refused |= {"b.part": "neither a table", "c.part": "no table that was being written", "d.part": "neither"}
+    for name, reason in refused.items():
+        assert main(["recording", "recover", str(tmp_path / name)]) == 2, name
+        assert reason in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
