@@ -2,7 +2,6 @@ from .bottle import CLASS as CLASS
 from .bottle import GROUPS as GROUPS
 from .bottle import HEIGHTS as HEIGHTS
 from .bottle import PLACE as PLACE
-from .bottle import STATES as STATES
 from .bottle import TableBottle as TableBottle
 from .bottle import around_the_table as around_the_table
 from .bottle import contained as contained

@@ -24,7 +24,7 @@ from ..simulation.tabletop.deformable import DeformableContainer
 from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
 
 __all__ = [
-    "CLASS", "GROUPS", "HEIGHTS", "PLACE", "STATES", "TableBottle", "around_the_table", "contained",
+    "CLASS", "GROUPS", "HEIGHTS", "PLACE", "TableBottle", "around_the_table", "contained",
     "table_bottle", "training_objects",
 ]  # fmt: skip
 
@@ -35,8 +35,6 @@ HEIGHTS = 16
 GROUPS = {"elliptic": ("elliptic", "isana")}
 #: The table's frame in the base of the arm.
 PLACE = Pose(np.eye(3), np.array([0.5, 0.0, 0.0]))
-#: State -> (closed, share of liquid).
-STATES = {"open": (False, 0.0), "closed": (True, 0.0), "full": (True, 0.9)}
 #: PET [kg/m^3], and the thickness of the neck with its thread [m].
 DENSITY, NECK_M = 1380.0, 0.0012
 
@@ -46,7 +44,8 @@ class TableBottle:
     """The truth of the object on the table."""
 
     description: ContainerDescription
-    state: str
+    closed: bool
+    fill: float  #: fraction of the volume that is water
     outline_m: Float[np.ndarray, "k 2"]  #: (radius, height) from the foot up
     foot_m: tuple[float, float]  #: of the axis on the table
     container: DeformableContainer
@@ -75,9 +74,14 @@ def training_objects() -> FeatureSet:
 
 
 def contained(
-    outline_m: Float[np.ndarray, "k 2"], wall_m: float, state: str, stiffer: float = 1.0
+    outline_m: Float[np.ndarray, "k 2"],
+    wall_m: float,
+    *,
+    closed: bool,
+    fill: float = 0.0,
+    stiffer: float = 1.0,
 ) -> DeformableContainer:
-    """Force against deformation of a round PET bottle of an outline in a state.
+    """Force against deformation of a round PET bottle of an outline.
 
     Parameters
     ----------
@@ -85,12 +89,13 @@ def contained(
         Radius and height (k, 2) [m].
     wall_m
         Thickness of the wall [m].
-    state
-        One of ``STATES``.
+    closed
+        Nothing can get out.
+    fill
+        Fraction of the volume that is water.
     stiffer
         Factor of the modulus.
     """
-    closed, fill = STATES[state]
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
     thickness = np.where(z > 0.9 * z[-1], max(NECK_M, wall_m), wall_m)
@@ -100,23 +105,25 @@ def contained(
     area = 2 * math.pi * 0.5 * (r[1:] + r[:-1]) * step
     mass = DENSITY * float((area * 0.5 * (thickness[1:] + thickness[:-1])).sum())
     return DeformableContainer.of_revolution(
-        state, shell, "PET", closed=closed, fill=fill, mass_kg=mass, max_m=0.01
+        "closed" if closed else "open", shell, "PET", closed=closed, fill=fill, mass_kg=mass, max_m=0.01
     )
 
 
 def table_bottle(rng: np.random.Generator) -> TableBottle:
-    """A bottle that the classifier has not seen, somewhere on the table, in a state.
+    """A bottle that the classifier has not seen, somewhere on the table, open or closed, empty or with any
+    amount of water.
 
     Parameters
     ----------
     rng
-        Draws variant, state and place.
+        Draws variant, lid, water and place.
     """
     from ..deformation.shapes.container import load_container
     from ..deformation.shapes.variants import draw_variant
 
     description = draw_variant(load_container(CLASS), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
-    state = list(STATES)[int(rng.integers(len(STATES)))]
+    closed, wet = rng.random(2) < 0.5
+    fill = float(rng.uniform(0.05, 0.95)) if wet else 0.0
     outline = container_outline(description)
     wall = float(description.wall[0])
     foot = (float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.02, 0.02)))
@@ -127,7 +134,7 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
         "glass",
         wall_m=0.0006,  # thinner walls bend no ray that this camera could tell
         index=PET,
-        fill=STATES[state][1],
+        fill=fill,
         bands=(Band(0.02, 0.3 * height), Band(height - 0.018, height + 0.002, albedo=0.6)),
     )
     albedo = rng.uniform(0.4, 0.8, 2)
@@ -153,10 +160,11 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
     )
     return TableBottle(
         description,
-        state,
+        bool(closed),
+        fill,
         outline,
         foot,
-        contained(outline, wall, state),
+        contained(outline, wall, closed=bool(closed), fill=fill),
         wall,
         RefractingScene((body, can), tuple(boxes)),
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..recognition.touch.contents import ContentsModel, ContentsState, wall_from_stiffness
+from ..recognition.touch.contents import ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
 from ..simulation.faults import FaultKind
@@ -19,7 +19,7 @@ from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identi
 from ..tasks.manipulation.grasp import LiftPlan, grasp_and_lift
 from ..tasks.manipulation.hand import Hand, Place
 from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
-from .bottle import GROUPS, HEIGHTS, PLACE, STATES, training_objects
+from .bottle import GROUPS, HEIGHTS, PLACE, TableBottle, training_objects
 from .probe_chapters import set_the_table
 from .story import ChapterResult, Illustration, Known, Measure, Mission, counted, done, failed
 
@@ -69,12 +69,12 @@ def the_hand(mission: Mission) -> tuple[KitchenTable, Hand]:
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:
-    """Squeeze where it tells most until the class is sure, then once more, firmly, for the state.
+    """Squeeze where it tells most until the class is sure, then once more, firmly, for the contents.
 
     Parameters
     ----------
     mission
-        With the completed outline; receives class, squeezes, wall and state.
+        With the completed outline; receives class, squeezes, wall, lid, fill and mass.
     """
     known, bottle = mission.known, set_the_table(mission)
     assert known.outline_m is not None
@@ -100,23 +100,25 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
     stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in found.curves]
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
-    states = {name: ContentsState(*one) for name, one in STATES.items()}
-    contents = identify_contents(hand, ContentsModel(known.outline_m, wall, states), object_m)
+    contents = identify_contents(hand, ContentsModel(known.outline_m, wall), object_m)
     known.wall_factor = wall / model_wall_m
     parts = [
         Measure("class", found.best, bottle.description.name),
         Measure("squeezes for the class", len(found.curves), None),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
-        *_contents_measures(contents, bottle.state, bottle.container.mass_kg),
+        *_contents_measures(contents, bottle),
         Illustration(
             _belief_figure(squeezer.history(), contents.curves[-1]),
-            "How sure it is of the class, and the last squeeze that tells the state",
+            "How sure it is of the class, and the last squeeze that tells the lid",
         ),
     ]
     if not contents.sure:
-        return failed(f"it is a {found.best}, but its state is not identified: {contents.why}", *parts)
-    known.state = contents.best
-    right = found.best == bottle.description.name and contents.best == bottle.state
+        return failed(f"it is a {found.best}, but its contents are not identified: {contents.why}", *parts)
+    assert contents.mass_kg is not None
+    known.closed, known.fill, known.mass_kg = contents.lid == "closed", contents.fill[0], contents.mass_kg[0]
+    # As far as a grasp needs it: three declared sigmas, of which one in 400 is beyond.
+    near = abs(contents.fill[0] - bottle.fill) <= 3.0 * contents.fill[1]
+    right = found.best == bottle.description.name and known.closed == bottle.closed and near
     gentle = counted(len(found.curves), "gentle squeeze")
     why = f"a {found.best} (probability {found.belief[found.best]:.2f}, {gentle}), {contents.why}"
     return done(why, right, *parts)
@@ -154,13 +156,15 @@ def _take_class(known: Known, found: Classification) -> float:
     return float(known.class_model.wall[0])
 
 
-def _contents_measures(contents: ContentsFinding, state: str, mass_kg: float) -> list[Measure]:
-    """State and mass beside the truth."""
+def _contents_measures(contents: ContentsFinding, bottle: TableBottle) -> list[Measure]:
+    """Lid, fill and mass beside the truth."""
     felt = None if contents.mass_kg is None else contents.mass_kg[0]
     return [
-        Measure("state", contents.best, state),
-        Measure("its probability", contents.belief[contents.best], None),
-        Measure("mass felt [kg]", felt, mass_kg),
+        Measure("lid", contents.lid, "closed" if bottle.closed else "open"),
+        Measure("its probability", contents.belief[contents.lid], None),
+        Measure("fill", contents.fill[0], bottle.fill),
+        Measure("its standard deviation", contents.fill[1], None),
+        Measure("mass felt [kg]", felt, bottle.container.mass_kg),
     ]
 
 
@@ -170,7 +174,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        With outline, class, squeezes and state.
+        With outline, class, squeezes and contents.
     """
     kitchen, hand = the_hand(mission)
     plan, scale = _planned(mission.known)
@@ -208,20 +212,21 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     from ..deformation.maps.confidence_band import object_map
     from ..deformation.nonlinear.contents import Contents
     from ..deformation.shapes.mesher import mesh_container
+    from ..grasping.force import Load, object_load
     from ..grasping.grasp_task import GraspTask
     from ..grasping.planner import plan_grasps
 
     assert known.class_model is not None
     assert known.outline_m is not None
-    closed, fill = STATES[known.state]
     model = mesh_container(known.class_model, around=32)
     # Heights are taken in parts: the class's variant is not exactly as high as the bottle.
     scale = model.height_m / float(known.outline_m[-1, 1])
-    surface = object_map(model, Contents(fill=fill) if closed else None, band=False)
+    surface = object_map(model, Contents(fill=known.fill) if known.closed else None, band=False)
     surface = correct_by_squeezes(surface, known.curves, known.outline_m, scale=scale)
+    load = object_load(model, known.fill)
     plan = plan_grasps(
         model,
-        GraspTask(closed=closed, fill=fill),
+        GraspTask(closed=known.closed, fill=known.fill, load=Load(known.mass_kg, load.centre_m)),
         count=3,
         surface=surface,
         arm_cost=lambda grasp: 0.0 if grasp.first_m[2] < TOP * model.height_m else math.inf,

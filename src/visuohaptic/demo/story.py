@@ -121,7 +121,9 @@ class Known:
     class_name: str = ""
     class_model: ContainerDescription | None = None  #: of the recognised class, as large as the outline
     wall_factor: float = 1.0
-    state: str = ""
+    closed: bool = False  #: nothing can get out of it
+    fill: float = 0.0  #: fraction of its volume that is filled
+    mass_kg: float = 0.0  #: as felt on lifting
 
 
 @dataclass(slots=True)

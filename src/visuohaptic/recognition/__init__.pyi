@@ -28,7 +28,7 @@ from .touch.belief import update_belief as update_belief
 from .touch.calibration import calibrate as calibrate
 from .touch.calibration import calibration_error as calibration_error
 from .touch.contents import ContentsModel as ContentsModel
-from .touch.contents import ContentsState as ContentsState
+from .touch.contents import ContentsPosterior as ContentsPosterior
 from .touch.contents import SqueezeSamples as SqueezeSamples
 from .touch.contents import wall_from_stiffness as wall_from_stiffness
 from .touch.haptic_model import UNKNOWN as UNKNOWN

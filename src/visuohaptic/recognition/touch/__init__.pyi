@@ -13,9 +13,12 @@ from .calibration import calibrate as calibrate
 from .calibration import calibration_error as calibration_error
 from .calibration import reading_of as reading_of
 from .contents import DEEPEST_M as DEEPEST_M
+from .contents import EMPTY as EMPTY
+from .contents import FILLINGS as FILLINGS
 from .contents import FORCES_N as FORCES_N
 from .contents import ContentsModel as ContentsModel
-from .contents import ContentsState as ContentsState
+from .contents import ContentsPosterior as ContentsPosterior
+from .contents import Filling as Filling
 from .contents import SqueezeSamples as SqueezeSamples
 from .contents import wall_from_stiffness as wall_from_stiffness
 from .haptic_model import UNKNOWN as UNKNOWN

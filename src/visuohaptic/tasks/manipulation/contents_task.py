@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ...core.errors import InputError
-from ...recognition.touch.contents import DEEPEST_M, FORCES_N, ContentsModel, SqueezeSamples
+from ...recognition.touch.contents import (
+    DEEPEST_M,
+    FILLINGS,
+    FORCES_N,
+    ContentsModel,
+    ContentsPosterior,
+    SqueezeSamples,
+)
 from ...recognition.touch.haptic_model import UNKNOWN
 from .grasp import GRAVITY_M_S2, LiftPlan, grasp_and_lift
 from .hand import Hand, Place
@@ -15,7 +21,7 @@ from .squeeze_task import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
 
 __all__ = ["ContentsFinding", "identify_contents", "weigh"]
 
-#: A state is claimed from this probability on; at most this many squeezes, each level read by this many frames.
+#: A lid is claimed from this probability on; at most this many squeezes, each level read by this many frames.
 CONFIDENCE, MAX_SQUEEZES, HOLD_FRAMES = 0.98, 6, 12
 #: Levels of force that a curve of large deformation needs.
 MIN_LEVELS = 4
@@ -31,43 +37,53 @@ LIFT_M_S = 0.02
 class ContentsFinding:
     """What squeezes and weight say of the contents."""
 
-    belief: Mapping[str, float]  #: posterior probability of every state and of ``UNKNOWN``
+    posterior: ContentsPosterior
     curves: list[SqueezeCurve]  #: of large deformation
     mass_kg: tuple[float, float] | None  #: and its standard deviation; ``None``: not lifted
 
     @property
-    def best(self) -> str:
-        """Most probable state, ``UNKNOWN`` among them."""
-        return max(self.belief, key=lambda name: self.belief[name])
+    def belief(self) -> dict[str, float]:
+        """Posterior probability of ``open``, ``closed`` and ``UNKNOWN``."""
+        return self.posterior.belief()
+
+    @property
+    def lid(self) -> str:
+        """The most probable of :attr:`belief`."""
+        belief = self.belief
+        return max(belief, key=lambda name: belief[name])
+
+    @property
+    def fill(self) -> tuple[float, float]:
+        """Mean and standard deviation of the fraction that is filled, given the lid."""
+        return self.posterior.fill_of(None if self.lid == UNKNOWN else self.lid)
 
     @property
     def sure(self) -> bool:
-        """Whether a known state is claimed: an open container feels alike whatever is in it, so never unweighed."""
-        known = self.best != UNKNOWN and self.mass_kg is not None
-        return known and self.belief[self.best] >= CONFIDENCE
+        """Whether a lid is claimed: an open container feels alike whatever is in it, so never unweighed."""
+        return self.lid != UNKNOWN and self.mass_kg is not None and self.belief[self.lid] >= CONFIDENCE
 
     @property
     def why(self) -> str:
         """One clause."""
         weight = "could not be weighed" if self.mass_kg is None else f"weighs {1e3 * self.mass_kg[0]:.0f} g"
         found = (
-            f"{self.best} (probability {self.belief[self.best]:.2f}, "
+            f"{self.lid} (probability {self.belief[self.lid]:.2f}, "
             f"{len(self.curves)} firm squeeze{'s' * (len(self.curves) != 1)})"
         )
-        if self.best == UNKNOWN:
+        if self.lid == UNKNOWN:
             return f"its contents are not known to the model: {found}, {weight}"
-        return f"{found}, {weight}"
+        return f"{found}, {100 * self.fill[0]:.0f} ± {100 * self.fill[1]:.0f} % full, {weight}"
 
 
 def identify_contents(
     hand: Hand, model: ContentsModel, object_m: tuple[float, float, float]
 ) -> ContentsFinding:
-    """Squeeze firmly where the states differ most, weigh, and squeeze elsewhere while it is not decided.
+    """Squeeze firmly where the lids differ most, weigh, and squeeze elsewhere while it is not decided.
 
     Parameters
     ----------
     hand
-        Arm, gripper and sensor; without ``weigh`` no state is claimed.
+        Arm, gripper and sensor; without ``weigh`` nothing is claimed.
     model
         Force and mass in every state.
     object_m
@@ -85,7 +101,7 @@ def identify_contents(
     heights = model.heights_m()
     places = [Place(z, angle) for angle in (0.0, 0.5 * math.pi) for z in heights]
     curves: list[SqueezeCurve] = []
-    why, found = "", ContentsFinding(model.probabilities([]), [], None)
+    why, found = "", ContentsFinding(model.posterior([]), [], None)
     for place in places[:MAX_SQUEEZES]:
         felt = squeeze(hand, [place], settings)
         why = f"{felt.ending.outcome}: {felt.ending.why}"
@@ -95,7 +111,7 @@ def identify_contents(
         if curves:
             mass = found.mass_kg or weigh(hand, model, curves[-1], object_m)
             samples = [SqueezeSamples(c.place.height_m, c.deformation_m, c.force_N) for c in curves]
-            found = ContentsFinding(model.probabilities(samples, mass), curves, mass)
+            found = ContentsFinding(model.posterior(samples, mass), curves, mass)
             if found.sure or mass is None:
                 break
     if not curves:
@@ -113,7 +129,7 @@ def weigh(
     hand
         Arm, gripper and sensors.
     model
-        Its heaviest state determines the force of the grasp.
+        Full of the heaviest filling, it determines the force of the grasp.
     curve
         The squeeze at the place of the grasp.
     object_m
@@ -124,7 +140,7 @@ def weigh(
     tuple or None
         Mass and its standard deviation [kg]; ``None`` when the object was not lifted.
     """
-    heaviest = max(mass + 3.0 * sigma for mass, sigma in map(model.mass_kg, model.states))
+    heaviest = max(mass + 3.0 * sigma for mass, sigma in (model.mass_kg(1.0, name) for name in FILLINGS))
     needed = WEIGH_MARGIN * heaviest * GRAVITY_M_S2 / (2.0 * FOAM_FRICTION)
     plan = LiftPlan(
         curve.place, min(needed, float(curve.force_N[-1])), DEEPEST_M + 1e-3, object_m,
