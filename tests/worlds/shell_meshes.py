@@ -164,7 +164,7 @@ def _oval(member: Description, around: int, step: float) -> Made:
     """The same, flattened along y."""
     flat = member["flat"][0]
     vertices, faces, _round = _grid(member, around, step)
-    wall = wall_of(member, step_m=0.003, ring_step_m=0.003)
+    wall = wall_of(member, step_m=0.002, ring_step_m=0.002)
     levels = np.column_stack([wall.meridian_m[:, 0], flat * wall.meridian_m[:, 0], wall.meridian_m[:, 1]])
     truth = Oval(levels, wall.wall_m, wall.youngs_modulus_Pa, wall.poisson_ratio)
     return vertices * [1.0, flat, 1.0], faces, truth
