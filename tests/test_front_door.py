@@ -40,7 +40,7 @@ def test_the_example_of_a_name_runs(name, tmp_path, monkeypatch):
     """At least one statement that is not skipped, and what it prints is what the docstring says."""
     monkeypatch.chdir(tmp_path)
     found = getattr(vh, name)
-    module = sys.modules[found.__module__]
+    module = sys.modules[inspect.unwrap(found).__module__]
     (example,) = doctest.DocTestFinder(recurse=False).find(found, name, module, dict(vars(module)))
     statements = [one for one in example.examples if not one.options.get(doctest.SKIP)]
     assert statements, f"{name} has no example that runs"

@@ -2,108 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
-import pyarrow.parquet as pq
 import pytest
+from benchmarks.kill_faults import cut_rows, kill, numbers, start
 
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
-from visuohaptic.io import McapFile, TableWriter, recover
+from visuohaptic.io import TableWriter, recover
 from visuohaptic.io.depth import DepthSequence, write_sequence
 
 from .helpers import profile
 from .test_depth_sequence_out import frames
-
-#: Writes rows 0, 1, ... and prints each number when ``write`` has returned.
-WRITER = """
-import sys
-import numpy as np
-from tests.io.helpers import profile
-from visuohaptic.core.camera import Camera, Pose
-from visuohaptic.io import DepthFrame, MeasurementWriter, TableWriter
-from visuohaptic.io.depth import write_sequence
-
-path, count, limit = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-if limit:
-    import resource, signal
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-def said(number):
-    print(number, flush=True)
-    return number
-
-camera = Camera.simple(20, 16, 30.0)
-def views():
-    rng = np.random.default_rng(0)
-    for n in range(count):
-        depth_m = rng.uniform(0.5, 3.0, (16, 20)).astype(np.float32)
-        yield DepthFrame(0.1 * n, depth_m, None, Pose(np.eye(3), np.array([n, 0.0, 0.0]) * 1e-3), camera)
-        said(n)  # the next one is asked for when this one is written
-
-try:
-    if path.endswith("scan"):
-        write_sequence(path, views())
-    elif path.endswith(".mcap"):
-        with MeasurementWriter(path) as writer:
-            for n in range(count):
-                writer.write_force(profile(0.1 * n, valid=True, force_N=float(n)))
-                said(n)
-    else:
-        with TableWriter(path) as table:
-            for n in range(count):
-                table.write(profile(0.1 * n, valid=True, force_N=float(n)))
-                said(n)
-except ValueError as error:
-    print(error)
-"""
-ROOT = Path(__file__).parents[2]
-
-
-def start(path: Path, count: int, limit: int = 0) -> subprocess.Popen[str]:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-    return subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path), str(count), str(limit)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment,
-        text=True,
-    )
-
-
-def killed(path: Path, after: int) -> int:
-    """Kill a writer when it has acknowledged some rows; how many it had."""
-    with start(path, 10**6) as child:
-        assert child.stdout is not None
-        for _ in range(after):
-            assert child.stdout.readline(), child.stderr.read() if child.stderr else ""
-        child.send_signal(signal.SIGKILL)
-        return after + len(child.stdout.read().split())
-
-
-def numbers(path: Path) -> list[float]:
-    """Numbers of the rows, by readers that are not ours where there are some."""
-    if path.suffix == ".csv":
-        with path.open(newline="") as stream:
-            return [float(row["force_N"]) for row in csv.DictReader(stream)]
-    if path.suffix == ".parquet":
-        return pq.read_table(path).column("force_N").to_pylist()
-    if path.suffix == ".mcap":
-        from mcap.reader import make_reader
-
-        with path.open("rb") as stream:
-            times_s = [m.log_time * 1e-9 for _, _, m in make_reader(stream).iter_messages(["/foam/profile"])]
-        assert not McapFile(path).damage
-        return [float(np.rint(10 * t_s)) for t_s in times_s]
-    return [float(np.rint(1e3 * frame.T_world_camera.translation_m[0])) for frame in DepthSequence(path)]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
@@ -111,7 +24,7 @@ def numbers(path: Path) -> list[float]:
     ("name", "after"), [("r.csv", 1), ("r.csv", 700), ("r.parquet", 33), ("r.mcap", 40), ("scan", 20)]
 )
 def test_all_that_a_killed_run_had_acknowledged_is_recovered(tmp_path: Path, name: str, after: int) -> None:
-    acknowledged = killed(tmp_path / name, after)
+    acknowledged = kill(tmp_path / name, after)
     left = tmp_path / name if name == "scan" else tmp_path / f"{name}.part"
     assert name == "scan" or not (tmp_path / name).exists()
     # Half of a row that was on its way when the process ended.
@@ -141,6 +54,12 @@ def test_a_full_disk_loses_no_acknowledged_row(tmp_path: Path, name: str) -> Non
     assert [one.name for one in tmp_path.iterdir()] == [f"{name}.part"]
     assert len(acknowledged) > 20
     assert numbers(recover(tmp_path / f"{name}.part").path) == list(range(len(acknowledged)))
+
+
+def test_cut_recordings_give_all_whole_messages() -> None:
+    rows = cut_rows(12)
+    assert {row["lost"] for row in rows} == {0}
+    assert len({row["whole"] for row in rows}) > 6
 
 
 def test_the_next_run_leaves_what_a_killed_one_has_left(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 """The language of the house: measurements, objects, errors, files, geometry and what a robot must offer."""
 
-import lazy_loader
+from .front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """Haptic recognition: classification trees, a Bayesian planner of touches, contents, refinement (Alt 2016, Sec. 6.3)."""
 
-import lazy_loader
+from ..core.front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """What a robot does with its senses, written against :mod:`visuohaptic.core.robots` only."""
 
-import lazy_loader
+from ..core.front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """The camera: pinhole with distortion, calibration, poses, frames and casting to a plane (Alt 2016, Sec. 2.3.3)."""
 
-import lazy_loader
+from ..front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

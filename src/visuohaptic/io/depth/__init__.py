@@ -1,5 +1,5 @@
 """Depth images, depth sequences and camera trajectories in and out."""
 
-import lazy_loader
+from ...core.front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -68,6 +68,7 @@ class MeasurementWriter(MeasurementSink, Closing):
         self.path = Path(path)
         self.frame = frame
         self._file = PartFile(self.path)
+        self.part = self._file.part  #: name until it is closed
         self._writer: Any = (
             Writer(self._file, chunk_size=chunk_bytes) if chunk_bytes else _unchunked(self._file)
         )

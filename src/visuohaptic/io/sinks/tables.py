@@ -93,6 +93,7 @@ class TableWriter(Closing):
         if self.path.suffix == ".parquet":
             arrow()
         self._file = PartFile(self.path)
+        self.part = self._file.part  #: name until it is closed
         self._kind: type | None = None
 
     def write(self, measured: ForceProfile | Wrench) -> None:

@@ -204,6 +204,8 @@ def load_of_feet(
     feet = np.asarray(feet_m, dtype=np.float64)
     if feet.ndim != 2 or feet.shape[1] != 2 or len(feet) < 3:
         raise InputError("load_of_feet", f"found shape {feet.shape}, expected n x 2, 3 feet at least")
+    if not np.isfinite([*feet.flat, *centre_m]).all():
+        raise InputError("load_of_feet", "found NaN or infinity, expected finite places")
     balance = np.vstack([feet.T, np.ones(len(feet))])
     load, _, rank, _ = np.linalg.lstsq(balance, np.array([*centre_m, 1.0]), rcond=1e-9)
     if rank < 3:

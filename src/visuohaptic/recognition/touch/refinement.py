@@ -131,6 +131,8 @@ def combine_models(
             "combine_models", f"found shapes {models.shape}, {target.shape}, {sigma.shape}, expected "
             "(m, k), (k,), (k,) with sigma > 0"
         )  # fmt: skip
+    if not models.size or not np.isfinite([*models.flat, *target, *sigma]).all():
+        raise InputError("combine_models", "found no numbers, NaN or infinity, expected finite numbers")
     # The sum is held by one more, heavy equation.
     heavy = 1e4 / float(sigma.min())
     matrix = np.vstack([(models / sigma).T, np.full(len(models), heavy)])

@@ -1,5 +1,5 @@
 """Foam under load, written apart from the sensor that reads it."""
 
-import lazy_loader
+from ...core.front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """Tasks of a mobile base: explore an obstacle by pushing it."""
 
-import lazy_loader
+from ...core.front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """Poses of planar points with covariance."""
 
-import lazy_loader
+from ...core.front_door import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

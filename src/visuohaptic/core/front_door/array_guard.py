@@ -1,0 +1,183 @@
+"""One check of the arrays that public functions are given.
+
+Inside the library arrays are what the annotations say. Functions that are taken from a package, as programs do, check
+that first: kind of numbers, byte order, shape. Kernels that are handed something else read memory that is not theirs.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, VisuohapticError, brief
+
+__all__ = ["guarded"]
+
+_ARRAY = re.compile(
+    r"(Float|Float32|Int|Int8|UInt8|Bool)\[np\.ndarray, ['\"]([^'\"]*)['\"]\]((?: \| (?:float|int|None|Sequence\[[\w\[\], ]*\]))*)"
+)
+_TYPES = {"Float": np.float64, "Float32": np.float32, "Int8": np.int8, "UInt8": np.uint8, "Bool": np.bool_}
+_WORDS = {
+    "Float": "numbers",
+    "Float32": "numbers",
+    "Int": "integers",
+    "Int8": "8-bit integers",
+    "UInt8": "bytes",
+    "Bool": "truth values",
+}
+#: Larger numbers are no measurements: their squares are not finite.
+MAX_NUMBER = 1e150
+
+
+@dataclass(frozen=True, slots=True)
+class _ArraySpec:
+    """What one parameter has to be."""
+
+    where: str  #: function
+    field: str  #: parameter
+    kind: str  #: of jaxtyping
+    shape: tuple[str, ...]
+    scalar: bool  #: whether a number will do
+    optional: bool  #: whether None will do
+
+    def checked(self, value: Any, sizes: dict[str, int]) -> Any:
+        """The array as the function expects it; the same object where nothing has to change."""
+        if (value is None and self.optional) or (self.scalar and isinstance(value, float | int | np.number)):
+            return value
+        array = value
+        if type(array) is not np.ndarray:
+            if value is None or isinstance(value, str | bytes | dict | set | np.ma.MaskedArray):
+                raise self._refused(f"found {brief(value)}")
+            try:
+                array = np.asarray(value)
+            except (TypeError, ValueError) as error:
+                raise self._refused(f"found {type(value).__name__} of unequal parts") from error
+        if self.scalar and array.ndim == 0:
+            return value
+        array = self._typed(array)
+        self._check_shape(array.shape, sizes)
+        return array
+
+    def _typed(self, array: np.ndarray) -> np.ndarray:
+        dtype = _TYPES.get(self.kind, array.dtype.newbyteorder("="))
+        kinds = {"Float": "fiu", "Float32": "fiu", "Int": "iu"}.get(self.kind, np.dtype(dtype).kind)
+        if array.dtype.kind not in kinds or (len(kinds) == 1 and array.dtype != dtype):
+            raise self._refused(f"found an array of {array.dtype}")
+        if array.dtype == dtype:
+            return array
+        with np.errstate(over="ignore"):
+            return array.astype(dtype)
+
+    def _check_shape(self, found: tuple[int, ...], sizes: dict[str, int]) -> None:
+        names, left = list(self.shape), list(found)
+        free = next((place for place, name in enumerate(names) if name[0] in "*."), None)
+        if free is not None and len(left) >= len(names) - 1:
+            after = len(names) - 1 - free
+            left = left[:free] + left[len(left) - after :]
+            del names[free]
+        if len(left) != len(names):
+            raise self._refused(f"found shape {found}")
+        for name, size in zip(names, left, strict=True):
+            expected = int(name) if name.isdigit() else sizes.setdefault(name, size)
+            if size != expected and (name.isdigit() or name.isidentifier()):
+                text = f" with {name} = {expected}" if name.isidentifier() else ""
+                raise self._refused(f"found shape {found}{text}")
+
+    def _refused(self, problem: str) -> InputError:
+        shape = ", ".join(self.shape) + ("," if len(self.shape) == 1 else "")
+        return InputError(self.where, f"{problem}, expected {_WORDS[self.kind]} ({shape})", field=self.field)
+
+    def unsuitable(self, value: Any, error: Exception) -> InputError | None:
+        """Why an array that has kind and shape cannot be computed with; None when it is not to blame."""
+        if not isinstance(value, np.ndarray):
+            return None
+        if not value.size:
+            return InputError(self.where, f"found no values, shape {value.shape}", field=self.field)
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            return InputError(self.where, "found NaN or infinity, expected finite numbers", field=self.field)
+        if value.dtype.kind == "f" and np.abs(value).max() > MAX_NUMBER:
+            text = f"found {np.abs(value).max():.3g}, expected at most {MAX_NUMBER:.3g}"
+            return InputError(self.where, text, field=self.field)
+        if value.dtype.kind in "iu" and (value.min() < 0 or "ind" in str(error)):
+            text = f"found integers from {value.min()} to {value.max()}, which are no indices ({error})"
+            return InputError(self.where, text, field=self.field)
+        if not value.flags.writeable:
+            return InputError(self.where, "found a read-only array, expected one to change", field=self.field)
+        if value.ndim and (len(value) == 1 or (value == value.flat[0]).all()):
+            text = f"found {len(value)} equal rows, expected a shape with an extent"
+            return InputError(self.where, text, field=self.field)
+        return None
+
+
+def _is_ours(error: Exception) -> bool:
+    """Whether an exception was raised in this library, not by one that it calls."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    if isinstance(error, ValueError) and "broadcast" in str(error):  # of NumPy, which leaves no trace
+        return False
+    return trace is None or str(trace.tb_frame.f_globals.get("__name__", "")).startswith("visuohaptic")
+
+
+def _specs(function: Callable[..., Any]) -> list[tuple[int, str, _ArraySpec]]:
+    """Place, name and specification of the parameters that are arrays."""
+    found = []
+    for place, (name, parameter) in enumerate(inspect.signature(function).parameters.items()):
+        if match := _ARRAY.fullmatch(str(parameter.annotation)):
+            kind, shape, others = match.groups()
+            spec = _ArraySpec(
+                function.__name__,
+                name,
+                kind,
+                tuple(shape.split()),
+                bool({"float", "int"} & set(others.split(" | "))),
+                "None" in others or parameter.default is None,
+            )
+            found.append((place, name, spec))
+    return found
+
+
+def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that checks its arrays first; itself where its annotations name none.
+
+    Parameters
+    ----------
+    function
+        Function with arrays annotated by jaxtyping.
+    """
+    specs = _specs(function)
+    if not specs:
+        return function
+
+    @functools.wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        sizes: dict[str, int] = {}
+        given = list(args)
+        for place, name, spec in specs:
+            if place < len(given):
+                given[place] = spec.checked(given[place], sizes)
+            elif name in kwargs:
+                kwargs[name] = spec.checked(kwargs[name], sizes)
+        try:
+            return function(*given, **kwargs)
+        except VisuohapticError:
+            raise
+        except Exception as error:
+            for place, name, spec in specs:
+                value = given[place] if place < len(given) else kwargs.get(name)
+                if refusal := spec.unsuitable(value, error):
+                    raise refusal from error
+            if not _is_ours(error):
+                raise InputError(
+                    function.__name__, f"cannot be computed from these arrays ({error})"
+                ) from error
+            raise
+
+    vars(checked)["arrays_checked"] = True
+    return checked
