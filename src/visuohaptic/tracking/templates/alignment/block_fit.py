@@ -91,7 +91,7 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     down, across = level.independent.shape
     sums, fits, probability = (
         np.zeros((down, across, 28)),
-        np.zeros((down, across, 9)),
+        np.zeros((down, across, 10)),
         np.zeros((down, across)),
     )
     to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
