@@ -86,8 +86,11 @@ def test_a_slice_of_the_campaign_runs(tmp_path) -> None:
 
 
 def test_covered_and_unevenly_lit_views_are_followed(drawn) -> None:
-    """Of 25 views at most one is kept valid beyond 2 px, and nine of ten are right and valid."""
+    """Of 25 views at most one is kept valid beyond 2 px, nine of ten are right and valid, and errors are as declared."""
     rows = [templates_evidence.measure(seen) for seen in drawn]
     right = [row["valid"] and row["worst_px"] <= templates_evidence.WRONG_PX for row in rows]
     assert sum(row["valid"] for row in rows) - sum(right) <= 1
     assert sum(right) >= 22
+    # chi^2 of 8 degrees of freedom has a median of 0.92 x 8 and a standard deviation of 0.5 x 8: the median of 22 or
+    # more is good to 0.13, here three of them. The blur that nobody told made it 2.4 when it was not estimated.
+    assert 0.92 - 0.4 < np.median([row["chi2"] for row, good in zip(rows, right, strict=True) if good]) < 1.32

@@ -181,13 +181,13 @@ class RodRenderer:
             cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        shape = (bottom - top, _FINE, right - left, _FINE)
-        fraction = inside.reshape(shape).mean(axis=(1, 3)).astype(np.float32)
-        paint = (levels * inside).reshape(shape).mean(axis=(1, 3)).astype(np.float32)
+        # The lens blurs before the pixels sample: what they miss would otherwise come back as waves along the edges.
+        parts = [inside.astype(np.float32), (levels * inside).astype(np.float32)]
         if self.effects.blur_px > 0:
             # The patch is wider than the print by the reach of the blur: nothing is cut off.
-            fraction = cv2.GaussianBlur(fraction, (0, 0), self.effects.blur_px)
-            paint = cv2.GaussianBlur(paint, (0, 0), self.effects.blur_px)
+            parts = [cv2.GaussianBlur(part, (0, 0), _FINE * self.effects.blur_px) for part in parts]
+        shape = (bottom - top, _FINE, right - left, _FINE)
+        fraction, paint = (part.reshape(shape).mean(axis=(1, 3)) for part in parts)
         region = image[top:bottom, left:right]
         region *= 1.0 - fraction
         region += paint

@@ -20,7 +20,7 @@ _DIAGONAL = np.array([0, 7, 13, 18, 22, 25, 27], dtype=np.int64)
 
 
 @kernel(**_JIT)
-def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, sums):
+def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, border, sums):
     """Sums over the pixels of every block of a template of what a fit of light and motion needs.
 
     Parameters
@@ -37,6 +37,8 @@ def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, 
         Interpolate by a cubic spline.
     side
         Of a block [px of the template]; the last ones of a row or column are up to twice as large.
+    border
+        Pixels along the sides of the template that are left out.
     sums
         Filled with the products of 1, xT, yT, T, gradient x, gradient y and the image, where x and y are
         measured from the middle of the block in its sides; upper triangle, row by row, (rows, columns, 28).
@@ -59,10 +61,12 @@ def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, 
         for i in range(across):
             for k in range(28):
                 sums[j, i, k] = 0.0
-    for v in range(rows):
+    for v in range(border, rows - border):
         ox = offset[0, v] if moved else nothing
         oy = offset[1, v] if moved else nothing
         row_positions(h, v, columns, width, height, ox, oy, index, fx, fy, inside)
+        for u in range(border):
+            inside[u] = inside[columns - 1 - u] = zero
         if cubic:
             row_cubic(flat, width, columns, index, fx, fy, weights, value, energy)
         else:
@@ -154,12 +158,14 @@ def _block_fit(s, m, fit):
     m
         Scratch, (7, 7).
     fit
-        Filled with the information on the motion xx, xy, yy, the motion x, y, the squared correlation beside bias
-        and slopes, and the variance of a pixel; all 0 where nothing is known, (7,).
+        Filled with the products of the gradients xx, xy, yy times the squared gain, the motion x, y, the squared
+        correlation beside bias and slopes, the variance of a pixel, the gain, the sum that tells it, and how many
+        directions of motion its texture tells; all 0 where nothing is known, (10,).
     """
     k = 0
-    for i in range(7):
+    for i in range(10):
         fit[i] = 0.0
+    for i in range(7):
         for j in range(i, 7):
             m[i, j] = m[j, i] = s[k]
             k += 1
@@ -171,6 +177,7 @@ def _block_fit(s, m, fit):
             gain = m[3, 6] / m[3, 3]
             if gain <= 0.0 or m[6, 6] <= 1e-3 * s[0]:
                 return
+            fit[7], fit[8] = gain, m[3, 3]
             fit[5] = min(gain * m[3, 6] / m[6, 6], 1.0 - 1e-6)
         for i in range(k + 1, 7):
             factor = m[i, k] / m[k, k]
@@ -183,37 +190,29 @@ def _block_fit(s, m, fit):
     x, y = (r * m[4, 6] - q * m[5, 6]) / det, (p * m[5, 6] - q * m[4, 6]) / det
     # Grey levels are whole: a variance of 1 / 12.
     fit[6] = max((m[6, 6] - x * m[4, 6] - y * m[5, 6]) / max(s[0] - 6.0, 1.0), 1.0 / 12.0)
-    factor = gain * gain / fit[6]
+    # An edge tells one of two directions.
+    fit[9] = 2.0 - damp * (p + r) / det
+    factor = gain * gain
     fit[0], fit[1], fit[2] = factor * p, factor * q, factor * r
     fit[3], fit[4] = -x / gain, -y / gain
 
 
 @kernel(**_JIT)
-def _fields(x, y, field):
-    """The eight velocity fields at one point, (8, 2)."""
+def _fields(x, y, softened, field):
+    """The eight velocity fields at one point, and what three blurs seem to move there, (11, 2)."""
     field[0, 0], field[1, 0], field[2, 0] = 1.0, x, y
     field[3, 1], field[4, 1], field[5, 1] = 1.0, x, y
     field[6, 0], field[6, 1] = -x * x, -x * y
     field[7, 0], field[7, 1] = -x * y, -y * y
+    for k in range(3):
+        field[8 + k, 0], field[8 + k, 1] = softened[0, k], softened[1, k]
 
 
 @kernel(**_JIT)
-def _widened(fit, noise, spread, wide):
-    """Information (A^-1 noise + spread)^-1 = A (noise + spread A)^-1 on the motion of a block."""
-    a, b, c = fit[0], fit[1], fit[2]
-    p, q, r = noise + spread * a, spread * b, noise + spread * c
-    det = p * r - q * q
-    wide[0] = (a * r - b * q) / det
-    wide[1] = (b * p - a * q) / det
-    wide[2] = (c * p - b * q) / det
-
-
-@kernel(**_JIT)
-def block_step(sums, x, y, independent, full, noise, spread, passes, step, matrix, probability):
+def block_step(sums, x, y, softened, independent, full, noise, blur, passes, step, matrix, probability, fits):
     """Robust step of the homography from all blocks: expectation and maximisation over template or something else.
 
-    Returns the log-odds that the template is there at all, the scatter of the blocks' motion beyond what their
-    residuals promise (a variance, of the centred coordinates), and the variance of the pixels of those that show the template.
+    Returns the log-odds that the template is there at all, and the variance of the pixels of the blocks that show it.
 
     Parameters
     ----------
@@ -221,90 +220,97 @@ def block_step(sums, x, y, independent, full, noise, spread, passes, step, matri
         From :func:`block_sums`, (rows, columns, 28).
     x, y
         Centred coordinates of the blocks' middles, (columns,) and (rows,).
+    softened
+        Motion of each block that a blur of 1 px^2 feigns, along x, across, along y, (rows, columns, 2, 3).
     independent
         Number of independent values in a block, (rows, columns).
     full
         Pixels of a block that must count for it to count [px].
     noise
         Variance of a sum over pixels, relative to that of independent ones.
-    spread
-        Scatter to begin with.
+    blur
+        Standard deviation of the blur beside that of the template [px^2].
     passes
         Of expectation and maximisation.
     step
-        Filled with the eight parameters of the small homography, and two zeros, (10,).
+        Filled with the eight parameters of the small homography and three of the blur [px^2], (11,).
     matrix
-        Filled with the information, (10, 10); only the first eight of each.
+        Filled with the information on them, (11, 11).
     probability
         Filled: that a block shows the template, (rows, columns).
+    fits
+        Filled with the fit of each block as :func:`_block_fit` says, (rows, columns, 10).
     """
     down, across = sums.shape[0], sums.shape[1]
-    fits = np.zeros((down, across, 7))
     scratch = np.zeros((7, 7))
     chance = np.zeros((down, across))
-    vector = np.zeros(10)
-    wide = np.zeros(3)
-    active = np.zeros(10, np.bool_)
-    for k in range(8):
-        active[k] = True
-        step[k] = 0.0
-    step[8] = step[9] = 0.0
-    field = np.zeros((8, 2))
+    vector = np.zeros(11)
+    active = np.ones(11, np.bool_)
+    field = np.zeros((11, 2))
+    rest, count = 0.0, 0.0
     for j in range(down):
         for i in range(across):
             probability[j, i] = 0.0
+            fit = fits[j, i]
+            fit[6] = 0.0
             if sums[j, i, 0] < full:
                 continue
-            _block_fit(sums[j, i], scratch, fits[j, i])
-            fit = fits[j, i]
+            _block_fit(sums[j, i], scratch, fit)
             m = max(independent[j, i] - 2.0, 3.0)
             # Density of a correlation by chance; of one by the template, of unknown noise and blur, it is 1.
             beta = math.lgamma(0.5) + math.lgamma(0.5 * (m - 2.0)) - math.lgamma(0.5 * (m - 1.0))
             chance[j, i] = beta - 0.5 * (m - 4.0) * np.log(1.0 - fit[5]) if fit[5] > 0.0 else -5.0
             probability[j, i] = 1.0 / (1.0 + np.exp(-chance[j, i]))
-    odds, count, rest = 0.0, 0.0, 0.0
+            if fit[6] > 0.0:
+                rest += probability[j, i] * sums[j, i, 0] * fit[6]
+                count += probability[j, i] * sums[j, i, 0]
+    odds, variance, scatter = 0.0, rest / max(count, 1e-9), 1.0
     for _ in range(passes):
-        for k in range(10):
+        for k in range(11):
             vector[k] = 0.0
-            for m in range(10):
+            for m in range(11):
                 matrix[k, m] = 0.0
+        for k in range(8, 11):
+            matrix[k, k] = 1.0 / (blur * blur)
         for j in range(down):
             for i in range(across):
                 fit = fits[j, i]
                 if fit[6] <= 0.0:
                     continue
-                _fields(x[i], y[j], field)
-                _widened(fit, noise, spread, wide)
-                p = probability[j, i]
-                for k in range(8):
-                    u = wide[0] * field[k, 0] + wide[1] * field[k, 1]
-                    w = wide[1] * field[k, 0] + wide[2] * field[k, 1]
-                    for m in range(8):
-                        matrix[k, m] += p * (u * field[m, 0] + w * field[m, 1])
-                    vector[k] -= p * (u * fit[3] + w * fit[4])
+                _fields(x[i], y[j], softened[j, i], field)
+                p = probability[j, i] / (noise * scatter * max(fit[6], variance))
+                for k in range(11):
+                    u = p * (fit[0] * field[k, 0] + fit[1] * field[k, 1])
+                    w = p * (fit[1] * field[k, 0] + fit[2] * field[k, 1])
+                    for m in range(11):
+                        matrix[k, m] += u * field[m, 0] + w * field[m, 1]
+                    vector[k] -= u * fit[3] + w * fit[4]
         if not solve_step(matrix, vector, active, 0.0, step):
-            return -np.inf, spread, 0.0
-        total, count, odds, rest = 0.0, 0.0, 0.0, 0.0
+            return -np.inf, 0.0
+        total, motions, odds, rest, count = 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(down):
             for i in range(across):
                 fit = fits[j, i]
                 if fit[6] <= 0.0:
                     continue
-                _fields(x[i], y[j], field)
-                _widened(fit, noise, spread, wide)
+                _fields(x[i], y[j], softened[j, i], field)
                 dx, dy = fit[3], fit[4]
-                for k in range(8):
+                for k in range(11):
                     dx -= field[k, 0] * step[k]
                     dy -= field[k, 1] * step[k]
-                chi2 = wide[0] * dx * dx + 2.0 * wide[1] * dx * dy + wide[2] * dy * dy
+                chi2 = fit[0] * dx * dx + 2.0 * fit[1] * dx * dy + fit[2] * dy * dy
+                chi2 /= noise * scatter * max(fit[6], variance)
                 total += probability[j, i] * chi2
-                count += probability[j, i]
-                rest += probability[j, i] * fit[6]
+                motions += probability[j, i] * fit[9]
                 # By chance the motion is that of few independent values instead of many pixels.
                 wider = sums[j, i, 0] / max(independent[j, i], 3.0)
                 ratio = chance[j, i] + np.log(wider) + 0.5 * chi2 * (1.0 / wider - 1.0)
                 ratio = min(max(ratio, -30.0), 30.0)
                 odds += np.log(0.5 + 0.5 * np.exp(ratio))
                 probability[j, i] = 1.0 / (1.0 + np.exp(-ratio))
-        spread = min(max(spread * total / max(2.0 * count - 8.0, 1.0), 1e-10), 1e-2)
-    return odds, spread, rest / max(count, 1e-9)
+                rest += probability[j, i] * sums[j, i, 0] * fit[6]
+                count += probability[j, i] * sums[j, i, 0]
+        variance = rest / max(count, 1e-9)
+        # What else than noise scatters the motions: compression, aliasing, paper that is not flat.
+        scatter = max(scatter * total / max(motions - 11.0, 1.0), 1.0)
+    return odds, variance

@@ -5,8 +5,9 @@ motion with the covariance that its residual gives. A block shows the template o
 
 - the correlation of something else is one of chance, of as many values as are independent in the block; that of the
   template may be anything, because noise and blur are not known;
-- the motion of the template's blocks is one homography, with a scatter that is measured (blur, aliasing and
-  compression do not shrink with the number of pixels); that of something else scatters as widely as its texture allows.
+- the motion of the template's blocks is one homography, and where the image is softer than the template the motion
+  that this feigns in each block; scatter beyond the noise is measured. That of something else scatters as widely as
+  its texture allows.
 
 Expectation and maximisation give the homography, its covariance and the probability of each block (Dempster, Laird
 and Rubin, J. R. Stat. Soc. B 39 (1977)).
@@ -23,12 +24,10 @@ import numpy as np
 from jaxtyping import Float
 
 from .esm_pyramid import NO_OFFSET, Work
+from .esm_template import BLUR_VARIANCES
 from .warp import is_proper, motion_jacobian
 
 __all__ = ["BlockFit", "fit_blocks", "recover"]
-
-#: Scatter of the blocks' motion to begin with [px^2].
-_SPREAD = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +40,10 @@ class BlockFit:
     log_odds: float  #: of the template against something else
     variance: float  #: of a sample of the image beside the blocks' own light [grey levels^2]
     converged: bool  #: the last step moved no corner any more
+    softer: float  #: variance of the blur beside that of the template [px^2 of the finest level]
+    shade: Float[
+        np.ndarray, "6"
+    ]  #: light by 1, x, y, x^2, x y, y^2 of the centred coordinates, 1 at the middle
 
     def probability(self, within_px: float) -> float:
         """That the template is there and none of its corners is further off than ``within_px``.
@@ -86,35 +89,46 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     if k == 0:
         image = work.spline(image, h, level)
     down, across = level.independent.shape
-    sums, probability = np.zeros((down, across, 28)), np.zeros((down, across))
+    sums, fits, probability = (
+        np.zeros((down, across, 28)),
+        np.zeros((down, across, 10)),
+        np.zeros((down, across)),
+    )
     to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
-    matrix, step, growth = np.zeros((10, 10)), np.zeros(10), np.zeros((3, 3))
+    matrix, step, growth = np.zeros((11, 11)), np.zeros(11), np.zeros((3, 3))
     # Template pixels that are finer than the image's share its noise.
-    noise, spread = max(1.0, 1.0 / work.relative**2), _SPREAD / level.unit**2
+    noise = max(1.0, 1.0 / work.relative**2)
     offset = work.bent if work.offset is not None and k == 0 else NO_OFFSET
     x, y = _middles(level.x, level.side), _middles(level.y, level.side)
-    converged = False
+    converged, before, factor = False, np.zeros(11), 1.0
     for _ in range(passes):
         place = h @ to_centred
         block_sums(
-            image, level.image, level.gradient_x, level.gradient_y, offset, place, k == 0, level.side, sums
-        )
-        log_odds, spread, variance = block_step(
+            image,
+            level.image,
+            level.gradient_x,
+            level.gradient_y,
+            offset,
+            place,
+            k == 0,
+            level.side,
+            work.border,
             sums,
-            x,
-            y,
-            level.independent,
-            0.5 * level.side**2,
-            noise,
-            spread,
-            turns,
-            step,
-            matrix,
-            probability,
         )
+        log_odds, variance = block_step(
+            sums, x, y, level.softened, level.independent, 0.5 * level.side**2, noise, BLUR_VARIANCES[-1], turns,
+            step, matrix, probability, fits,
+        )  # fmt: skip
         if not np.isfinite(log_odds):
             return None
-        exponential(step, growth)
+        # Steps are too short by one factor where the image is softer than the template, too long where it is sharper:
+        # what one leaves of the next tells it.
+        length = float(before @ matrix @ before)
+        if length > 0.0:
+            factor = np.clip(factor / (1.0 - min(float(before @ matrix @ step) / length, 0.9)), 0.5, 4.0)
+        before[:8] = step[:8]
+        step *= factor
+        exponential(step[:8], growth)
         h = h @ growth
         h = h / h[2, 2]
         back = h @ level.from_template
@@ -127,11 +141,21 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
             break
     corners = work.template.corners @ level.from_template[:2, :2].T + level.from_template[:2, 2]
     jacobian = motion_jacobian(h, corners).reshape(8, 8) * 2.0 ** (work.image_base + k)
-    covariance = jacobian @ np.linalg.inv(matrix[:8, :8]) @ jacobian.T
+    covariance = jacobian @ np.linalg.inv(matrix)[:8, :8] @ jacobian.T
     # The squared correlation that is expected of each block: blank paper tells nothing.
     telling = 1.0 / (1.0 + variance / np.maximum(work.light[0] ** 2 * level.contrast, 1e-9))
     seen = float((telling * probability).sum() / telling.sum())
-    return BlockFit(work.homography, covariance, seen, log_odds, variance, bool(converged))
+    softer = -0.5 * float(step[8] + step[10]) / factor
+    return BlockFit(
+        work.homography,
+        covariance,
+        seen,
+        log_odds,
+        variance,
+        bool(converged),
+        softer,
+        _shade(x, y, fits, probability),
+    )
 
 
 def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:
@@ -151,7 +175,7 @@ def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:
     """
     work.homography, found = start, None
     for k in range(min(2, work.count - 1), -1, -1):
-        finer = fit_blocks(work, k, 8, 8)
+        finer = fit_blocks(work, k, 12, 8)
         if finer is None:
             break  # a template that is finer than the image has blocks in which nothing is seen
         found = finer
@@ -163,3 +187,25 @@ def _middles(places: np.ndarray, side: int) -> Float[np.ndarray, "blocks"]:
     count = len(places) // side
     ends = [*range(0, count * side, side), len(places)]
     return np.array([0.5 * (places[i] + places[j - 1]) for i, j in pairwise(ends)], float)
+
+
+def _shade(x: np.ndarray, y: np.ndarray, fits: np.ndarray, probability: np.ndarray) -> Float[np.ndarray, "6"]:
+    """The light of a lamp and a lens over the template: a polynomial through the gains of the blocks.
+
+    Even light where that explains the gains as well, by the criterion of Hannan and Quinn.
+    """
+    x, y = (part.ravel() for part in np.meshgrid(x, y))
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    weight = (probability * fits[..., 8] / np.maximum(fits[..., 6], 1e-9)).ravel()
+    gain = fits[..., 7].ravel()
+    used = weight > 0
+    basis, weight, gain = basis[used], np.sqrt(weight[used]), gain[used]
+    found = np.linalg.lstsq(basis * weight[:, None], gain * weight, rcond=None)[0]
+    left = [
+        ((gain - part) * weight) @ ((gain - part) * weight)
+        for part in (basis @ found, np.average(gain, weights=weight**2))
+    ]
+    count = len(gain)
+    if count < 12 or count * np.log(left[1] / max(left[0], 1e-12)) < 2 * 5 * np.log(np.log(count)):
+        return np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return found / found[0]

@@ -49,6 +49,7 @@ class Alignment:
     ncc: float  #: normalised cross-correlation with the template, -1..1
     inside: float  #: fraction of the template that is inside the image, 0..1
     weight: float  #: mean weight of the pixels inside, 0..1: not covered, not saturated
+    blur: float  #: variance of the Gaussian by which the image is softer than the template [template px^2]
     noise: float  #: standard deviation of one image pixel as estimated from the residual [grey levels]
     gain: float  #: image = gain * template + bias
     bias: float
@@ -86,8 +87,8 @@ def align(
         Added to the warped position of every template pixel on the finest level [px]:
         what lens distortion does beyond the homography.
     blur
-        How much softer than the template the image is, as the variance of a Gaussian [template px^2]
-        (a usual camera's for sharp prints, none for images); see :func:`visuohaptic.tracking.templates.alignment.esm_blur.matching_blur`.
+        How much softer than the template the image is, as the variance of a Gaussian [template px^2], e.g. of the
+        last frame; it is estimated where it is not given.
 
     Returns
     -------
@@ -109,20 +110,27 @@ def align(
         return _lost(template, homography, "outside the image")
 
     start = work.homography
-    shift = _descend(work)
-    even = work.homography, work.centred
-    fit = None if not np.isfinite(shift) else fit_blocks(work, 0, 8, 4)
-    if fit is not None and not _doubt(fit, settings) and _even_light(work, fit, even[0]):
-        fit = replace(fit, homography=even[0], covariance=_covariance(work, even[1]))
-    elif _doubt(fit, settings) or work.ncc < settings.ncc_search:
-        again = recover(work, start)
+    even = _descend(work)
+    fit = fit_blocks(work, 0, 12, 4) if even else None
+    if _doubt(fit, settings):
+        even, again = False, recover(work, start)
         if fit is None or (again is not None and again.log_odds > fit.log_odds):
             fit = again
+    # Two neighbours of the list of blurs may each point at the other: no more than three looks.
+    for _ in range(3 if blur is None else 0):
+        if fit is None or _doubt(fit, settings) or not work.soften(fit.softer):
+            break
+        even, work.homography, again = False, fit.homography, fit_blocks(work, 0, 12, 4)
+        if _doubt(again, settings):
+            break
+        fit = again
+    if fit is not None and not _doubt(fit, settings):
+        fit = _in_even_light(work, fit, even)
     return _judged(work, fit)
 
 
-def _descend(work: Work) -> float:
-    """Gauss-Newton from the coarsest level to the finest; the last motion of the corners [px], infinite if it fails."""
+def _descend(work: Work) -> bool:
+    """Gauss-Newton from the coarsest level to the finest; whether it ends somewhere."""
     settings, template = work.settings, work.template
     top = work.count - 1
     if top > 0:
@@ -130,7 +138,7 @@ def _descend(work: Work) -> float:
     for k in range(top - 1, 0, -1):
         work.refine(k, GaussNewton(6, fraction=0.5, cut=settings.cut_sigmas, damping=1e-3, tolerance=0.2))
         if not is_proper(work.homography, template.corners):
-            return np.inf
+            return False
     if work.count > 1:
         work.refine(0, GaussNewton(6, subset=True, cut=settings.cut_sigmas, tolerance=0.25))
     else:
@@ -141,9 +149,14 @@ def _descend(work: Work) -> float:
     if work.clipped:
         # At 2.5 sigma what is cut off shifts the mean by 0.002 sigma.
         work.margin = min(2.5 * work.light[3], 30.0)
-    last = GaussNewton(3, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px)
-    shift = work.refine(0, last)
-    return shift if is_proper(work.homography, template.corners) else np.inf
+    return _refined(work)
+
+
+def _refined(work: Work) -> bool:
+    """The last passes, over every pixel of the finest level; whether they end somewhere."""
+    settings = work.settings
+    how = GaussNewton(3, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px)
+    return bool(np.isfinite(work.refine(0, how))) and is_proper(work.homography, work.template.corners)
 
 
 def _coarse(work: Work, top: int) -> None:
@@ -212,7 +225,18 @@ def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignme
     """An alignment that says that there is none."""
     nothing = np.full((8, 8), np.nan)
     return Alignment(
-        homography, False, reason, 0.0, 0.0, 0.0, np.nan, np.nan, np.nan, np.full((4, 2), np.nan), nothing
+        homography,
+        False,
+        reason,
+        0.0,
+        0.0,
+        0.0,
+        np.nan,
+        np.nan,
+        np.nan,
+        np.nan,
+        np.full((4, 2), np.nan),
+        nothing,
     )
 
 
@@ -244,6 +268,7 @@ def _judged(work: Work, fit: BlockFit | None) -> Alignment:
         ncc=work.ncc,
         inside=float(n / level.image.size),
         weight=float(s1 / n),
+        blur=work.template.variance(work.chain, work.blur),
         noise=float(np.sqrt(_noise_variance(work))),
         gain=float(work.light[0]),
         bias=float(work.light[1]),
@@ -252,23 +277,33 @@ def _judged(work: Work, fit: BlockFit | None) -> Alignment:
     )
 
 
-def _even_light(work: Work, fit: BlockFit, homography: Float[np.ndarray, "3 3"]) -> bool:
-    """Whether one light and one noise explain the residual as well as a light for every block (Hannan and Quinn).
+def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
+    """The fit by all pixels at once, where one smooth light explains the residual as well as a light for every block.
 
-    And whether both say the same of the motion, with an error rate of a hundredth (Hausman, Econometrica 46 (1978)).
+    By the criterion of Hannan and Quinn; and where both say the same of the motion, with an error rate of a hundredth
+    (Hausman, Econometrica 46 (1978)). ``even``: the last passes were in the right blur and in even light.
     """
-    # Samples that are finer than the image's pixels are not independent.
-    samples = work.stats[0] * min(1.0, work.relative**2)
-    variance = work.stats[5] * work.light[4] / max(work.stats[0], 1.0)
-    blocks = work.pair(0)[0].independent.size
-    # Four parameters of light and two of motion for every block.
-    if samples * np.log(max(variance, 1e-9) / fit.variance) >= 2 * 6 * blocks * np.log(
-        np.log(max(samples, 16.0))
-    ):
-        return False
-    mine, other = (apply_homography(h, work.template.corners) for h in (homography, fit.homography))
-    off = (mine - other).ravel() * 2.0**work.image_base
-    return bool(off @ np.linalg.solve(fit.covariance, off) < 20.1)  # chi^2 of 8 degrees of freedom
+    for shaded in (False, True) if even and not fit.shade[1:].any() else (True,):
+        if shaded:
+            work.homography = fit.homography
+            work.shade(fit.shade)
+            if not _refined(work):
+                break
+        homography = work.centred @ work.pair(0)[0].from_template
+        # Samples that are finer than the image's pixels are not independent.
+        samples = work.stats[0] * min(1.0, work.relative**2)
+        variance = work.stats[5] * work.light[4] / max(work.stats[0], 1.0)
+        blocks = work.pair(0)[0].independent.size
+        # Four parameters of light and two of motion for every block.
+        limit = 2 * 6 * blocks * np.log(np.log(max(samples, 16.0)))
+        mine, other = (apply_homography(h, work.template.corners) for h in (homography, fit.homography))
+        off = (mine - other).ravel() * 2.0**work.image_base
+        if (
+            samples * np.log(max(variance, 1e-9) / fit.variance) < limit
+            and off @ np.linalg.solve(fit.covariance, off) < 20.1  # chi^2 of 8 degrees of freedom
+        ):
+            return replace(fit, homography=homography, covariance=_covariance(work, work.centred))
+    return fit
 
 
 def _noise_variance(work: Work) -> float:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from ....core.errors import InputError
 
-__all__ = ["BLUR_VARIANCES", "MIN_SIDE_PX", "EsmTemplate", "Level"]
+__all__ = ["BLUR_VARIANCES", "LENS", "MIN_SIDE_PX", "EsmTemplate", "Level"]
 
 #: Templates smaller than this on a side have too few pixels for eight unknowns.
 MIN_SIDE_PX = 16
@@ -17,8 +17,8 @@ MIN_SIDE_PX = 16
 #: Blurs that a template can be given to look like the camera's image: variances of a Gaussian
 #: [px^2 of the level]. Steps of about 15 % of the variance that pixel and lens have together.
 BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
-#: Of a usual lens [px^2].
-_LENS = 0.45
+#: Blur of a usual lens [px^2].
+LENS = 0.45
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +38,8 @@ class Level:
     side: int  #: of the blocks whose motion is compared at the end [px of the level]
     independent: Float[np.ndarray, "down across"]  #: number of independent values in each block
     contrast: Float[np.ndarray, "down across"]  #: variance of each block [grey levels^2]
+    #: motion of each block that a blur of 1 px^2 along x, across, and along y feigns, in centred coordinates
+    softened: Float[np.ndarray, "down across 2 3"]
 
 
 def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
@@ -50,7 +52,12 @@ def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "
     return derivative
 
 
-def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: tuple[float, float]) -> Level:
+def _level(
+    image: Float[np.ndarray, "rows columns"],
+    gradients: tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, "rows columns"]],
+    every: int,
+    block: tuple[float, float],
+) -> Level:
     """Precompute one level; the outermost pixels are left out, their neighbours in print are unknown.
 
     ``every`` pixels of the chain's first level, each the mean of ``block`` (x, y), make one here.
@@ -67,23 +74,25 @@ def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: tuple[
         ]
     )
     inner = (slice(1, -1), slice(1, -1))
-    gradient_x = (_gradient(image.astype(np.float64), 1)[inner] * unit).astype(np.float32)
-    gradient_y = (_gradient(image.astype(np.float64), 0)[inner] * unit).astype(np.float32)
+    shown, gradient_x, gradient_y = (
+        np.ascontiguousarray(part[inner], dtype=np.float32)
+        for part in (image, gradients[0] * unit, gradients[1] * unit)
+    )
     energy = (gradient_x**2 + gradient_y**2).sum(axis=1)
     chosen = [
         start + int(k)
-        for start in range(0, rows - 2, 4)
+        for start in range(0, len(shown), 4)
         for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
     ]
-    side = _block_side(rows - 2, columns - 2)
-    independent, contrast = _blocks(image[inner], side)
+    side = _block_side(*shown.shape)
+    independent, contrast = _blocks(shown, side)
     return Level(
-        image=np.ascontiguousarray(image[inner]),
-        gradient_x=np.ascontiguousarray(gradient_x),
-        gradient_y=np.ascontiguousarray(gradient_y),
+        image=shown,
+        gradient_x=gradient_x,
+        gradient_y=gradient_y,
         x=((np.arange(1, columns - 1) - centre_x) / unit).astype(np.float32),
         y=(np.arange(1, rows - 1) - centre_y) / unit,
-        rows=np.arange(rows - 2),
+        rows=np.arange(len(shown)),
         informative=np.array(chosen, dtype=np.int64),
         unit=unit,
         to_template=to_template,
@@ -91,7 +100,43 @@ def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: tuple[
         side=side,
         independent=independent,
         contrast=contrast,
+        softened=_softened(shown, gradient_x, gradient_y, unit, side),
     )
+
+
+def _softened(
+    image: Float32[np.ndarray, "R C"],
+    gradient_x: Float32[np.ndarray, "R C"],
+    gradient_y: Float32[np.ndarray, "R C"],
+    unit: float,
+    side: int,
+) -> Float[np.ndarray, "down across 2 3"]:
+    """Motion of each block, beside its own light, that a blur of 1 px^2 along x, across, and along y feigns.
+
+    A blur of variance v adds v / 2 times the second derivative. An edge that the border of a block cuts off is then
+    taken for one that has moved.
+    """
+    from ._block_kernels import block_sums
+
+    down, across = (size // side for size in image.shape)
+    upper, found, none = np.triu_indices(7), [], np.zeros((2, 1, 1), np.float32)
+    bend_x, bend_y = (
+        np.gradient(part, axis=axis) / unit for part, axis in ((gradient_x, 1), (gradient_y, 0))
+    )
+    for bend in (0.5 * bend_x, np.gradient(gradient_x, axis=0) / unit, 0.5 * bend_y):
+        sums, products = np.zeros((down, across, 28)), np.zeros((down, across, 7, 7))
+        bend = bend.astype(np.float32)
+        block_sums(bend, image, gradient_x, gradient_y, none, np.eye(3), False, side, 0, sums)
+        products[..., upper[0], upper[1]] = products[..., upper[1], upper[0]] = sums
+        # A ridge of a millionth where a block is blank.
+        light = products[..., :4, :4] + np.eye(4) * (
+            1e-6 + 1e-6 * np.einsum("...ii", products[..., :4, :4])[..., None, None]
+        )
+        beside = products[..., 4:6, :4] @ np.linalg.solve(light, products[..., :4, 4:])
+        left = products[..., 4:6, 4:] - beside
+        damp = 1e-5 * np.einsum("...ii", left[..., :2])[..., None, None] + 1e-9
+        found.append(np.linalg.solve(left[..., :2] + damp * np.eye(2), left[..., 2:])[..., 0])
+    return np.stack(found, axis=-1)
 
 
 def _block_side(rows: int, columns: int) -> int:
@@ -215,7 +260,7 @@ class EsmTemplate:
         chain
             Index of the chain of levels.
         """
-        return BLUR_VARIANCES.index(_LENS) if self.sharp else 0
+        return BLUR_VARIANCES.index(LENS) if self.sharp else 0
 
     def finest(self, chain: int, blur: int) -> Level:
         """First level of a chain as a camera with a given blur sees it.
@@ -232,13 +277,16 @@ class EsmTemplate:
         key = (chain, min(blur, len(BLUR_VARIANCES) - 1))
         if key not in self._blurred:
             self._blurred[key] = _sampled(
-                self.starts[0], self.chains[chain][0], self.blocks[chain], self.variance(*key)
+                self.starts[0], self.starts[chain].shape, self.blocks[chain], self.variance(*key)
             )
         return self._blurred[key]
 
 
 def _sampled(
-    image: Float32[np.ndarray, "R C"], like: Level, block: tuple[float, float], variance: float
+    image: Float32[np.ndarray, "R C"],
+    shape: tuple[int, ...],
+    block: tuple[float, float],
+    variance: float,
 ) -> Level:
     """A level whose pixels and gradients are samples of the whole template behind a blur [px^2].
 
@@ -249,23 +297,16 @@ def _sampled(
 
     soft = gaussian_filter(image.astype(np.float64), np.sqrt(variance), mode="reflect", truncate=5.0)
     bx, by = block
-    rows, columns = like.image.shape
-    # The outermost pixels of a level are left out.
     place = np.meshgrid(
-        (np.arange(rows) + 1) * by + (by - 1) / 2, (np.arange(columns) + 1) * bx + (bx - 1) / 2, indexing="ij"
+        np.arange(shape[0]) * by + (by - 1) / 2, np.arange(shape[1]) * bx + (bx - 1) / 2, indexing="ij"
     )
 
     def taken(values: np.ndarray) -> np.ndarray:
         whole = bx == 1.0 and by == 1.0
-        found = values[1:-1, 1:-1] if whole else map_coordinates(values, place, order=3, mode="nearest")
-        return np.ascontiguousarray(found, dtype=np.float32)
+        return values if whole else map_coordinates(values, place, order=3, mode="nearest")
 
-    return replace(
-        like,
-        image=taken(soft),
-        gradient_x=taken(_gradient(soft, 1) * (bx * like.unit)),
-        gradient_y=taken(_gradient(soft, 0) * (by * like.unit)),
-    )
+    gradients = taken(_gradient(soft, 1) * bx), taken(_gradient(soft, 0) * by)
+    return _level(taken(soft), gradients, 1, block)
 
 
 def _chain(image: Float32[np.ndarray, "rows columns"], block: tuple[float, float]) -> tuple[Level, ...]:
@@ -274,6 +315,7 @@ def _chain(image: Float32[np.ndarray, "rows columns"], block: tuple[float, float
 
     levels: list[Level] = []
     while min(image.shape) >= MIN_SIDE_PX:
-        levels.append(_level(image, 2 ** len(levels), block))
+        gradients = _gradient(image.astype(np.float64), 1), _gradient(image.astype(np.float64), 0)
+        levels.append(_level(image, gradients, 2 ** len(levels), block))
         image = cv2.pyrDown(image)
     return tuple(levels)

@@ -1,0 +1,164 @@
+"""The fit by blocks against NumPy: its sums, and its robust step by plain least squares on every block."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+from scipy.special import betaln, expit
+
+from visuohaptic.tracking.templates.alignment._block_kernels import block_step, block_sums
+
+SIDE, DOWN, ACROSS, BORDER = 8, 3, 4, 2
+#: The last blocks of a row and of a column take what is left.
+ROWS, COLUMNS = DOWN * SIDE + 3, ACROSS * SIDE + 5
+UPPER = np.triu_indices(7)
+
+
+def block(j: int, i: int) -> tuple[slice, slice]:
+    """Rows and columns of a block."""
+    ends = (ROWS if j == DOWN - 1 else (j + 1) * SIDE), (COLUMNS if i == ACROSS - 1 else (i + 1) * SIDE)
+    return slice(j * SIDE, ends[0]), slice(i * SIDE, ends[1])
+
+
+def centred(part: slice) -> np.ndarray:
+    """Places from the middle of a block, in its sides."""
+    return (np.arange(part.start, part.stop) - 0.5 * (part.start + part.stop - 1)) / SIDE
+
+
+@pytest.mark.parametrize("cubic", [False, True])
+def test_sums_equal_their_numpy_twin(cubic: bool) -> None:
+    rng = np.random.default_rng(1)
+    image = rng.uniform(20, 220, (60, 70)).astype(np.float32)
+    template, gx, gy = (rng.normal(0, 30, (ROWS, COLUMNS)).astype(np.float32) for _ in range(3))
+    offset = rng.uniform(-0.4, 0.4, (2, ROWS, COLUMNS)).astype(np.float32)
+    h = np.array([[1.1, 0.1, 12.0], [-0.1, 0.9, 36.0], [1e-3, -2e-3, 1.0]])
+    sums = np.zeros((DOWN, ACROSS, 28))
+    block_sums(image, template, gx, gy, offset, h, cubic, SIDE, BORDER, sums)
+
+    v, u = np.mgrid[:ROWS, :COLUMNS].astype(float)
+    q = h[2, 0] * u + h[2, 1] * v + 1
+    px = (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / q + offset[0]
+    py = (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / q + offset[1]
+    inside = (px >= 1) & (px <= 70 - 2.001) & (py >= 1) & (py <= 60 - 2.001)
+    assert 0.5 < inside.mean() < 1.0
+    inner = np.zeros_like(inside)
+    inner[BORDER:-BORDER, BORDER:-BORDER] = True
+    value = map_coordinates(image.astype(float), [py, px], order=3 if cubic else 1, prefilter=False)
+    for j in range(DOWN):
+        for i in range(ACROSS):
+            part = block(j, i)
+            t = template[part].astype(float)
+            columns = (
+                np.ones_like(t),
+                centred(part[1]) * t,
+                centred(part[0])[:, None] * t,
+                t,
+                gx[part],
+                gy[part],
+                value[part],
+            )
+            a = np.stack([np.asarray(column, float).ravel() for column in columns])
+            expected = (a * (inside & inner)[part].ravel()) @ a.T
+            scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected))) + 1e-9
+            # Sums of at most 150 products in float32: 1e-5 of the scale of each.
+            np.testing.assert_allclose(sums[j, i] / scale[UPPER], (expected / scale)[UPPER], atol=3e-5)
+
+
+def scene(rng: np.random.Generator, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Sums of blocks whose image is the template moved by ``theta`` and softened; the last block shows something else."""
+    x, y = np.linspace(-0.8, 0.8, ACROSS), np.linspace(-0.6, 0.6, DOWN)
+    softened = rng.normal(0, 0.01, (DOWN, ACROSS, 2, 3))
+    sums = np.zeros((DOWN, ACROSS, 28))
+    for j in range(DOWN):
+        for i in range(ACROSS):
+            t, gx, gy = rng.normal(0, [[30.0], [300.0], [300.0]], (3, SIDE * SIDE))
+            v, u = (part.ravel() / SIDE for part in np.mgrid[:SIDE, :SIDE] - 0.5 * (SIDE - 1))
+            motion = np.hstack([fields(x[i], y[j]), softened[j, i]]) @ theta
+            shown = 0.7 * (t - gx * motion[0] - gy * motion[1]) + 0.1 * u * t - 0.05 * v * t + 20.0
+            if (j, i) == (DOWN - 1, ACROSS - 1):
+                shown = rng.normal(90, 30, SIDE * SIDE)
+            a = np.stack([np.ones_like(t), u * t, v * t, t, gx, gy, shown + rng.normal(0, 2.0, SIDE * SIDE)])
+            sums[j, i] = (a @ a.T)[UPPER]
+    return sums, x, y, softened
+
+
+def fields(x: float, y: float) -> np.ndarray:
+    """The eight velocity fields at a point, (2, 8)."""
+    return np.array([[1, x, y, 0, 0, 0, -x * x, -x * y], [0, 0, 0, 1, x, y, -x * y, -y * y]])
+
+
+def twin(sums, x, y, softened, independent, noise, blur, passes):
+    """What :func:`block_step` does, by least squares on every block and dense algebra."""
+    motions, squares, chance, variances, told = [], [], [], [], []
+    for s in sums.reshape(-1, 28):
+        a = np.zeros((7, 7))
+        a[UPPER] = s
+        a = a + np.triu(a, 1).T
+        slopes = np.linalg.solve(a[:3, :3], a[:3, 3:])
+        left = a[3:, 3:] - a[3:, :3] @ slopes  # of T, gradients and image beside bias and slopes
+        gain = left[0, 3] / left[0, 0]
+        rho2 = left[0, 3] ** 2 / (left[0, 0] * left[3, 3])
+        beside = left[1:, 1:] - np.outer(left[1:, 0], left[0, 1:]) / left[0, 0]
+        metric = beside[:2, :2] + np.eye(2) * (1e-5 * np.trace(beside[:2, :2]) + 1e-9)
+        told.append(np.trace(np.linalg.solve(metric, beside[:2, :2])))
+        seen = np.linalg.solve(metric, beside[:2, 2])
+        motions.append(-seen / gain)
+        squares.append(gain**2 * metric)
+        variances.append(max((beside[2, 2] - seen @ beside[:2, 2]) / (s[0] - 6), 1 / 12))
+        m = independent - 2
+        chance.append(betaln(0.5, 0.5 * (m - 2)) - 0.5 * (m - 4) * np.log(1 - rho2) if gain > 0 else -5.0)
+        if gain <= 0:
+            variances[-1] = 0.0
+    used = np.array(variances) > 0
+    motions, squares, chance, variances = (
+        np.array(part)[used] for part in (motions, squares, chance, variances)
+    )
+    design = np.stack(
+        [np.hstack([fields(u, v), softened[j, i]]) for j, v in enumerate(y) for i, u in enumerate(x)]
+    )[used]
+    size = sums[..., 0].ravel()[used]
+    wider = size / independent
+    probability, scatter = expit(chance), 1.0
+    for _ in range(passes):
+        common = np.average(variances, weights=probability * size)
+        metric = squares / (noise * scatter * np.maximum(variances, common))[:, None, None]
+        prior = np.diag([0.0] * 8 + [blur**-2] * 3)
+        matrix = prior + np.einsum("n,nai,nab,nbj->ij", probability, design, metric, design)
+        step = np.linalg.solve(matrix, np.einsum("n,nai,nab,nb->i", probability, design, metric, motions))
+        off = motions - design @ step
+        chi2 = np.einsum("na,nab,nb->n", off, metric, off)
+        total, count = probability @ chi2, probability @ told
+        ratio = np.clip(chance + np.log(wider) + 0.5 * chi2 * (1 / wider - 1), -30, 30)
+        probability = expit(ratio)
+        scatter = max(scatter * total / max(count - 11, 1.0), 1.0)
+    variance = np.average(variances, weights=probability * size)
+    return np.log(0.5 + 0.5 * np.exp(ratio)).sum(), variance, step, matrix, probability, used
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_the_step_equals_its_numpy_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    theta = np.concatenate([rng.normal(0, 0.003, 8), rng.normal(0, 0.5, 3)])
+    sums, x, y, softened = scene(rng, theta)
+    independent = np.full((DOWN, ACROSS), 30.0)
+    step, matrix, probability = np.zeros(11), np.zeros((11, 11)), np.zeros((DOWN, ACROSS))
+    fits = np.zeros((DOWN, ACROSS, 10))
+    odds, variance = block_step(
+        sums, x, y, softened, independent, 0.5 * SIDE**2, 1.5, 6.0, 4, step, matrix, probability, fits
+    )
+    expected = twin(sums, x, y, softened, 30.0, 1.5, 6.0, 4)
+    # Sums in float64 with reordering allowed.
+    assert odds == pytest.approx(expected[0], rel=1e-6)
+    assert variance == pytest.approx(expected[1], rel=1e-6)
+    sigma = np.sqrt(np.diag(np.linalg.inv(expected[3])))
+    np.testing.assert_allclose(step / sigma, expected[2] / sigma, atol=1e-5)
+    scale = np.sqrt(np.outer(np.diag(expected[3]), np.diag(expected[3])))
+    np.testing.assert_allclose(matrix / scale, expected[3] / scale, atol=1e-6)
+    np.testing.assert_allclose(probability.ravel()[expected[5]], expected[4], atol=1e-6)
+    # And it is right: what was put in within four of its own standard deviations, and nothing is less
+    # probable than the stranger.
+    assert np.abs((step - theta) / sigma).max() < 4.0
+    assert probability[-1, -1] == probability.min()
+    assert probability.ravel()[:-1].min() > 0.9
+    assert fits[:-1, :, 7] == pytest.approx(0.7, abs=0.05)
