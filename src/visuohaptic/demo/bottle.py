@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
+from ..core.errors import InputError
 from ..deformation.shapes.container import ContainerDescription
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..recognition.data.data_set import FeatureSet, load_feature_set
@@ -90,6 +91,8 @@ def contained(
     stiffer
         Factor of the modulus.
     """
+    if state not in STATES:
+        raise InputError("contained", f"found {state!r}, expected one of {', '.join(STATES)}", field="state")
     closed, fill = STATES[state]
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
