@@ -344,7 +344,7 @@ def _mutated_bytes(data: bytes, rng: Rng) -> bytes:
     elif kind == 5:
         number = int(rng.choice([0, 1, 0x7FFFFFFF, 0xFFFFFFFF, 0x80000000, 0xFFFF, 100_000, 0x40000000]))
         size = int(rng.choice([2, 4, 8]))
-        packed = (number % (1 << 8 * size)).to_bytes(size, str(rng.choice(["little", "big"])))
+        packed = (number % (1 << 8 * size)).to_bytes(size, "little" if rng.random() < 0.5 else "big")
         out[place : place + len(packed)] = packed
     elif kind == 6:
         out[place : place + length] = rng.bytes(length)

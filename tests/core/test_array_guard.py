@@ -44,7 +44,10 @@ POINTS = np.arange(6.0).reshape(3, 2)
             "faces: found an array of float64, expected integers",
         ),
         ({"points_m": POINTS, "faces": np.zeros((2, 4), int)}, r"faces: found shape \(2, 4\)"),
-        ({"points_m": POINTS, "image": np.zeros((4, 5))}, "image: found an array of float64, expected bytes"),
+        (
+            {"points_m": POINTS, "image": np.zeros((4, 5))},
+            "image: found an array of float64, expected uint8 values",
+        ),
         ({"points_m": POINTS, "image": np.zeros(4, np.uint8)}, r"image: found shape \(4,\)"),
         ({"points_m": POINTS, "keep": np.ones(3)}, "keep: found an array of float64, expected truth values"),
     ],

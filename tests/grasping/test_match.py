@@ -100,7 +100,7 @@ def test_few_points_are_refused(shape):
         match_shape(shape, np.full((100, 3), 1.0))
     with pytest.raises(InputError, match="force_N: found -1"):
         predicted_shape(THING, vertex(0.05), -1.0)
-    with pytest.raises(InputError, match=r"expected \(n, 3\)"):
+    with pytest.raises(InputError, match=r"expected numbers \(n, 3\)"):
         match_shape(shape, np.zeros((50, 2)))
 
 

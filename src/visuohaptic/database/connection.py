@@ -107,6 +107,14 @@ def connect_server(url: str) -> Engine:
     expected = "expected postgresql://USER@HOST:PORT/NAME"
     if not _SERVER.match(url):
         raise InputError(shown_url(url), f"is not the address of a PostgreSQL server, {expected}")
+    if (
+        url.count("@") > 1
+    ):  # the parser would take a part of the password for the host, and the driver would say so
+        raise InputError(
+            shown_url(url),
+            "has more than one @",
+            remedy="write @ : / ? of names and passwords as %40 %3A %2F %3F",
+        )
     try:
         # What the parser says is left out: it may quote a part of the password.
         address = make_url(_SERVER.sub("postgresql+psycopg://", url))

@@ -27,8 +27,8 @@ _WORDS = {
     "Float": "numbers",
     "Float32": "numbers",
     "Int": "integers",
-    "Int8": "8-bit integers",
-    "UInt8": "bytes",
+    "Int8": "int8 values",
+    "UInt8": "uint8 values",
     "Bool": "truth values",
 }
 #: Larger numbers are no measurements: their squares are not finite.
@@ -66,7 +66,7 @@ class _ArraySpec:
 
     def _typed(self, array: np.ndarray) -> np.ndarray:
         dtype = _TYPES.get(self.kind, array.dtype.newbyteorder("="))
-        kinds = {"Float": "fiu", "Float32": "fiu", "Int": "iu"}.get(self.kind, np.dtype(dtype).kind)
+        kinds = {"Float": "fiub", "Float32": "fiub", "Int": "iu"}.get(self.kind, np.dtype(dtype).kind)
         if array.dtype.kind not in kinds or (len(kinds) == 1 and array.dtype != dtype):
             raise self._refused(f"found an array of {array.dtype}")
         if array.dtype == dtype:

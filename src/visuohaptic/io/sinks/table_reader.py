@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...core.files import file_size
 from ...core.measurement import Reason, Wrench
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
@@ -93,6 +94,7 @@ def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
 
 
 def _read(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
+    file_size(path)
     if path.suffix == ".parquet":
         return _read_parquet(path, expected)
     columns: dict[str, list[Any]] = {name: [] for name in expected}

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...core.errors import InputError
 from .tree_nodes import ClassificationTree
 
 __all__ = ["pruned", "pruning_alphas", "pruning_middles", "simplest", "stratified_folds"]
@@ -99,6 +100,8 @@ def simplest(wrong: Float[np.ndarray, "k"], count: int) -> int:
         Objects that were judged.
     """
     least = float(wrong.min())
+    if least < 0:
+        raise InputError("simplest", f"found {least:g} errors, expected none or more", field="wrong")
     return int(np.flatnonzero(wrong <= least + np.sqrt(least * (1 - least / count)))[-1])
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from ....core.errors import InputError
 from ....core.measurement import ErrorBudget
 from ..material.foam_material import FoamMaterial
 from ..profile import FoamReading
@@ -89,6 +90,8 @@ def without_dents(
     width_m
         Width of the strip at rest.
     """
+    if sigma_m.min(initial=0.0) < 0:
+        raise InputError("without_dents", "found a negative standard deviation", field="sigma_m")
     result = delta_m.copy()
     core = np.flatnonzero(delta_m > _BESIDE * delta_m.max(initial=0.0))
     if len(core) < 3:

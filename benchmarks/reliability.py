@@ -1,0 +1,345 @@
+"""The table of what was tried against this library, and what came of it.
+
+    python -m benchmarks.reliability                            a slice of every row, in minutes
+    python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as much of two rows
+    python -m benchmarks.reliability --report rows.jsonl --page docs/reliability.md
+
+Each case is kept in the report as it is done; a stopped run goes on where it was. A row that was not run says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import http.client
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from . import golden, hostile_arrays, hostile_files, kill_faults
+from ._journal import Journal
+
+Rng = np.random.Generator
+ROOT = Path(__file__).resolve().parents[1]
+#: Figures of a case; a case of a row has those that apply.
+FIGURES = ("tried", "crashed", "hung", "wrong", "lost")
+Case = tuple[str, Callable[[], dict[str, int]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row of the table."""
+
+    number: int
+    title: str
+    target: str  #: how many are owed, and what may come of them
+    cases: Callable[[int], Iterator[Case]] | None = None  #: by scale; None: run elsewhere
+    elsewhere: str = ""  #: the command, or why it is not run
+
+
+def _files(scale: int) -> Iterator[Case]:
+    per_case = 2 * len(hostile_files.READERS)
+    for number in range(2 * scale):
+
+        def run(number: int = number) -> dict[str, int]:
+            journal = Journal(None, {})
+            hostile_files.campaign(per_case, 2 * number, journal)
+            found = hostile_files.summary(journal)
+            wrong = found.get("unclear", 0)
+            return {
+                "tried": found["tried"],
+                "crashed": found.get("crashed", 0),
+                "hung": found.get("hung", 0),
+            } | {"wrong": wrong}
+
+        yield f"mutations, seed {2 * number}", run
+
+
+def _arrays(scale: int) -> Iterator[Case]:
+    names = list(hostile_arrays.public_functions())
+    for start in range(0, min(len(names), 40 * scale), 20):
+
+        def run(part: list[str] = names[start : start + 20]) -> dict[str, int]:
+            journal = Journal(None, {})
+            hostile_arrays.campaign(part, 0, journal)
+            found = hostile_arrays.summary(journal)
+            return {name: found[name] for name in ("tried", "crashed", "wrong")}
+
+        yield f"functions from {names[start]}", run
+
+
+def _kills(scale: int) -> Iterator[Case]:
+    for number in range(4 * scale):
+        for row in (kill_faults.killed_row, kill_faults.full_disk_row):
+
+            def run(number: int = number, row: Any = row) -> dict[str, int]:
+                with tempfile.TemporaryDirectory() as root:
+                    found = row(number, Path(root))
+                return {"tried": 1, "wrong": found.get("wrong", 0), "lost": found["lost"]}
+
+            yield f"{row.__name__} {number}", run
+
+
+def _cuts(scale: int) -> Iterator[Case]:
+    def run() -> dict[str, int]:
+        rows = kill_faults.cut_rows(30 * scale)
+        return {"tried": len(rows), "lost": sum(row["lost"] for row in rows)}
+
+    yield f"cut at {30 * scale} places", run
+
+
+def _golden(_scale: int) -> Iterator[Case]:
+    def run() -> dict[str, int]:
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            str(ROOT / "tests/test_golden.py"),
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+        versions = len(list((ROOT / "tests/golden").iterdir()))
+        return {"tried": versions * (len(golden.NAMES) + 4), "wrong": int(done.returncode != 0)}
+
+    yield "files of every format", run
+
+
+def _determinism(scale: int) -> Iterator[Case]:
+    """One recording, read under other hash seeds and numbers of threads: the same bytes."""
+
+    def run() -> dict[str, int]:
+        with tempfile.TemporaryDirectory() as root:
+            _verb(["example", "foam", "--out", "try"], Path(root), {})
+            digests = set()
+            tried = 2 + 2 * scale
+            for number in range(tried):
+                threads = str(1 + number % 2)
+                environment = {"PYTHONHASHSEED": str(number), "NUMBA_NUM_THREADS": threads}
+                environment |= {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+                words = ["sense", "foam", "--config", "try/sensor.yaml", "--source", "try/push.mp4"]
+                _verb([*words, "--csv", f"{number}.csv"], Path(root), environment)
+                digests.add(hashlib.sha256((Path(root) / f"{number}.csv").read_bytes()).hexdigest())
+        return {"tried": tried, "wrong": len(digests) - 1}
+
+    yield "sense foam", run
+
+
+def _verb(words: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(ROOT / "src"), *sys.path])
+    return subprocess.run(
+        [sys.executable, "-m", "visuohaptic", *words],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path, **environment},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
+    )
+
+
+def _attacks(_scale: int) -> Iterator[Case]:
+    """Archives that unpack to more than they should, links and names that lead out of their folder, devices."""
+
+    def run() -> dict[str, int]:
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            str(ROOT / "tests/test_security.py"),
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+        passed = [word for word in done.stdout.split(",") if "passed" in word]
+        tried = int(passed[0].split()[-2]) if passed else 0
+        return {"tried": tried, "wrong": int(done.returncode != 0)}
+
+    yield "tests/test_security.py", run
+
+
+def _server(scale: int) -> Iterator[Case]:
+    for number in range(scale):
+
+        def run(number: int = number) -> dict[str, int]:
+            return serve_and_attack(100, np.random.default_rng([16, number]))
+
+        yield f"requests, seed {number}", run
+
+
+def serve_and_attack(count: int, rng: Rng) -> dict[str, int]:
+    """Malformed and foreign requests to a live page: which were answered, and does it still serve afterwards?"""
+    from visuohaptic.viewer import LivePage
+
+    answered = 0
+    with LivePage(port=0) as page:
+        address = urlsplit(page.url)
+        host, secret = f"127.0.0.1:{address.port}", address.path.strip("/")
+        for number in range(count):
+            lines = [
+                f"GET /{secret if number % 2 else secret[:-1]}/ HTTP/1.1",
+                f"Host: {rng.choice(['evil.example', '10.0.0.1', host + '.evil.example'])}"
+                if number % 2
+                else f"Host: {host}",
+            ]
+            raw = (
+                "\r\n".join([*lines, "", ""]).encode()
+                if number % 4 < 3
+                else rng.bytes(int(rng.integers(1, 3000)))
+            )
+            with socket.create_connection(("127.0.0.1", address.port or 0), timeout=20) as client:
+                client.sendall(raw)
+                client.shutdown(socket.SHUT_WR)
+                answered += int(b" 200 OK" in client.recv(1000)[:20])
+        connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=20)
+        connection.request("GET", f"/{secret}/", headers={"Host": host})
+        served = connection.getresponse().status == 200
+    return {"tried": count, "crashed": int(not served), "wrong": answered}
+
+
+def _messages(scale: int) -> Iterator[Case]:
+    """Addresses with a password in every place that a driver reads it from: none comes back."""
+    from visuohaptic.core import VisuohapticError
+    from visuohaptic.database import ObjectDatabase
+
+    def run() -> dict[str, int]:
+        shown = 0
+        schemes = ("postgresql", "postgres", "mysql", "postgresql+pg8000", "postgres+x", "http")
+        texts = (
+            "://bob:{}@h/n",
+            "://h/n?user=bob&password={}",
+            "://bob:{}@h:port/n",
+            "://b:{}@[::1/n",
+            "://:{}@/",
+        )
+        words = [f"s3cr3t{n}{end}" for n in range(scale) for end in ("", "@x", "/y", "?z", ":q")]
+        cases = [scheme + text.format(word) for scheme in schemes for text in texts for word in words]
+        for address in cases:
+            try:
+                ObjectDatabase(address)
+            except VisuohapticError as error:
+                shown += "s3cr3t" in str(error)
+        return {"tried": len(cases), "wrong": shown}
+
+    yield "passwords in addresses", run
+
+
+ROWS = (
+    Row(1, "damaged and hostile files, all readers, 2 GB and 20 s each", "10,100: 0 / 0 / 0", _files),
+    Row(
+        2,
+        "coverage-guided fuzzing of own parsers",
+        "1 h each: 0",
+        elsewhere="needs atheris, which was not installed",
+    ),
+    Row(
+        3,
+        "stream faults, 20 kinds, two renderers",
+        "6,000: 0 wrong",
+        elsewhere="`python -m benchmarks foam_faults`",
+    ),
+    Row(
+        4,
+        "stale and frozen sources, clocks that stop or jump",
+        "500: stop in 200 ms",
+        elsewhere="no campaign yet",
+    ),
+    Row(5, "public functions, hostile arrays", "2,000: 0 foreign exceptions", _arrays),
+    Row(6, "kill -9 and full disk while recording", "500: 0 lost, 0 half-written", _kills),
+    Row(7, "cluster workers killed", "50: same hash", elsewhere="`python -m benchmarks build_faults`"),
+    Row(8, "cut recordings", "300: all whole messages", _cuts),
+    Row(9, "laws (property tests)", "10^4 examples each", elsewhere="`make test`, with fewer examples"),
+    Row(10, "golden files of every format", "all read", _golden),
+    Row(11, "determinism: hash seeds, threads", "50: same bytes", _determinism),
+    Row(
+        12,
+        "soak: chain, bridge, page, mission loop",
+        "4 h: flat",
+        elsewhere="`python -m benchmarks.soak --hours 4`",
+    ),
+    Row(13, "bare machines", "12: both commands of the README", elsewhere="needs machines of their own"),
+    Row(
+        14, "docs, examples, help", "all run", elsewhere="`pytest tests/docs tests/cli/test_help_examples.py`"
+    ),
+    Row(15, "archives, links, traversal, devices", "100: refused", _attacks),
+    Row(16, "servers: hosts, origins, malformed requests", "10,000: 0", _server),
+    Row(17, "messages without secrets", "all", _messages),
+)
+
+
+def table(journal: Journal) -> list[dict[str, Any]]:
+    """Figures of all rows from the cases in a journal."""
+    found = []
+    for row in ROWS:
+        cases = [case for key, case in journal.rows.items() if key.startswith(f"{row.number}: ")]
+        figures = (
+            {name: sum(case[name] for case in cases if name in case) for name in FIGURES} if cases else {}
+        )
+        given = {name for case in cases for name in case}
+        found.append(
+            {"row": row, **{name: figures[name] if name in given else None for name in FIGURES}}
+            if cases
+            else {"row": row}
+        )
+    return found
+
+
+def markdown(journal: Journal) -> str:
+    """The page of the table."""
+    lines = [
+        "# Reliability",
+        "",
+        "What was tried against the library from outside, and what came of it. Made by",
+        "`python -m benchmarks.reliability --report rows.jsonl --page docs/reliability.md`; a dash stands for a figure",
+        "that a row does not have. *Wrong* are wrong results, refusals that are not one clear line, and attacks that",
+        "were not refused. Rows without figures were not run for this page; the last column says how, or why not.",
+        "",
+        "| item | owed | tried | crashed | hung | wrong | lost | not run here |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for figures in table(journal):
+        row = figures["row"]
+        if "tried" in figures:
+            cells = ["-" if figures[name] is None else f"{figures[name]:,}" for name in FIGURES]
+            note = ""
+        else:
+            cells, note = [""] * len(FIGURES), row.elsewhere or "not run"
+        lines.append(f"| {row.number} {row.title} | {row.target} | {' | '.join(cells)} | {note} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Run, or continue, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--items", type=int, nargs="*", default=[row.number for row in ROWS])
+    parser.add_argument("--scale", type=int, default=1, help="how many times the slice")
+    parser.add_argument("--report", type=Path)
+    parser.add_argument("--page", type=Path, help="write the table as a page")
+    args = parser.parse_args()
+    journal = Journal(args.report, {"campaign": "reliability"})
+    for row in ROWS:
+        if row.number not in args.items or row.cases is None:
+            continue
+        for name, run in row.cases(args.scale):
+            if (key := f"{row.number}: {name}") not in journal:
+                journal.put(key, run())
+                print(key, journal.rows[key], flush=True)
+    text = markdown(journal)
+    if args.page is not None:
+        args.page.write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
