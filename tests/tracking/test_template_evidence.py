@@ -94,3 +94,9 @@ def test_covered_and_unevenly_lit_views_are_followed(drawn) -> None:
     # chi^2 of 8 degrees of freedom has a median of 0.92 x 8 and a standard deviation of 0.5 x 8: the median of 22 or
     # more is good to 0.13, here three of them. The blur that nobody told made it 2.4 when it was not estimated.
     assert 0.92 - 0.4 < np.median([row["chi2"] for row, good in zip(rows, right, strict=True) if good]) < 1.32
+
+
+def test_a_template_that_folds_to_a_strip_is_not_kept() -> None:
+    """Every sample of a strip of 12 px is explained by the same few pixels, and its blocks agree."""
+    row = templates_evidence.measure(views.view(296))
+    assert not row["valid"] or row["worst_px"] <= templates_evidence.WRONG_PX

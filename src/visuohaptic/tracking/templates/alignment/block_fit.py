@@ -89,11 +89,8 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     if k == 0:
         image = work.spline(image, h, level)
     down, across = level.independent.shape
-    sums, fits, probability = (
-        np.zeros((down, across, 28)),
-        np.zeros((down, across, 10)),
-        np.zeros((down, across)),
-    )
+    sums, fits = (np.zeros((down, across, n)) for n in (28, 10))
+    probability = np.zeros((down, across))
     to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
     matrix, step, growth = np.zeros((11, 11)), np.zeros(11), np.zeros((3, 3))
     # Template pixels that are finer than the image's share its noise.
@@ -104,17 +101,8 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     for _ in range(passes):
         place = h @ to_centred
         block_sums(
-            image,
-            level.image,
-            level.gradient_x,
-            level.gradient_y,
-            offset,
-            place,
-            k == 0,
-            level.side,
-            work.border,
-            sums,
-        )
+            image, level.image, level.gradient_x, level.gradient_y, offset, place, k == 0, level.side, work.border, sums
+        )  # fmt: skip
         log_odds, variance = block_step(
             sums, x, y, level.softened, level.independent, 0.5 * level.side**2, noise, BLUR_VARIANCES[-1], turns,
             step, matrix, probability, fits,
@@ -146,16 +134,8 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     telling = 1.0 / (1.0 + variance / np.maximum(work.light[0] ** 2 * level.contrast, 1e-9))
     seen = float((telling * probability).sum() / telling.sum())
     softer = -0.5 * float(step[8] + step[10]) / factor
-    return BlockFit(
-        work.homography,
-        covariance,
-        seen,
-        log_odds,
-        variance,
-        bool(converged),
-        softer,
-        _shade(x, y, fits, probability),
-    )
+    shade = _shade(x, y, fits, probability)
+    return BlockFit(work.homography, covariance, seen, log_odds, variance, bool(converged), softer, shade)
 
 
 def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:

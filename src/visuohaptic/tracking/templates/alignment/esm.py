@@ -32,7 +32,7 @@ from jaxtyping import Float, Float32, UInt8
 from ....core.errors import InputError
 from ...points.homography import apply_homography
 from .block_fit import BlockFit, fit_blocks, recover
-from .esm_pyramid import EsmSettings, GaussNewton, Work
+from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
 from .esm_template import EsmTemplate
 from .warp import is_proper, motion_jacobian
 
@@ -126,7 +126,7 @@ def align(
         fit = again
     if fit is not None and not _doubt(fit, settings):
         fit = _in_even_light(work, fit, even)
-    return _judged(work, fit)
+    return _judged(work, fit, start)
 
 
 def _descend(work: Work) -> bool:
@@ -252,11 +252,17 @@ def _doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
     return ""
 
 
-def _judged(work: Work, fit: BlockFit | None) -> Alignment:
+def _judged(work: Work, fit: BlockFit | None, start: Float[np.ndarray, "3 3"]) -> Alignment:
     """The result with its covariance and validity."""
     homography = work.to_image @ (work.homography if fit is None else fit.homography)
     homography = homography / homography[2, 2]
     reason = _doubt(fit, work.settings)
+    if fit is not None and not reason:
+        before, after = (apply_homography(h, work.template.corners) for h in (start, fit.homography))
+        moved = float(np.linalg.norm(after - before, axis=1).max()) * 2.0**work.image_base
+        # Beyond it the image was not looked at: a template that is folded to a strip, say.
+        if moved > work.settings.search_px + MARGIN_PX:
+            reason = f"moved by {moved:.0f} px, looked for within {work.settings.search_px:g} px"
     if reason or fit is None:
         return _lost(work.template, homography, reason)
     level, _, _ = work.pair(0)

@@ -11,7 +11,7 @@ import numpy as np
 from ...points.homography import apply_homography
 from .esm_template import BLUR_VARIANCES, LENS, EsmTemplate, Level
 
-__all__ = ["NO_OFFSET", "EsmSettings", "GaussNewton", "Work"]
+__all__ = ["MARGIN_PX", "NO_OFFSET", "EsmSettings", "GaussNewton", "Work"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,8 @@ _COARSER = 1.0
 #: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
 _PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
 _PREFILTER /= _PREFILTER.sum()
+#: Of the image that is kept around what is searched [px]: the reach of interpolation on the coarsest level.
+MARGIN_PX = 8.0
 #: An offset of this shape means none.
 NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
 
@@ -129,7 +131,7 @@ class Work:
 
         step, block = 2 ** (self.image_base + self.count - 1), 2**self.image_base
         height, width = image.shape
-        margin = self.settings.search_px + 8.0
+        margin = self.settings.search_px + MARGIN_PX
         low = np.floor((corners.min(axis=0) - margin) / step).astype(int) * step
         high = np.ceil(corners.max(axis=0) + margin).astype(int) + 1
         self.x0, self.y0 = max(int(low[0]), 0), max(int(low[1]), 0)
