@@ -69,7 +69,7 @@ def rollouts(
         return []
     nothing = np.zeros((0, 0), np.int32)
     none = np.zeros(0, np.int32)
-    cost, _ = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none)
+    cost = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none)
     found: list[Rollout] = []
     for index, body in enumerate(domain.bodies):
         if body.allowed.unknown:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +15,6 @@ from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
 from .search.search_domain import (
     SearchDomain,
-    build_search_domain,
     grid_from_world,
     world_from_grid,
 )
@@ -64,16 +61,10 @@ def plan_in_domain(
     begin = escape(domain, start)
     if begin is None:
         return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
-    limits = limits or SearchLimits()
-    deadline_s = time.monotonic() + limits.budget_s
-    while True:
-        result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
-        plan = assemble(problem, domain, result, report_costs or costs, name=name, begin=begin)
-        if plan.reachable or not result.found or domain.block == 1:
-            return plan
-        # A block is as clear as its clearest cell: where the map has no such drive, smaller blocks.
-        domain = build_search_domain(problem, costs, block=domain.block // 2)
-        limits = replace(limits, budget_s=max(deadline_s - time.monotonic(), 0.05 * limits.budget_s))
+    result = search_pushes(
+        domain, begin, goal, costs, limits or SearchLimits(), active=active, oblique=oblique
+    )
+    return assemble(problem, domain, result, report_costs or costs, name=name, begin=begin)
 
 
 def assemble(
@@ -151,23 +142,23 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
     """
     from .search._travel_kernels import UNITS, clearances_at
 
+    reach = int(np.ceil(domain.radius)) + 1
+    low = np.maximum(np.floor(start).astype(int) - 2 * reach, 0)
     shifts = np.zeros((len(domain.bodies), 2))
-    near, _ = seed_cells(
-        domain.lattice_with(shifts), start, domain.radius, domain.slow, UNITS, reach=2, block=domain.block
-    )
+    clearance = domain.part(domain.clearance, low, low + 4 * reach, shifts, 1)
+    near, _ = seed_cells(clearance, start - low, domain.radius, domain.slow, UNITS, reach=2)
     if near.size:
         return start
-    clearance = domain.clearance_with(shifts)
+    start = start - low
     if clearances_at(clearance, start[None])[0] <= 0.0:
         return None
-    reach = int(np.ceil(domain.radius)) + 1
     cells, costs = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=reach)
     columns = clearance.shape[1]
     for cell in cells[np.argsort(costs, kind="stable")]:
         place = np.array([cell % columns + 0.5, cell // columns + 0.5])
         steps = np.linspace(0.0, 1.0, 4 * reach)[:, None]
         if (np.diff(clearances_at(clearance, start + steps * (place - start))) >= -ESCAPE_SLACK).all():
-            return place
+            return place + low
     return None
 
 

@@ -57,7 +57,9 @@ def make_plan(
     (['navigate'], 1.2)
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
-    return _cheapest(problem, build_search_domain(problem, costs), costs, limits)
+    deadline_s = time.monotonic() + limits.budget_s
+    domain = build_search_domain(problem, costs)
+    return _cheapest(problem, domain, costs, _until(deadline_s, limits))
 
 
 def _cheapest(problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits) -> Plan:
@@ -67,11 +69,6 @@ def _cheapest(problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, 
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
     safe_plan = _planned(problem, domain, costs, first, unknown=False)
-    if safe_plan.pushes:
-        # The search compares estimates on the lattice; what is driven is shortened by string pulling.
-        around = plan_in_domain(problem, domain, costs, limits, active=())
-        if around.reachable and around.cost_s < safe_plan.cost_s:
-            safe_plan = replace(around, name=safe_plan.name, notes=safe_plan.notes, gap=safe_plan.gap)
     if not unknown:
         return safe_plan
     risky_plan = _planned(problem, domain, costs, _until(deadline_s, limits), unknown=True)

@@ -120,11 +120,11 @@ def free_push_length(
         x0, y0 = min(x0, around[i, 0]), min(y0, around[i, 1])
         x1, y1 = max(x1, around[i, 0]), max(y1, around[i, 1])
     moved = np.zeros_like(polygon)
-    for step in range(1, int(2.0 * limit + 1e-6) + 1):
-        t = 0.5 * step
+    for step in range(1, int(math.ceil(2.0 * limit - 1e-6)) + 1):
+        before, t = 0.5 * (step - 1), min(0.5 * step, limit)
         x, y = robot_x + t * dir_x, robot_y + t * dir_y
         if clearance_at(clearance, x, y) < radius - 0.05:
-            return t - 0.5
+            return before
         dx, dy = t * dir_x, t * dir_y
         for i in range(n + m):
             if due[i] > t:
@@ -132,12 +132,12 @@ def free_push_length(
             px, py = (outline[i, 0], outline[i, 1]) if i < n else (around[i - n, 0], around[i - n, 1])
             r, c = int(math.floor(py + dy)), int(math.floor(px + dx))
             if r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]:
-                return t - 0.5
+                return before
             due[i] = t + clearance[r, c] - 2.2
         for o in range(count):
             first, last = other_start[o], other_start[o + 1]
             if polygon_distance(x, y, others[first:last]) < radius - 0.05:
-                return t - 0.5
+                return before
             ox0, oy0, ox1, oy1 = np.inf, np.inf, -np.inf, -np.inf
             for i in range(first, last):
                 ox0, oy0 = min(ox0, others[i, 0]), min(oy0, others[i, 1])
@@ -145,16 +145,16 @@ def free_push_length(
             if x0 + dx > ox1 or x1 + dx < ox0 or y0 + dy > oy1 or y1 + dy < oy0:
                 continue
             if _meets(outline, dx, dy, others, first, last):
-                return t - 0.5
+                return before
             for i in range(m):
                 free = due[n + i] < np.inf
                 if free and inside_polygon(around[i, 0] + dx, around[i, 1] + dy, others[first:last]):
-                    return t - 0.5
+                    return before
             for i in range(len(polygon)):
                 moved[i, 0], moved[i, 1] = polygon[i, 0] + dx, polygon[i, 1] + dy
             for i in range(first, last):
                 if inside_polygon(others[i, 0], others[i, 1], moved):
-                    return t - 0.5
+                    return before
     return limit
 
 

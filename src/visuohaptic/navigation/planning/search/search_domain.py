@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from ....core.geometry import rotation_2d
-from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
-from ...grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
+from ....io.maps.occupancy_map import OccupancyMap
+from ...grid.cost_grid import OBSTACLE_FROM
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import Manipulability, PushCosts, manipulability
 from ...pushing.contact_candidates import PushContact, push_contacts
@@ -34,9 +34,9 @@ OUTLINE_STEP = 0.45
 #: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
 OUTLINE_INSET_M = 5e-4
 #: A node of the lattice is a block of cells, at least so many to the radius of the robot.
-NODES_PER_RADIUS = 3.0
+NODES_PER_RADIUS = 2.5
 #: ... unless the lattice gets larger than this; then one to the radius will do.
-MAX_NODES = 2_000_000
+MAX_NODES = 500_000
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
@@ -116,10 +116,18 @@ class SearchDomain:
     #: the lattice with the bodies that stay where they are, by those that do not
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
 
-    #: cells of drives on the map, none where there is no such drive, by shifts, start and goal
-    drives: dict[tuple[bytes, bytes, bytes], Float[np.ndarray, "k 2"] | None] = field(
+    #: drives that were looked for, by shifts, start and goal: edge of a block, blocks, cost
+    drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float]] = field(
         default_factory=dict, repr=False
     )
+
+    #: the same over the lattice: blocks, cost
+    paths: dict[tuple[bytes, ...], tuple[Float[np.ndarray, "k 2"], float]] = field(
+        default_factory=dict, repr=False
+    )
+
+    #: least and greatest corner of the bodies, once they were asked for
+    boxes: list[Float[np.ndarray, "bodies 2"]] = field(default_factory=list, repr=False)
 
     @property
     def reach(self) -> float:
@@ -143,14 +151,12 @@ class SearchDomain:
     def lattice_with(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
     ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
-        """Clearance of the lattice's nodes [cells] with every body shifted, one of them left out.
+        """:meth:`clearance_with` of the lattice's nodes.
 
         Parameters
         ----------
-        shifts
-            Of the bodies from where the map has them [cells].
-        without
-            Index of the body left out; -1 for none.
+        shifts, without
+            As there.
         """
         # Most bodies stay where they are: what they leave is kept for every set of those that do not.
         moved = tuple(np.flatnonzero(shifts.any(axis=1)).tolist())
@@ -200,10 +206,62 @@ class SearchDomain:
         """
         layer = layer.copy()
         for index in chosen:
-            patch, row, column = self.patch(index, shifts[index], block)
-            part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
-            np.minimum(part, patch, out=part)
+            self._lower(layer, np.zeros(2, np.int64), index, shifts[index], block)
         return layer
+
+    def part(
+        self,
+        layer: Float32[np.ndarray, "r c"],
+        low: Int[np.ndarray, "2"],
+        high: Int[np.ndarray, "2"],
+        shifts: Float[np.ndarray, "bodies 2"],
+        block: int,
+        among: Bool[np.ndarray, "bodies"] | None = None,
+    ) -> Float32[np.ndarray, "h w"]:
+        """A copy of a window of a layer, ``low`` <= (x, y) < ``high``, with the bodies in it.
+
+        Parameters
+        ----------
+        layer, shifts, block
+            As of :meth:`lowered`.
+        low, high
+            Corners of the window [elements of the layer].
+        among
+            Which bodies; all by default.
+        """
+        part = layer[low[1] : high[1], low[0] : high[0]].copy()
+        lows, highs = self.extents
+        near = (lows + shifts - self.reach < high * block).all(axis=1)
+        near &= (highs + shifts + self.reach > low * block).all(axis=1)
+        for index in np.flatnonzero(near if among is None else near & among).tolist():
+            self._lower(part, low, index, shifts[index], block)
+        return part
+
+    def _lower(
+        self,
+        part: Float32[np.ndarray, "h w"],
+        low: Int[np.ndarray, "2"],
+        index: int,
+        shift: Float[np.ndarray, "2"],
+        block: int,
+    ) -> None:
+        """Bring a body into a window of a layer that begins at ``low`` (x, y), in place."""
+        patch, row, column = self.patch(index, shift, block)
+        row, column = row - int(low[1]), column - int(low[0])
+        r0, c0 = max(row, 0), max(column, 0)
+        r1, c1 = min(row + patch.shape[0], part.shape[0]), min(column + patch.shape[1], part.shape[1])
+        if r0 < r1 and c0 < c1:
+            into = part[r0:r1, c0:c1]
+            np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
+
+    @property
+    def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
+        """Least and greatest x, y of every body where the map has it [cells]."""
+        if not self.boxes:
+            outlines = [body.outline for body in self.bodies]
+            self.boxes.append(np.array([o.min(axis=0) for o in outlines]).reshape(-1, 2))
+            self.boxes.append(np.array([o.max(axis=0) for o in outlines]).reshape(-1, 2))
+        return self.boxes[0], self.boxes[1]
 
     def patch(
         self, index: int, shift: Float[np.ndarray, "2"], block: int
@@ -245,6 +303,28 @@ class SearchDomain:
         outlines += self.immovable_outlines
         starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
         return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
+
+    def beside_bodies(
+        self, point: Float[np.ndarray, "2"], shifts: Float[np.ndarray, "bodies 2"], without: int = -1
+    ) -> bool:
+        """Whether the robot fits beside every body but one, by their outlines.
+
+        Parameters
+        ----------
+        point
+            Where the robot is [cells].
+        shifts, without
+            As of :meth:`clearance_with`.
+        """
+        from ...pushing._outline_kernels import polygon_distance
+
+        needed = (self.robot.radius_m - OUTLINE_INSET_M) / self.map.resolution_m
+        return all(
+            polygon_distance(*point, body.outline + shifts[k]) >= needed
+            for k, body in enumerate(self.bodies)
+            if k != without and (self.extents[0][k] + shifts[k] - needed <= point).all()
+            and (self.extents[1][k] + shifts[k] + needed >= point).all()
+        )  # fmt: skip
 
     def seconds(self, cells_at_full_speed: float) -> float:
         """Cost [s] of a cost in cells at full speed.
@@ -335,13 +415,13 @@ def build_search_domain(
         inset = OUTLINE_INSET_M / grid.resolution_m
         movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
     # An object is as large as its outline, whether it may be moved or not.
-    clearance = _distance(occupied, radius)
+    clearance = _distance(occupied, _reach(radius))
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
     for outline in outlines:
         lower_clearance(clearance, outline, _reach(radius))
     if block is None:
-        large = min(int(np.ceil(np.sqrt(occupied.size / MAX_NODES))), int(radius))
-        block = max(1, int(radius / NODES_PER_RADIUS), large)
+        large = min(int(np.ceil(np.sqrt(occupied.size / MAX_NODES))), int(np.ceil(radius)))
+        block = max(1, round(radius / NODES_PER_RADIUS), large)
     return SearchDomain(
         grid,
         robot,
@@ -359,11 +439,16 @@ def build_search_domain(
 
 
 def _distance(
-    occupied: Bool[np.ndarray, "rows columns"], radius: float
+    occupied: Bool[np.ndarray, "rows columns"], reach: float
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Distance to the border of the nearest occupied cell, of those outside too [cells]."""
-    cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
-    return grid_layers(OccupancyMap(cells, 1.0), SpeedLimits(radius)).distance_m
+    """Distance to the border of the nearest occupied cell, of those outside too, up to ``reach`` [cells]."""
+    from ...grid._distance_kernels import near_distance, vertical_cells
+
+    vertical = np.zeros(occupied.shape, np.uint16)
+    vertical_cells(occupied.view(np.int8), 1, True, vertical)
+    distance = np.zeros(occupied.shape, np.float32)
+    near_distance(vertical, reach, distance)
+    return distance
 
 
 def _reach(radius: float) -> float:
