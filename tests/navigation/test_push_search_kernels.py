@@ -9,11 +9,10 @@ from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
 from visuohaptic.navigation.planning._joint_kernels import bounded_ways, cell_meets_polygon, free_object
-from visuohaptic.navigation.planning.search._push_search_kernels import free_push_length
+from visuohaptic.navigation.planning.search._push_search_kernels import descend, free_push_length
 from visuohaptic.navigation.planning.search._travel_kernels import (
     FAR,
     UNITS,
-    descend,
     flood,
     segment_cost,
     string_pull,

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
+from .drive_tasks import drive_tasks
 from .search.drives import pull_string
 from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
@@ -106,7 +107,7 @@ def assemble(
     tasks: list[Task] = []
     at = grid_from_world(problem.map, problem.start_m)
     if begin is not None and (begin != at).any():
-        tasks += _drive(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
+        tasks += drive_tasks(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
         notes = (
             f"the start is too near to an obstacle: {tasks[0].length_m:.2f} m away from it first",
             *notes,
@@ -118,7 +119,7 @@ def assemble(
         path, cost = pull_string(domain, shifts, at, end)
         if not len(path):
             return Plan(False, reason="a drive of the plan is too narrow on the map", name=name, notes=notes)
-        tasks += _drive(domain, path, cost)
+        tasks += drive_tasks(domain, path, cost)
         if step is not None:
             tasks += _push_tasks(domain, step, costs)
             at, shifts = step.retreat, step.shifts_after
@@ -173,14 +174,6 @@ def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
     near = [id for id, outline in outlines if polygon_distance(*start, outline) < domain.radius]
     blamed = " and ".join(near) or "a wall or unknown cells"
     return f"the robot does not fit where it starts, {blamed} in its way, and has no straight way out"
-
-
-def _drive(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: float) -> list[Task]:
-    if len(path) < 2:
-        return []
-    path_m = world_from_grid(domain.map, path)
-    length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
-    return [Task("navigate", domain.seconds(cost), length_m, tuple((float(x), float(y)) for x, y in path_m))]
 
 
 def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:

@@ -5,15 +5,19 @@ from .node_types import TransparencyNode as TransparencyNode
 from .node_types import WaitingNode as WaitingNode
 from .node_types import is_door_wing as is_door_wing
 from .objects_file import load_objects as load_objects
+from .objects_file import load_passages as load_passages
 from .objects_file import load_robot as load_robot
 from .objects_file import objects_from_data as objects_from_data
+from .objects_file import passages_from_data as passages_from_data
 from .objects_file import robot_from_data as robot_from_data
+from .passages import Passage as Passage
+from .passages import PassageCost as PassageCost
+from .passages import PassageKind as PassageKind
 from .path_plan import Plan as Plan
 from .path_plan import Task as Task
 from .path_plan import plan_from_json as plan_from_json
 from .planning_problem import MovableObject as MovableObject
 from .planning_problem import PlanningProblem as PlanningProblem
-from .planning_problem import RobotModel as RobotModel
 from .push_costs import Manipulability as Manipulability
 from .push_costs import PushCost as PushCost
 from .push_costs import PushCosts as PushCosts
@@ -21,3 +25,4 @@ from .push_costs import failure_probability as failure_probability
 from .push_costs import manipulability as manipulability
 from .push_costs import push_cost as push_cost
 from .push_costs import push_speed_m_s as push_speed_m_s
+from .robot_model import RobotModel as RobotModel

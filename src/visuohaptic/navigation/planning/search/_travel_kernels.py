@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ....core.kernels import kernel
-from ...graph.tracing._path_kernels import longer, longer_rows
+from ...graph.tracing._path_kernels import longer
 from ...pushing._outline_kernels import extent, polygon_distance
 
 #: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
@@ -245,36 +245,6 @@ def travel_field(
             if not open_targets:
                 break
     return cost
-
-
-@kernel
-def descend(cost: np.ndarray, clearance: np.ndarray, seeds: np.ndarray, cell: int) -> np.ndarray:
-    """Cells (x, y) from a seed to a cell, steepest descent over the eight neighbours of a field of travel costs."""
-    columns = clearance.shape[1]
-    path = np.empty((1024, 2))
-    count = 0
-    seed = np.zeros(len(cost), np.bool_)
-    for i in range(len(seeds)):
-        seed[seeds[i]] = True
-    at = cell
-    while at >= 0:
-        if count == len(path):
-            path = longer_rows(path)
-        r, c = at // columns, at % columns
-        path[count, 0], path[count, 1] = c, r
-        count += 1
-        steepest, down = 0.0, -1
-        for rr in range(max(r - 1, 0), min(r + 2, clearance.shape[0])):
-            for cc in range(max(c - 1, 0), min(c + 2, columns)):
-                v = rr * columns + cc
-                slope = float(cost[at] - cost[v]) / math.hypot(rr - r, cc - c) if v != at else 0.0
-                if slope > steepest:
-                    steepest, down = slope, v
-        at = -1 if seed[at] else down
-    found = np.empty((count, 2))
-    for i in range(count):
-        found[i, 0], found[i, 1] = path[count - 1 - i, 0], path[count - 1 - i, 1]
-    return found
 
 
 @kernel

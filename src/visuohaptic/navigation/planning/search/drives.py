@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Int16, Int32
 
 from .push_states import END_SLACK, PushStep, seed_cells
 from .search_domain import SearchDomain
@@ -152,11 +152,7 @@ def changed_drives_cost(
             ends = [_resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
                     ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
             nodes = np.concatenate([ends[0], nodes, ends[1]])
-            found = [
-                _cells_along(domain, new[0], piece, block, *at)
-                for piece, *at in _pieces(domain, new[0], nodes, block, *new[1:])
-            ]
-            cost = sum(float("inf") if piece is None else piece[3] for piece in found)
+            cost = _cost_along(domain, new[0], nodes, block, *new[1:])
             if not np.isfinite(cost):
                 return cost
             domain.drives[key] = block, nodes, cost
@@ -192,7 +188,9 @@ def _over_lattice(
     """Blocks (x, y) of a drive over the lattice, and its cost [cells at full speed]."""
     key = _key(shifts, start, goal)
     if key not in domain.paths:
-        nodes, cost = _cheapest_cells(domain, domain.lattice_with(shifts), start, goal, domain.block, field)
+        nodes, cost = _cheapest_cells(
+            domain, domain.lattice_with(shifts), start, goal, domain.block, field, domain.labels(domain.block)
+        )
         domain.paths[key] = nodes, cost * domain.block
     return domain.paths[key]
 
@@ -219,19 +217,38 @@ def _drive(
         nodes, _ = _over_lattice(domain, shifts, start, goal)
         while True:
             if len(nodes):
-                found = (
-                    _cells_along(domain, shifts, piece, block, *ends)
-                    for piece, *ends in _pieces(domain, shifts, nodes, block, start, goal)
-                )
-                cost = sum(float("inf") if piece is None else piece[3] for piece in found)
+                cost = _cost_along(domain, shifts, nodes, block, start, goal)
             if np.isfinite(cost) or not len(nodes) or block == 1 or not complete:
                 break
             block //= 2
             layer = domain.clearance_with(shifts)
             layer = layer if block == 1 else largest_in_blocks(layer, block)
-            nodes, _ = _cheapest_cells(domain, layer, start, goal, block)
+            nodes, _ = _cheapest_cells(domain, layer, start, goal, block, None, domain.labels(block))
         domain.drives[key] = block, nodes if np.isfinite(cost) else nodes[:0], cost
     return domain.drives[key]
+
+
+def _cost_along(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> float:
+    """What a drive along a path over blocks costs on the map, passages included [cells at full speed]."""
+    found = (
+        _cells_along(domain, shifts, piece, block, *ends)
+        for piece, *ends in _pieces(domain, shifts, nodes, block, start, goal)
+    )
+    cost = sum(float("inf") if piece is None else piece[3] for piece in found)
+    labels = domain.labels(block)
+    if labels.size:
+        places = nodes.astype(int)
+        on_path = labels[places[:, 1], places[:, 0]]
+        left = on_path[:-1][(on_path[:-1] > 0) & (on_path[1:] == 0)]
+        cost += sum(domain.passages[number - 1][2] for number in left) / domain.seconds(1.0)
+    return cost
 
 
 def _pieces(
@@ -327,9 +344,11 @@ def _cheapest_cells(
     goal: Float[np.ndarray, "2"],
     block: int,
     field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
+    labels: Int16[np.ndarray, "r c"] | None = None,
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Columns and rows of the cheapest path over a layer and its cost [nodes at full speed]; empty without one."""
-    from ._travel_kernels import FAR, UNITS, clearance_at, descend, travel_field
+    from ._push_search_kernels import descend
+    from ._travel_kernels import FAR, UNITS, clearance_at, travel_field
 
     radius, slow = domain.radius, domain.slow
     cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=1 if block > 1 else 2, block=block)
@@ -343,9 +362,10 @@ def _cheapest_cells(
     if not cells.size or not ends.size:
         return np.zeros((0, 2)), float("inf")
     if field is None:
-        cost = travel_field(
-            clearance, radius, slow, cells, costs, np.zeros((0, 0), np.int32), none, none, 0, ends
+        region, charge = (
+            (np.zeros((0, 0), np.int16), none) if labels is None else (labels, domain.charges(block))
         )
+        cost = travel_field(clearance, radius, slow, cells, costs, region, charge, none, 0, ends)
     else:
         cells, cost = field
     total = cost[ends].astype(np.int64) + end_costs

@@ -82,6 +82,7 @@ class PushHeuristic:
         self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
         self.alone = dict(self.min_push)  #: lower bounds of crossing each body where the map has it [units]
+        self.labels, self.passing = domain.labels(domain.block), domain.charges(domain.block)
         self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
@@ -274,6 +275,9 @@ class PushHeuristic:
             if not np.isfinite(charges[index]):
                 clearance[region == index + 1] = 0.0
                 charges[index] = 0.0
+        if self.labels.size:  # passages, where no body is
+            region = np.where((region == 0) & (self.labels > 0), self.labels + len(charges), region)
+            charges += self.passing[1:].tolist()
         charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int32)
         none = near = np.zeros(0, np.int32)
         if robot is not None:

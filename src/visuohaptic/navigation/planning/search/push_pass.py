@@ -174,7 +174,7 @@ class PushPass:
         bounded = bool(np.isfinite(queue.best))
         none = np.zeros(0, np.int32)
         cost = travel_field(
-            clearance, domain.radius, domain.slow, cells, costs, np.zeros((0, 0), np.int32), none,
+            clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
             heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
         )  # fmt: skip
         self.seen.add(state, cost)

@@ -6,33 +6,27 @@ Everything here is in grid coordinates: cells, x along the columns and y along t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 
-from ....core.geometry import rotation_2d
 from ....io.maps.occupancy_map import OccupancyMap
 from ...grid.cost_grid import OBSTACLE_FROM
+from ...problem.passages import Passage
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
-from ...problem.push_costs import Manipulability, PushCosts, manipulability
-from ...pushing.contact_candidates import PushContact, push_contacts
+from ...problem.push_costs import PushCosts, manipulability
+from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance, world_from_grid
 from .object_cells import clear_cells
 from .push_states import needed_clearance
 
 __all__ = [
-    "Body",
     "SearchDomain",
     "build_search_domain",
     "grid_from_world",
     "world_from_grid",
 ]
 
-#: Outlines are looked at in steps of so many cells when they are pushed.
-OUTLINE_STEP = 0.45
-#: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
-OUTLINE_INSET_M = 5e-4
 #: A node of the lattice is a block of cells, at least so many to the radius of the robot.
 NODES_PER_RADIUS = 2.5
 #: ... unless the lattice gets larger than this; then one to the radius will do.
@@ -41,50 +35,6 @@ MAX_NODES = 500_000
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
 MAX_STILL_NODES = 20_000_000
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A pushable object in grid coordinates, where the map has it."""
-
-    obj: MovableObject
-    outline: Float[np.ndarray, "p 2"]
-    centre: Float[np.ndarray, "2"]
-    friction: Float[np.ndarray, "2"]  #: centre of friction from the centre
-    allowed: Manipulability
-    radius: float  #: of the robot
-    margin: float  #: room that it keeps while it is pushed
-    inset: float  #: of the points along its outline
-
-    @cached_property
-    def samples(self) -> Float[np.ndarray, "k 2"]:
-        """Points along the outline, a little inside."""
-        return _samples(self.outline, -self.inset)
-
-    @cached_property
-    def around(self) -> Float[np.ndarray, "m 2"]:
-        """Points the robot's ``push_margin_m`` outside; none without a margin."""
-        return _samples(self.outline, self.margin) if self.margin > 0 else np.zeros((0, 2))
-
-    @cached_property
-    def contacts(self) -> tuple[PushContact, ...]:
-        """Stable straight pushes through the centre of friction, relative to the centroid."""
-        return self._contacts(oblique=False)
-
-    @cached_property
-    def with_oblique(self) -> tuple[PushContact, ...]:
-        """The contacts, and after them those oblique to a face, which friction has to hold."""
-        return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
-
-    def _contacts(self, *, oblique: bool) -> tuple[PushContact, ...]:
-        shape = np.round(self.outline - self.centre - self.friction, 6)
-        found = _contacts(shape.tobytes(), self.radius, oblique)
-        if not self.friction.any():
-            return found
-        return tuple(
-            replace(push, contact=push.contact + self.friction, robot=push.robot + self.friction)
-            for push in found
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,11 +53,12 @@ class SearchDomain:
     #: of a cell's centre from the border of such cells, and from the outline of objects that never move [cells]
     clearance: Float32[np.ndarray, "rows columns"]
     bodies: tuple[Body, ...]
-    immovable: tuple[MovableObject, ...]  #: fixed, falling or too heavy
+    immovable: tuple[MovableObject | Passage, ...]  #: fixed, falling, too heavy or locked
     why_immovable: dict[str, str]  #: reasons by id
     block: int  #: edge of a node of the lattice [cells]
     lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: largest clearance in each block [cells]
     immovable_outlines: tuple[Float[np.ndarray, "p 2"], ...]
+    passages: tuple[tuple[Passage, Float[np.ndarray, "p 2"], float], ...] = ()  #: outline, seconds
     #: distances around bodies, kept because most bodies stay where they are
     patches: dict[tuple[int, int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
         default_factory=dict, repr=False
@@ -300,7 +251,8 @@ class SearchDomain:
             Index of the body left out.
         """
         outlines = [body.outline + shifts[k] for k, body in enumerate(self.bodies) if k != without]
-        outlines += self.immovable_outlines
+        # Nothing is pushed into a door.
+        outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
         starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
         return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
 
@@ -326,6 +278,39 @@ class SearchDomain:
             and (self.extents[1][k] + shifts[k] + needed >= point).all()
         )  # fmt: skip
 
+    def labels(self, block: int) -> Int16[np.ndarray, "blocks_down blocks_across"]:
+        """Blocks that passages touch: their index + 1; empty without passages.
+
+        Parameters
+        ----------
+        block
+            Edge of a block [cells].
+        """
+        from .object_cells import fill_cells
+
+        if not self.passages:
+            return np.zeros((0, 0), np.int16)
+        rows, columns = self.clearance.shape
+        found = np.zeros((-(-rows // block), -(-columns // block)), np.int16)
+        for number, (_, outline, _) in enumerate(self.passages, start=1):
+            inside = np.zeros(found.shape, dtype=bool)
+            fill_cells(inside, outline / block)
+            found[inside] = number
+        return found
+
+    def charges(self, block: int) -> Int32[np.ndarray, "labels"]:
+        """What it costs to get through the passage of each label [units of the travel field].
+
+        Parameters
+        ----------
+        block
+            Edge of a block [cells].
+        """
+        from ._travel_kernels import UNITS
+
+        scale = UNITS * self.robot.v_max_m_s / (self.map.resolution_m * block)
+        return np.array([0.0, *(seconds * scale for *_, seconds in self.passages)]).astype(np.int32)
+
     def seconds(self, cells_at_full_speed: float) -> float:
         """Cost [s] of a cost in cells at full speed.
 
@@ -335,46 +320,6 @@ class SearchDomain:
             Cost in the unit of the grid search [cells].
         """
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
-
-
-@lru_cache(maxsize=4096)
-def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, ...]:
-    """Contacts of an outline about its centre of friction; one shape is asked for in every plan."""
-    outline = np.frombuffer(shape, dtype=np.float64).reshape(-1, 2)
-    return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
-
-
-def grid_from_world(
-    map: OccupancyMap, points_m: Float[np.ndarray, "*batch 2"]
-) -> Float[np.ndarray, "*batch 2"]:
-    """Grid coordinates [cells] of points in the map frame.
-
-    Parameters
-    ----------
-    map
-        The grid.
-    points_m
-        x, y in the map frame [m].
-    """
-    x, y, yaw = map.origin
-    return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ rotation_2d(yaw) / map.resolution_m
-
-
-def world_from_grid(
-    map: OccupancyMap, points: Float[np.ndarray, "*batch 2"]
-) -> Float[np.ndarray, "*batch 2"]:
-    """Points in the map frame [m] of grid coordinates.
-
-    Parameters
-    ----------
-    map
-        The grid.
-    points
-        x along the columns, y along the rows [cells].
-    """
-    x, y, yaw = map.origin
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)
 
 
 def build_search_domain(
@@ -400,7 +345,8 @@ def build_search_domain(
     # Cells that were never seen are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
     movable: list[Body] = []
-    fixed: list[MovableObject] = []
+    fixed: list[MovableObject | Passage] = []
+    passages = []
     why: dict[str, str] = {}
     for obj in problem.objects:
         outline = grid_from_world(grid, obj.footprint_m)
@@ -414,6 +360,15 @@ def build_search_domain(
         friction = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
         inset = OUTLINE_INSET_M / grid.resolution_m
         movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
+    for passage in problem.passages:
+        outline = grid_from_world(grid, passage.footprint_m)
+        clear_cells(occupied, outline)
+        cost = passage.cost(robot)
+        if np.isfinite(cost.total_s):
+            passages.append((passage, outline, cost.total_s))
+        else:
+            fixed.append(passage)
+            why[passage.id] = cost.reason
     # An object is as large as its outline, whether it may be moved or not.
     clearance = _distance(occupied, _reach(radius))
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
@@ -435,6 +390,7 @@ def build_search_domain(
         block,
         clearance if block == 1 else largest_in_blocks(clearance, block),
         outlines,
+        tuple(passages),
     )
 
 
@@ -454,32 +410,3 @@ def _distance(
 def _reach(radius: float) -> float:
     """Clearance from which on nothing is slowed down, with a cell to spare [cells]."""
     return 3.0 * radius + 1.0
-
-
-def lower_clearance(
-    clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
-) -> None:
-    """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
-    from ...pushing._outline_kernels import distance_patch
-
-    patch, row, column = distance_patch(*clearance.shape, outline, reach)
-    part = clearance[row : row + patch.shape[0], column : column + patch.shape[1]]
-    np.minimum(part, patch, out=part)
-
-
-def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:
-    """Points along the outline, a little outside (inside where negative) [cells]."""
-    import shapely
-
-    body = shapely.Polygon(outline)
-    inner = body.buffer(outside, join_style="mitre")
-    rings = [part.exterior for part in getattr(inner, "geoms", [inner]) if not part.is_empty] or [
-        body.exterior
-    ]
-    points = []
-    for ring in rings:
-        corners = np.array(ring.coords)[:-1]
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            count = max(1, int(np.ceil(np.hypot(*(b - a)) / OUTLINE_STEP)))
-            points.append(a + (b - a) * (np.arange(count) / count)[:, None])
-    return np.concatenate(points)

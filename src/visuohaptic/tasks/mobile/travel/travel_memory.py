@@ -65,7 +65,7 @@ class TravelMemory:
         grid = problem.map
         blocked = (grid.cells >= 50) | (grid.cells < 0)
         walls = blocked.copy()
-        for item in problem.objects:
+        for item in (*problem.objects, *problem.passages):
             clear_cells(walls, grid_from_world(grid, item.footprint_m))
         self._cells = grid.cells.copy()
         self._cells[blocked & ~walls] = FREE
@@ -95,6 +95,22 @@ class TravelMemory:
             start_m=np.asarray(pose_m)[:2],
             objects=objects,
         )
+
+    def closed(self, id: str) -> None:
+        """Remember that a passage did not open: no plan leads through it any more.
+
+        Parameters
+        ----------
+        id
+            Of the passage.
+        """
+        passages = (
+            replace(passage, tag=(passage.tag or HapticTag()).updated(fixed=True))
+            if passage.id == id
+            else passage
+            for passage in self._problem.passages
+        )
+        self._problem = replace(self._problem, passages=tuple(passages))
 
     def item(self, id: str) -> MovableObject:
         """What is known of an object, where it is now.
