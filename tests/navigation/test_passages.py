@@ -109,6 +109,22 @@ def test_a_plan_leads_through_a_passage_as_a_step_of_its_own(kind, step):
     assert plan_from_json(plan.to_json()).tasks[1].sigma_s == pytest.approx(cost.sigma_s, abs=1e-6)
 
 
+def test_an_object_whose_tag_is_that_of_a_wing_is_a_door():
+    from visuohaptic.core import HapticTag, Primitive, PrimitiveKind
+    from visuohaptic.navigation.problem import MovableObject
+
+    problem = two_rooms(PassageKind.DOOR_PUSH)
+    plane = Primitive(PrimitiveKind.LINE, np.zeros(3), np.eye(3), 0.9)
+    wing = HapticTag(rotation_rad_per_m=Estimate(1.6, 0.1), primitive=plane, explored=2)
+    leaf = MovableObject("leaf", problem.passages[0].footprint_m, wing)
+    plan = make_plan(PlanningProblem(problem.map, ROBOT, problem.start_m, problem.goal_m, (leaf,)))
+    assert [(task.kind, task.object) for task in plan.tasks] == [
+        ("navigate", ""),
+        ("door", "leaf"),
+        ("navigate", ""),
+    ]
+
+
 def test_a_detour_is_taken_where_the_wait_is_longer():
     """Round the wall it is 2 * hypot(1.5, 4) m, slower beside the wall: more than 19 s longer than through the door."""
     soon, late = (two_rooms(PassageKind.DOOR_SLIDING, detour=True, open_s=Estimate(s)) for s in (5.0, 120.0))

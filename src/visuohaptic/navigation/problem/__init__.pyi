@@ -1,9 +1,6 @@
-from .node_types import DoorNode as DoorNode
 from .node_types import ManipulationNode as ManipulationNode
-from .node_types import SlidingDoorNode as SlidingDoorNode
+from .node_types import PassageNode as PassageNode
 from .node_types import TransparencyNode as TransparencyNode
-from .node_types import WaitingNode as WaitingNode
-from .node_types import is_door_wing as is_door_wing
 from .objects_file import load_objects as load_objects
 from .objects_file import load_passages as load_passages
 from .objects_file import load_robot as load_robot
@@ -13,6 +10,7 @@ from .objects_file import robot_from_data as robot_from_data
 from .passages import Passage as Passage
 from .passages import PassageCost as PassageCost
 from .passages import PassageKind as PassageKind
+from .passages import is_door_wing as is_door_wing
 from .path_plan import Plan as Plan
 from .path_plan import Task as Task
 from .path_plan import plan_from_json as plan_from_json

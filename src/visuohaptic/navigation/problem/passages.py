@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.objects import Estimate, HapticTag
+from ...core.objects import Estimate, HapticTag, PrimitiveKind
 from .outlines import outline_of
 from .push_costs import failure_probability
 from .robot_model import RobotModel
 
-__all__ = ["Passage", "PassageCost", "PassageKind"]
+__all__ = ["Passage", "PassageCost", "PassageKind", "is_door_wing"]
 
 #: What is expected of a passage that was never waited for, from the trigger on [s].
 SLIDING_S = Estimate(4.0, spread=2.0)
@@ -25,8 +25,10 @@ ARRIVALS_S = Estimate(60.0, spread=60.0)
 SLIDING_FAILURE = 0.05
 #: An elevator is given up after so long [s].
 PATIENCE_S = 300.0
-#: The time to push a wing open varies by this fraction, as its rotation does.
+#: The rotation of a wing, and so the time to push it open, varies by at most this fraction.
 WING_SPREAD = 0.35
+#: A wing turns about its hinge by at least this much per pushed metre: 0.5 m from the contact to the hinge is 2.
+WING_RAD_PER_M = 0.7
 #: Width that a robot needs beside an open wing [of its diameter].
 WING_ROOM = 1.1
 
@@ -91,10 +93,11 @@ class Passage:
         if self.kind is PassageKind.DOOR_PUSH:
             return self._wing(robot)
         expected = self.open_s or (SLIDING_S if self.kind is PassageKind.DOOR_SLIDING else ARRIVALS_S)
-        failure = SLIDING_FAILURE
-        if self.kind is PassageKind.ELEVATOR:
-            failure = math.exp(-PATIENCE_S / max(expected.value, 1e-9))
-        return _with_retries(expected.value, expected.predictive_sigma, failure)
+        if self.kind is PassageKind.DOOR_SLIDING:
+            return _with_retries(expected.value, expected.predictive_sigma, SLIDING_FAILURE)
+        # Random arrivals, waited for as long as there is patience.
+        failure = math.exp(-PATIENCE_S / max(expected.value, 1e-9))
+        return PassageCost(expected.value * (1.0 - failure), expected.predictive_sigma, failure)
 
     def _wing(self, robot: RobotModel) -> PassageCost:
         """Setup, and the path of the contact at the middle of the wing until the robot fits through.
@@ -110,6 +113,25 @@ class Passage:
             push_s, sigma_s = self.open_s.value, self.open_s.predictive_sigma
         failure = failure_probability(self.tag or HapticTag(explored=1), 0.0, robot)
         return _with_retries(robot.setup_time_s + push_s, sigma_s, failure)
+
+
+def is_door_wing(tag: HapticTag) -> bool:
+    """Whether a tag shows the pattern of a door's wing (Sec. 4.3.4).
+
+    A constant rotation and a planar primitive; a wing also keeps moving after
+    the platform stops, or shows nearly no friction, where that was observed.
+
+    Parameters
+    ----------
+    tag
+        From pushes of the object.
+    """
+    rotation = tag.rotation_rad_per_m
+    if rotation is None or tag.fixed or tag.falls or abs(rotation.value) < WING_RAD_PER_M:
+        return False
+    planar = tag.primitive is not None and tag.primitive.kind in {PrimitiveKind.LINE, PrimitiveKind.SEGMENT}
+    constant = rotation.predictive_sigma <= WING_SPREAD * abs(rotation.value)
+    return planar and constant
 
 
 def _with_retries(attempt_s: float, sigma_s: float, failure: float) -> PassageCost:

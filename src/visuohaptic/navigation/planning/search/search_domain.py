@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 
 from ....io.maps.occupancy_map import OccupancyMap
 from ...grid.cost_grid import OBSTACLE_FROM
-from ...problem.passages import Passage
+from ...problem.passages import Passage, PassageKind, is_door_wing
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts, manipulability
 from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance, world_from_grid
@@ -348,7 +348,14 @@ def build_search_domain(
     fixed: list[MovableObject | Passage] = []
     passages = []
     why: dict[str, str] = {}
-    for obj in problem.objects:
+    # What turns like a wing when it is pushed is a door.
+    wings = {obj.id for obj in problem.objects if obj.tag is not None and is_door_wing(obj.tag)}
+    doors = (
+        Passage(obj.id, obj.footprint_m, PassageKind.DOOR_PUSH, tag=obj.tag)
+        for obj in problem.objects
+        if obj.id in wings
+    )
+    for obj in (obj for obj in problem.objects if obj.id not in wings):
         outline = grid_from_world(grid, obj.footprint_m)
         clear_cells(occupied, outline)
         allowed = manipulability(obj.tag, robot, costs)
@@ -360,7 +367,7 @@ def build_search_domain(
         friction = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
         inset = OUTLINE_INSET_M / grid.resolution_m
         movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
-    for passage in problem.passages:
+    for passage in (*problem.passages, *doors):
         outline = grid_from_world(grid, passage.footprint_m)
         clear_cells(occupied, outline)
         cost = passage.cost(robot)

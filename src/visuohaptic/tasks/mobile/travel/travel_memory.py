@@ -102,8 +102,10 @@ class TravelMemory:
         Parameters
         ----------
         id
-            Of the passage.
+            Of the passage, or of an object that was taken for a wing.
         """
+        if known := self._known.get(id):
+            known.item = replace(known.item, tag=(known.item.tag or HapticTag()).updated(fixed=True))
         passages = (
             replace(passage, tag=(passage.tag or HapticTag()).updated(fixed=True))
             if passage.id == id
