@@ -17,12 +17,12 @@ from jaxtyping import Bool, Float, Float32, Int32
 
 from visuohaptic.core.errors import InputError
 from visuohaptic.navigation.planning.search.bodies import Body, lower_clearance
+from visuohaptic.navigation.planning.search.domain_builder import build_search_domain
 from visuohaptic.navigation.planning.search.object_cells import fill_cells
 from visuohaptic.navigation.planning.search.push_pass import STAND_SLACK
 from visuohaptic.navigation.planning.search.push_states import seed_cells
 from visuohaptic.navigation.planning.search.search_domain import (
     SearchDomain,
-    build_search_domain,
     grid_from_world,
 )
 from visuohaptic.navigation.problem.planning_problem import PlanningProblem

@@ -44,7 +44,7 @@ def plan_in_domain(
     problem
         Start and goal; its map and objects are those that ``domain`` was made from.
     domain
-        From :func:`~visuohaptic.navigation.planning.search.search_domain.build_search_domain`.
+        From :func:`~visuohaptic.navigation.planning.search.domain_builder.build_search_domain`.
     costs, limits
         What a push costs; how long to search.
     active

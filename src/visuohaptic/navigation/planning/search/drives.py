@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Float, Float32, Int16, Int32
+from jaxtyping import Float, Float32, Int32
 
-from .push_states import END_SLACK, PushStep, seed_cells
+from .cell_paths import cheapest_cells, resampled
+from .push_states import PushStep
 from .search_domain import SearchDomain
 
 __all__ = ["changed_drives_cost", "drive_cost", "drives_cost", "pull_string"]
@@ -54,7 +55,7 @@ def pull_string(
     pulled = [_pulled_piece(domain, shifts, piece, block, a, b, rounds) for piece, a, b in pieces]
     if len(pulled) > 1:
         middles = [path[len(path) // 2] for path, _ in pulled]
-        path = _resampled(np.concatenate([path for path, _ in pulled]), 2 * len(nodes))
+        path = resampled(np.concatenate([path for path, _ in pulled]), 2 * len(nodes))
         joints = [0, *(int(np.hypot(*(path - middle).T).argmin()) for middle in middles), len(path) - 1]
         parts = [path[a : b + 1] for a, b in itertools.pairwise(joints) if b > a]
         pulled = [
@@ -149,7 +150,7 @@ def changed_drives_cost(
         if key not in domain.drives:
             block, nodes, _ = _drive(domain, *old)
             # From where the new drive begins to the old one, along that, and to where the new one ends.
-            ends = [_resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
+            ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
                     ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
             nodes = np.concatenate([ends[0], nodes, ends[1]])
             cost = _cost_along(domain, new[0], nodes, block, *new[1:])
@@ -188,7 +189,7 @@ def _over_lattice(
     """Blocks (x, y) of a drive over the lattice, and its cost [cells at full speed]."""
     key = _key(shifts, start, goal)
     if key not in domain.paths:
-        nodes, cost = _cheapest_cells(
+        nodes, cost = cheapest_cells(
             domain, domain.lattice_with(shifts), start, goal, domain.block, field, domain.labels(domain.block)
         )
         domain.paths[key] = nodes, cost * domain.block
@@ -223,7 +224,7 @@ def _drive(
             block //= 2
             layer = domain.clearance_with(shifts)
             layer = layer if block == 1 else largest_in_blocks(layer, block)
-            nodes, _ = _cheapest_cells(domain, layer, start, goal, block, None, domain.labels(block))
+            nodes, _ = cheapest_cells(domain, layer, start, goal, block, None, domain.labels(block))
         domain.drives[key] = block, nodes if np.isfinite(cost) else nodes[:0], cost
     return domain.drives[key]
 
@@ -298,7 +299,7 @@ def _pulled_piece(
         path = path[kept]
     for _ in range(rounds):
         # Chords between points along it cut its corners.
-        dense = _resampled(path, STRING_WINDOW)
+        dense = resampled(path, STRING_WINDOW)
         kept, cost_now = string_pull(clearance, radius, slow, dense, STRING_WINDOW)
         if not cost_now < cost:
             break
@@ -333,84 +334,5 @@ def _cells_along(
     rows, columns = clearance.shape
     wide = near.repeat(block, axis=0).repeat(block, axis=1)[:rows, :columns]
     corridor = np.where(wide > 0, clearance, np.float32(0.0))
-    cells, cost = _cheapest_cells(domain, corridor, start - low, goal - low, 1)
+    cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1)
     return (cells, clearance, low.astype(np.float64), cost) if len(cells) else None
-
-
-def _cheapest_cells(
-    domain: SearchDomain,
-    clearance: Float32[np.ndarray, "r c"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    block: int,
-    field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
-    labels: Int16[np.ndarray, "r c"] | None = None,
-) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Columns and rows of the cheapest path over a layer and its cost [nodes at full speed]; empty without one."""
-    from ._push_search_kernels import descend
-    from ._travel_kernels import FAR, UNITS, clearance_at, travel_field
-
-    radius, slow = domain.radius, domain.slow
-    cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=1 if block > 1 else 2, block=block)
-    ends, end_costs = seed_cells(clearance, goal, radius, slow, UNITS, reach=1, block=block)
-    if block == 1 and field is None:
-        cells, costs = _straight(domain, clearance, start, cells, costs)
-        ends, end_costs = _straight(domain, clearance, goal, ends, end_costs)
-        if clearance_at(clearance, *goal) < domain.radius - END_SLACK:
-            return np.zeros((0, 2)), float("inf")
-    none = np.zeros(0, np.int32)
-    if not cells.size or not ends.size:
-        return np.zeros((0, 2)), float("inf")
-    if field is None:
-        region, charge = (
-            (np.zeros((0, 0), np.int16), none) if labels is None else (labels, domain.charges(block))
-        )
-        cost = travel_field(clearance, radius, slow, cells, costs, region, charge, none, 0, ends)
-    else:
-        cells, cost = field
-    total = cost[ends].astype(np.int64) + end_costs
-    if total.min() >= FAR:
-        return np.zeros((0, 2)), float("inf")
-    path = descend(cost, clearance, cells, int(ends[int(total.argmin())]))
-    return path, float(total.min()) / UNITS
-
-
-def _straight(
-    domain: SearchDomain,
-    clearance: Float32[np.ndarray, "r c"],
-    point: Float[np.ndarray, "2"],
-    cells: Int32[np.ndarray, "k"],
-    costs: Int32[np.ndarray, "k"],
-) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Those cells beside a point that are reached from it straight and clear of everything.
-
-    All of them where the robot does not fit at the point itself, as where it starts too near to something.
-    """
-    from ._travel_kernels import clearance_at, segment_cost
-
-    if clearance_at(clearance, *point) < domain.radius:
-        return cells, costs
-
-    columns = clearance.shape[1]
-    clear = [
-        np.isfinite(
-            segment_cost(
-                clearance,
-                domain.radius,
-                domain.slow,
-                *point,
-                cell % columns + 0.5,
-                cell // columns + 0.5,
-                False,
-            )
-        )
-        for cell in cells.tolist()
-    ]
-    return cells[clear], costs[clear]
-
-
-def _resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
-    """The corners of a path and about ``count`` points between them, evenly along it."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
-    return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])

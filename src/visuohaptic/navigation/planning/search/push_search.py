@@ -26,6 +26,7 @@ from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts
+from .domain_builder import build_search_domain
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
 from .push_lengths import refine_lengths
@@ -36,7 +37,7 @@ from .push_states import (
     SearchState,
     seed_cells,
 )
-from .search_domain import SearchDomain, build_search_domain, grid_from_world
+from .search_domain import SearchDomain, grid_from_world
 
 __all__ = ["search_pushes"]
 
