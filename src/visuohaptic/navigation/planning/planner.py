@@ -11,6 +11,7 @@ from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
 from .drive_tasks import drive_tasks
+from .push_ends import end_covariance
 from .search.drives import pull_string
 from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
@@ -225,6 +226,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
             _pair(goal_m),
             _pair(moved_m),
             known,
+            tuple(tuple(float(value) for value in row) for row in end_covariance(domain, step)),
         )
     )
     return tasks

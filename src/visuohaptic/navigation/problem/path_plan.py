@@ -34,6 +34,8 @@ class Task:
     goal_m: Point | None = None  #: where the centre of the object goes
     displacement_m: Point | None = None  #: motion of the object
     failure_probability: float = 0.0
+    #: of a push, second moment of x, y [m] and turn [rad] of the object about its planned end
+    end_covariance: tuple[tuple[float, ...], ...] = ()
     sigma_s: float = 0.0  #: standard deviation of the duration, where it is known
 
     def to_json(self) -> dict[str, Any]:
@@ -50,6 +52,8 @@ class Task:
         data["cost_s"] = round(self.cost_s, 6)
         if self.kind != "navigate":
             data["failure_probability"] = round(self.failure_probability, 6)
+        if self.end_covariance:
+            data["end_covariance"] = [[round(value, 9) for value in row] for row in self.end_covariance]
         if self.sigma_s:
             data["sigma_s"] = round(self.sigma_s, 6)
         return data
@@ -183,6 +187,7 @@ def _task(entry: Mapping[str, Any], where: str) -> Task:
         tuple(_point(point) for point in entry.get("path_m", ())),
         str(entry.get("object", "")),
         failure_probability=float(entry.get("failure_probability", 0.0)),
+        end_covariance=tuple(tuple(float(value) for value in row) for row in entry.get("end_covariance", ())),
         sigma_s=float(entry.get("sigma_s", 0.0)),
         **points,
     )

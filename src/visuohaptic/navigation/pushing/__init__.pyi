@@ -11,6 +11,7 @@ from .local_costmap import FootprintSamples as FootprintSamples
 from .local_costmap import LocalCostmap as LocalCostmap
 from .push_failure import PushUncertainty as PushUncertainty
 from .push_failure import centre_from_tag as centre_from_tag
+from .push_failure import push_from_outside as push_from_outside
 from .push_failure import simulated_failure as simulated_failure
 from .push_model import PushModel as PushModel
 from .push_model import load_of_feet as load_of_feet
