@@ -62,7 +62,7 @@ def test_every_type_is_a_line_of_the_file():
     assert [(p.id, str(p.kind)) for p in passages] == [
         ("wing", "door_push"), ("slides", "door_sliding"), ("lift", "elevator"),
     ]  # fmt: skip
-    assert passages[1].cost(ROBOT).sigma_s == 0.5
+    assert passages[1].cost(ROBOT).sigma_s == pytest.approx(0.5)
     pane, box = objects_from_data({"objects": lines})
     assert pane.known_immovable
     assert not box.known_immovable
