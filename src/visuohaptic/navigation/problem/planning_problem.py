@@ -87,7 +87,7 @@ class PlanningProblem:
                     field=name,
                 )
             object.__setattr__(self, name, point)
-        ids = [item.id for item in (*self.objects, *self.passages)]
+        ids = [item.id for item in self.objects] + [passage.id for passage in self.passages]
         if len(set(ids)) != len(ids):
             twice = next(name for name in ids if ids.count(name) > 1)
             raise InputError("PlanningProblem", f"found the id '{twice}' twice, expected distinct ids")

@@ -7,11 +7,11 @@ every candidate is replayed: pushes free of collisions, drives that the map has.
 from __future__ import annotations
 
 import itertools
-import time
 
 import numpy as np
 from jaxtyping import Float
 
+from .deadline import Deadline
 from .drives import changed_drives_cost
 from .push_heuristic import PushHeuristic
 from .push_states import PushStep, SearchResult
@@ -26,7 +26,7 @@ STEPS_M = (0.2, 0.1, 0.05, 0.025, 0.0125)
 
 
 def refine_lengths(
-    heuristic: PushHeuristic, start: Float[np.ndarray, "2"], plan: SearchResult, deadline_s: float
+    heuristic: PushHeuristic, start: Float[np.ndarray, "2"], plan: SearchResult, deadline: Deadline
 ) -> tuple[tuple[PushStep, ...], float]:
     """Pushes of a plan with the lengths of least cost, and that cost [cells at full speed].
 
@@ -38,8 +38,8 @@ def refine_lengths(
         Where the robot begins [cells].
     plan
         What was found.
-    deadline_s
-        When to stop, on the monotonic clock.
+    deadline
+        When to stop.
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
@@ -47,7 +47,7 @@ def refine_lengths(
         change = step_m / domain.map.resolution_m
         # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
         for index, longer in itertools.product(range(len(steps)), (-change, change)):
-            while time.monotonic() < deadline_s:
+            while not deadline.passed:
                 tried = _replayed(heuristic, steps, index, steps[index].length + longer)
                 if not tried:
                     break

@@ -8,13 +8,13 @@ put back with that of the configuration that it leads to.
 from __future__ import annotations
 
 import heapq
-import time
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int32
 
+from .deadline import Deadline
 from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
 from .push_lengths import STAND_SLACK, free_length, push_step, stand_is_free
@@ -84,8 +84,8 @@ class PushPass:
         Of the heuristic; with 1 the bound is one of all plans of the model.
     limits
         Memory and pushes.
-    deadline_s
-        When to stop, on the monotonic clock.
+    deadline
+        When to stop.
     bodies
         Indices of those that are pushed; by default all that the heuristic knows.
     """
@@ -95,13 +95,13 @@ class PushPass:
         heuristic: PushHeuristic,
         weight: float,
         limits: SearchLimits,
-        deadline_s: float,
+        deadline: Deadline,
         bodies: Collection[int] | None = None,
     ) -> None:
         chosen = heuristic.active if bodies is None else list(bodies)
         self.pairs, self.stands = heuristic.stands(chosen)
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
-        self.deadline_s, self.domain = deadline_s, heuristic.domain
+        self.deadline, self.domain = deadline, heuristic.domain
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
         self.seen = SeenFields(limits.memory_bytes // 4)
         self.queue = _Queue(float("inf"))
@@ -129,7 +129,7 @@ class PushPass:
         expanded, bound, exhausted = 0, 0.0, True
         while queue.entries:
             # The first configuration is looked at whatever the time: it may need no push.
-            if expanded >= expansions or (expanded and time.monotonic() > self.deadline_s):
+            if expanded >= expansions or (expanded and self.deadline.passed):
                 exhausted = False
                 break
             estimate, _, entry = heapq.heappop(queue.entries)
@@ -171,12 +171,15 @@ class PushPass:
         cells, costs = _seeds(domain, clearance, state.robot, 1 if state.depth or domain.block > 1 else 2)
         if not cells.size or any(self.seen.dominated(state, int(cell)) for cell in cells):
             return
-        bounded = bool(np.isfinite(queue.best))
-        none = np.zeros(0, np.int32)
-        cost = travel_field(
-            clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
-            heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
-        )  # fmt: skip
+        cost = state.travel
+        if cost is None:
+            bounded, none = bool(np.isfinite(queue.best)), np.zeros(0, np.int32)
+            cost = travel_field(
+                clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
+                heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
+            )  # fmt: skip
+            if not bounded and not state.depth:
+                state.travel = cost  # every pass begins here
         self.seen.add(state, cost)
         goal_cells, goal_costs = heuristic.goal_seeds(clearance)
         reached = False

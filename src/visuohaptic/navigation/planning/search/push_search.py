@@ -14,7 +14,6 @@ proved cheapest or the budget ends, and gives the bound. That there is no plan i
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -26,6 +25,7 @@ from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts
+from .deadline import Deadline
 from .domain_builder import build_search_domain
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
@@ -113,14 +113,15 @@ class _Search:
     limits: SearchLimits
     active: frozenset[int]
     oblique: bool
-    begin_s: float = field(default_factory=time.monotonic)
     expanded: int = 0
+    deadline: Deadline = field(init=False)
     first: SearchState = field(init=False)
     cells: Int32[np.ndarray, "k"] = field(init=False)  #: nodes that the robot can be on at the start
 
     def __post_init__(self) -> None:
         from ._travel_kernels import UNITS
 
+        self.deadline = Deadline.after(self.limits.budget_s)
         domain = self.domain
         self.first = SearchState(0.0, self.start, np.zeros((len(domain.bodies), 2)))
         self.cells, _ = seed_cells(
@@ -164,7 +165,7 @@ class _Search:
             worth -= {k for k, cost in through.items() if cost * (1.0 + self.limits.gap) >= plan.cost}
         elif reason := self._proof(heuristic):
             return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
-        if worth != needed and time.monotonic() < self._until(1.0):
+        if worth != needed and not self._until(1.0).passed:
             heuristic = self._heuristic(worth, free)
             for k in worth & needed:
                 heuristic.raise_bound(k, alone[k])
@@ -188,8 +189,8 @@ class _Search:
             self.domain, self.goal, self.costs, bodies, left_out=left_out, oblique=self.oblique, free=free
         )
 
-    def _until(self, fraction: float) -> float:
-        return self.begin_s + fraction * self.limits.budget_s
+    def _until(self, fraction: float) -> Deadline:
+        return self.deadline.earlier((1.0 - fraction) * self.limits.budget_s)
 
     def _proof(self, heuristic: PushHeuristic) -> str:
         return Infeasibility(heuristic, self.limits, self._until(PROOF)).prove(self.first, self.cells)
@@ -241,23 +242,22 @@ class _Search:
 
     def _bound_crossings(self, heuristic: PushHeuristic) -> str:
         """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
-        domain, limits, deadline_s = self.domain, self.limits, self._until(ALONE)
+        domain, limits, deadline = self.domain, self.limits, self._until(ALONE)
         still = [k for k in range(len(domain.bodies)) if k not in self.active]
         lattice = domain.lowered(domain.lattice, self.first.shifts, still, domain.block)
-        first = SearchState(0.0, self.start, np.zeros((1, 2)))
         # A path without pushes, or one that crosses few bodies, needs no other bounds.
         for index in heuristic.separating(self.cells, heuristic.crossed(self.cells)):
-            if time.monotonic() > deadline_s:
+            if deadline.passed:
                 break
-            body = (domain.bodies[index],)
+            body, first = (domain.bodies[index],), SearchState(0.0, self.start, np.zeros((1, 2)))
             alone = replace(
                 domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, paths={}, boxes=[]
             )
             part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
             most = min(ALONE_EXPANSIONS, limits.expansions)
-            found = PushPass(part, 1.0, limits, deadline_s).run(first, most, gap=ALONE_GAP)
+            found = PushPass(part, 1.0, limits, deadline).run(first, most, gap=ALONE_GAP)
             if not found.found:
-                reason = Infeasibility(part, limits, deadline_s).prove(first, self.cells)
+                reason = Infeasibility(part, limits, deadline).prove(first, self.cells)
                 if reason:
                     return reason
             if np.isfinite(found.bound):
@@ -278,7 +278,7 @@ class _Search:
 
 
 def _bottlenecks(
-    domain: SearchDomain, goal: Float[np.ndarray, "2"], active: Collection[int], deadline_s: float
+    domain: SearchDomain, goal: Float[np.ndarray, "2"], active: Collection[int], deadline: Deadline
 ) -> frozenset[int]:
     """Bodies beside which the free space falls into pieces, or that cover the goal; all that there was no time for."""
     from ._push_search_kernels import opening_lengths
@@ -289,7 +289,7 @@ def _bottlenecks(
     grow = domain.radius + 4.0 * domain.block
     found = set()
     for index in active:
-        if time.monotonic() > deadline_s:
+        if deadline.passed:
             found.add(index)
             continue
         body = domain.bodies[index]

@@ -28,7 +28,9 @@ END_SLACK = 0.25
 class SearchLimits:
     """How long to search, and for what."""
 
-    budget_s: float = field(default=2.0, metadata=POSITIVE)  #: wall time of one search
+    budget_s: float = field(
+        default=2.0, metadata=POSITIVE
+    )  #: time of the processor for one search; on the wall at most three times as long
     gap: float = field(default=0.05, metadata=NON_NEGATIVE)  #: end when the plan is within this of the bound
     memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for what was expanded
     expansions: int = field(default=100_000, metadata=POSITIVE)  #: configurations looked at
@@ -76,6 +78,8 @@ class SearchState:
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
+    #: of drives from its robot to each node, where several passes ask for it [units]
+    travel: Int32[np.ndarray, "n"] | None = None
 
 
 @dataclass(slots=True, eq=False)

@@ -65,8 +65,10 @@ class TravelMemory:
         grid = problem.map
         blocked = (grid.cells >= 50) | (grid.cells < 0)
         walls = blocked.copy()
-        for item in (*problem.objects, *problem.passages):
-            clear_cells(walls, grid_from_world(grid, item.footprint_m))
+        outlines_m = [item.footprint_m for item in problem.objects]
+        outlines_m += [passage.footprint_m for passage in problem.passages]
+        for outline_m in outlines_m:
+            clear_cells(walls, grid_from_world(grid, outline_m))
         self._cells = grid.cells.copy()
         self._cells[blocked & ~walls] = FREE
         self._forgiven = 0
