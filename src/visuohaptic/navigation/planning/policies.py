@@ -11,9 +11,8 @@ from ..problem.path_plan import Plan
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts
 from .planner import plan_in_domain
-from .search.deadline import Deadline
 from .search.domain_builder import build_search_domain
-from .search.push_states import SearchLimits
+from .search.push_states import Deadline, SearchLimits
 from .search.search_domain import SearchDomain
 
 __all__ = ["alternatives", "make_plan", "without_pushing"]

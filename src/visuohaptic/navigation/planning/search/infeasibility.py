@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
-from .deadline import Deadline
 from .push_heuristic import PushHeuristic
-from .push_states import SearchLimits, SearchState, seed_cells
+from .push_states import Deadline, SearchLimits, SearchState, seed_cells
 
 __all__ = ["Infeasibility"]
 

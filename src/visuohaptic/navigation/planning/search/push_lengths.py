@@ -11,10 +11,9 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
-from .deadline import Deadline
 from .drives import changed_drives_cost
 from .push_heuristic import PushHeuristic
-from .push_states import PushStep, SearchResult
+from .push_states import Deadline, PushStep, SearchResult
 from .search_domain import SearchDomain
 
 __all__ = ["STAND_SLACK", "free_length", "push_step", "refine_lengths", "stand_is_free"]

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int32
 
-from .deadline import Deadline
 from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
 from .push_lengths import STAND_SLACK, free_length, push_step, stand_is_free
 from .push_states import (
+    Deadline,
     SearchLimits,
     SearchResult,
     SearchState,

@@ -25,13 +25,13 @@ from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts
-from .deadline import Deadline
 from .domain_builder import build_search_domain
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
 from .push_lengths import refine_lengths
 from .push_pass import PushPass
 from .push_states import (
+    Deadline,
     SearchLimits,
     SearchResult,
     SearchState,
