@@ -136,17 +136,15 @@ def run_mapper() -> None:
 def run_pushing() -> None:
     """Plan a direct and a sideward push of a box in a small room."""
     from visuohaptic.io.maps import OccupancyMap
-    from visuohaptic.navigation.pushing import (
+    from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
+    from visuohaptic.reproduce.pushes import (
         DirectPushSettings,
         FootprintSamples,
         LocalCostmap,
         PushedObject,
-        PushModel,
         goal_map,
-        line_path,
         plan_direct_push,
         plan_sideward_push,
-        simulate_push,
     )
 
     cells = np.zeros((60, 60), np.int8)

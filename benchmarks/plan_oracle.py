@@ -16,15 +16,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
 from visuohaptic.core.errors import InputError
+from visuohaptic.navigation.planning.search.bodies import Body, lower_clearance
+from visuohaptic.navigation.planning.search.domain_builder import build_search_domain
 from visuohaptic.navigation.planning.search.object_cells import fill_cells
 from visuohaptic.navigation.planning.search.push_pass import STAND_SLACK
 from visuohaptic.navigation.planning.search.push_states import seed_cells
 from visuohaptic.navigation.planning.search.search_domain import (
-    Body,
     SearchDomain,
-    build_search_domain,
     grid_from_world,
-    lower_clearance,
 )
 from visuohaptic.navigation.problem.planning_problem import PlanningProblem
 from visuohaptic.navigation.problem.push_costs import PushCosts, push_cost

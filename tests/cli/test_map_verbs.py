@@ -51,6 +51,40 @@ def test_graph_writes_layers_and_graphs_that_can_be_read(office, tmp_path, capsy
     assert (out / "navigation.png").stat().st_size > 10_000
 
 
+def test_inspect_lists_doors_and_what_stands_alone(tmp_path, capsys):
+    cells = np.full((80, 120), 100, np.int8)
+    cells[2:78, 2:58] = cells[2:78, 61:118] = 0
+    cells[30:48, 58:61] = 0  # a door of 0.9 m in the wall between two rooms
+    cells[38:42, 88:92] = 100  # a pillar
+    OccupancyMap(cells, 0.05).save(tmp_path / "rooms.yaml")
+    assert main(["map", "inspect", str(tmp_path / "rooms.yaml"), "--doors", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (door,), (pillar,) = found["doors"], found["candidates"]
+    assert door["at_m"] == pytest.approx([2.975, 1.95], abs=0.1)
+    assert door["width_m"] == pytest.approx(0.9, abs=0.1)
+    assert 0.5 < door["probability"] <= 1.0
+    assert pillar["at_m"] == pytest.approx([4.5, 2.0], abs=0.03)
+    assert pillar["size_m"] == pytest.approx([0.2, 0.2], abs=0.03)
+
+
+def test_graph_takes_objects_and_a_route(office, tmp_path, capsys):
+    objects = tmp_path / "objects.yaml"
+    objects.write_text(
+        "objects:\n"
+        "- {id: box, footprint_m: [[4.4, 1.4], [4.6, 1.4], [4.6, 1.6], [4.4, 1.6]], haptic_tag: {explored: 1}}\n"
+        "- {id: door, type: door_sliding, footprint_m: [[2.95, 0.5], [3.05, 0.5], [3.05, 1.2], [2.95, 1.2]]}\n"
+    )
+    out = tmp_path / "joint"
+    words = ["map", "graph", str(office), "--radius", "0.17", "--out", str(out), "--objects", str(objects)]
+    assert main([*words, "--route", "0.5", "0.8", "5.5", "0.8", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    nodes = [f["properties"] for f in json.loads((out / "joint_graph.geojson").read_text())["features"]]
+    added = {node["metadata"]["object"]: node["metadata"]["planner"] for node in nodes if "metadata" in node}
+    assert added == {"box": "direct push", "door": "trigger and wait"}
+    # Straight through the lower door, 5 m, but for its middle at 0.85 m.
+    assert found["route"]["length_m"] == pytest.approx(5.0, abs=0.1)
+
+
 def test_a_radius_of_nothing_is_one_line(office, tmp_path, capsys):
     assert main(["map", "graph", str(office), "--radius", "0", "--out", str(tmp_path)]) == 2
     assert "radius_m" in capsys.readouterr().err

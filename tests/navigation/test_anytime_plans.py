@@ -64,11 +64,8 @@ def test_the_effort_does_not_grow_with_the_resolution():
     for cell_m, plan in found.items():
         assert faults(two_doors(cell_m), plan) == []
         assert plan.gap <= SearchLimits().gap
-        # Pushes are multiples of 5 cm, whatever the cells; by cells of 1 cm there would be thousands of states.
+        # By cells of 1 cm there would be thousands of states.
         assert plan.expanded < 200
-        for push in plan.pushes:
-            steps = float(np.hypot(*push.displacement_m)) / 0.05
-            assert steps == pytest.approx(round(steps), abs=1e-6)
     nodes = {cell_m: build_search_domain(two_doors(cell_m)).lattice.size for cell_m in found}
     assert nodes[0.01] <= 1.1 * nodes[0.05]
 
@@ -78,9 +75,12 @@ def test_a_finer_map_gives_no_costlier_plan():
     for cell_m in (0.05, 0.02, 0.01):
         fine = make_plan(two_doors(cell_m), limits=PATIENT)
         assert fine.cost_s <= 1.01 * coarse.cost_s
-        # The border cells of 10 cm cost room that finer ones do not: with 5 cm and less the plan is one and the same.
         costs.append(fine.cost_s)
-    assert max(costs) <= 1.05 * min(costs)
+    # The border cells of 10 cm cost room that finer ones do not. From 5 cm on a push may have to be a cell longer, as
+    # the robot passes through the middles of cells, and between stool and wall the clearance is read up to half a cell
+    # too low: there, a tenth of the drive, 0.15 of its radius make it up to 40 % slower.
+    longer_s = len(fine.pushes) * 0.05 / ROBOT.v_push_m_s
+    assert max(costs) <= 1.04 * min(costs) + longer_s
 
 
 def test_objects_beside_no_bottleneck_are_left_out_and_said_so():
@@ -135,3 +135,38 @@ def test_comparing_gives_the_cheapest_plan_itself():
         alternatives(problem, limits=PATIENT)["cheapest"].to_json()
         == make_plan(problem, limits=PATIENT).to_json()
     )
+
+
+def test_lengths_of_pushes_are_no_longer_than_they_have_to_be():
+    """A box in a door as wide as box and robot: pushed until the robot can turn off behind the wall, and no farther."""
+    walls = [(2.0, 0.0, 2.4, 1.0), (2.0, 1.8, 2.4, 3.0)]
+    box_m, centre_x = 0.5, 2.0
+    problem = drawn(
+        (5.0, 3.0),
+        walls,
+        [MovableObject("box", box(centre_x, 1.4, box_m), STOOL)],
+        (0.7, 1.4),
+        (2.9, 0.5),
+        0.02,
+    )
+    plan = make_plan(problem, limits=PATIENT)
+    (push,) = plan.pushes
+    # Beyond the wall the robot needs its diameter between the wall's end and the box.
+    needed_m = 2.4 + 2 * ROBOT.radius_m - (centre_x - box_m / 2)
+    # The last step of the refinement and a cell on either side; the ladder of the search alone is up to 0.3 m longer.
+    assert needed_m - 0.04 < np.hypot(*push.displacement_m) < needed_m + 0.0125 + 0.06
+    assert faults(problem, plan) == []
+
+
+def test_a_passage_that_only_blocks_seem_to_have_is_gone_round():
+    """Blocks of cells are as clear as their clearest cell: a gap a little too narrow is found out, and the detour found."""
+    cells = np.zeros((150, 200), np.int8)
+    cells[[0, 1, -1, -2]] = cells[:, [0, 1, -1, -2]] = 100
+    cells[:110, 100:104] = 100
+    width = int(2 * ROBOT.radius_m / 0.02) - 1  # a cell or two too narrow for the robot
+    cells[60 : 60 + width, 100:104] = 0
+    problem = PlanningProblem(OccupancyMap(cells, 0.02), ROBOT, np.array([1.0, 1.3]), np.array([3.2, 1.3]))
+    plan = make_plan(problem, limits=PATIENT)
+    assert plan.reachable
+    assert faults(problem, plan) == []
+    assert max(y for task in plan.tasks for _, y in task.path_m) > 2.2

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.navigation.pushing import FootprintSamples, LocalCostmap, goal_map
-from visuohaptic.navigation.pushing._ground_kernels import blocked_parts, first_clash, fits
+from visuohaptic.reproduce.pushes import FootprintSamples, LocalCostmap, goal_map
+from visuohaptic.reproduce.pushes._ground_kernels import blocked_parts, first_clash, fits
 
 RADIUS_M = 0.17
 STOOL = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

@@ -13,7 +13,7 @@ from visuohaptic.navigation.files import save_joint_route_graph, save_route_grap
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 from visuohaptic.navigation.planning import extend_graph
-from visuohaptic.navigation.problem import DoorNode, ManipulationNode, SlidingDoorNode, TransparencyNode
+from visuohaptic.navigation.problem import ManipulationNode, Passage, PassageNode, TransparencyNode
 
 from .plan_scenes import ROBOT, box, office
 
@@ -74,11 +74,12 @@ def joint():
     layers = grid_layers(problem.map, SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)
     outline = problem.objects[0].footprint_m
+    wing = box(*problem.objects[0].centre_m, 0.45)
     glass = box(*graph.node_m[0], 0.3, 0.3)
     kinds = [
         *(ManipulationNode(item, 0.15) for item in problem.objects),
-        DoorNode("wing", outline, 0.9),
-        SlidingDoorNode("slide", outline),
+        PassageNode(Passage("wing", wing, "door_push")),
+        PassageNode(Passage("slide", outline, "door_sliding")),
         TransparencyNode("glass", glass),
     ]
     return extend_graph(graph, assign_regions(layers, graph), ROBOT, kinds)

@@ -11,13 +11,13 @@ from visuohaptic.core import Estimate, HapticTag, InputError, Primitive, Primiti
 from visuohaptic.navigation.files import save_joint_route_graph
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.planning import extend_graph, make_plan, with_regions
+from visuohaptic.navigation.planning import extend_graph
 from visuohaptic.navigation.problem import (
-    DoorNode,
     ManipulationNode,
-    SlidingDoorNode,
+    Passage,
+    PassageKind,
+    PassageNode,
     TransparencyNode,
-    WaitingNode,
     is_door_wing,
 )
 
@@ -148,19 +148,24 @@ def test_a_wing_is_known_by_constant_rotation_and_a_plane():
 
 def test_doors_and_waiting_have_times_and_risks():
     outline = box(0, 0, 0.9, 0.05)
-    door = DoorNode("door", outline, 0.9)
+
+    def cost(kind, shape=outline, **options):
+        return Passage("it", shape, kind, **options).cost(ROBOT)
+
+    wing = cost(PassageKind.DOOR_PUSH)
     # Free width 0.9 (1 - cos a) = 2.2 x 0.17: a = 0.945 rad, the contact at 0.45 m moves 0.425 m.
-    assert door.task_s(ROBOT) == pytest.approx(4.0 + 0.45 * 0.945 / 0.05, rel=2e-3)
-    assert DoorNode("d", outline, 0.3).task_s(ROBOT) == np.inf
-    assert DoorNode("d", outline, 0.9, HapticTag(fixed=True)).task_s(ROBOT) == np.inf
-    assert DoorNode("d", outline, 0.9, closed=False).task_s(ROBOT) == 0.0
-    assert SlidingDoorNode("s", outline).task_s(ROBOT) == 4.0
-    assert SlidingDoorNode("s", outline, trigger="button").task_s(ROBOT) == np.inf
-    assert SlidingDoorNode("s", outline, trigger="button", has_arm=True).task_s(ROBOT) == 4.0
-    lift = WaitingNode("lift", outline, arrivals_per_s=0.01, patience_s=100.0)
-    draws = np.minimum(np.random.default_rng(0).exponential(100.0, 200_000), 100.0)
-    assert lift.task_s(ROBOT) == pytest.approx(draws.mean(), rel=0.01)
-    assert lift.failure_probability(ROBOT) == pytest.approx((draws == 100.0).mean(), abs=0.005)
+    attempt_s = wing.total_s * (1.0 - wing.failure_probability)
+    assert attempt_s == pytest.approx(4.0 + 0.45 * 0.945 / 0.05, rel=2e-3)
+    assert cost(PassageKind.DOOR_PUSH, box(0, 0, 0.3, 0.05)).total_s == np.inf
+    assert cost(PassageKind.DOOR_PUSH, tag=HapticTag(fixed=True)).total_s == np.inf
+    slides = cost(PassageKind.DOOR_SLIDING, open_s=Estimate(4.0))
+    assert slides.total_s * (1.0 - slides.failure_probability) == pytest.approx(4.0)
+    lift = cost(PassageKind.ELEVATOR, open_s=Estimate(200.0, spread=200.0))
+    draws = np.minimum(np.random.default_rng(0).exponential(200.0, 200_000), 300.0)
+    assert lift.total_s == pytest.approx(draws.mean(), rel=0.01)
+    assert lift.failure_probability == pytest.approx((draws == 300.0).mean(), abs=0.005)
+    node = PassageNode(Passage("it", outline, PassageKind.DOOR_PUSH))
+    assert (node.task_s(ROBOT), node.planner) == (wing.total_s, "push door")
 
 
 def test_the_route_graph_names_operations(joint, tmp_path):
@@ -174,11 +179,3 @@ def test_the_route_graph_names_operations(joint, tmp_path):
     assert pushes
     assert pushes[0]["operations"]["direct_push"]["metadata"]["object"] == "stool"
     assert len({feature["properties"]["id"] for feature in data["features"]}) == len(data["features"])
-
-
-def test_tasks_name_the_regions_that_they_cross(scene):
-    problem, _, regions = scene
-    plan = with_regions(make_plan(problem), regions)
-    assert all(task.nodes for task in plan.tasks if task.kind == "navigate")
-    start = int(regions.node_at(problem.map.cell_from_world(problem.start_m)))
-    assert plan.tasks[0].nodes[0] == start

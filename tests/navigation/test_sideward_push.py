@@ -8,16 +8,15 @@ import shapely
 
 from visuohaptic.core import HapticTag, InputError
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.navigation.pushing import (
+from visuohaptic.navigation.pushing import PushModel, line_path
+from visuohaptic.reproduce.pushes import (
     LocalCostmap,
     PushedObject,
     PushLimits,
-    PushModel,
     PushScene,
     SidewardOutcome,
     SidewardPushSettings,
     evaluate_push,
-    line_path,
     plan_sideward_push,
 )
 

@@ -34,7 +34,7 @@ from visuohaptic.navigation.problem import (
     manipulability,
     objects_from_data,
 )
-from visuohaptic.navigation.pushing import PushLimits
+from visuohaptic.reproduce.pushes import PushLimits
 from visuohaptic.tasks.framework import Machine, Rule
 from visuohaptic.tasks.mobile import ForceGuard, GuardState, PushEnd, PushSettings, SteeredPush
 from visuohaptic.tasks.mobile.travel import TravelOutcome, TravelSenses, TravelSettings, travel

@@ -14,8 +14,9 @@ from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.mapping.map_changes import map_agreement, mark_points, new_objects, scan_fit
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import without_pushing
+from ..navigation.planning.search.domain_builder import build_search_domain
 from ..navigation.planning.search.drives import pull_string
-from ..navigation.planning.search.search_domain import build_search_domain, grid_from_world, world_from_grid
+from ..navigation.planning.search.search_domain import grid_from_world, world_from_grid
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.mobile.laser import SimulatedLaser

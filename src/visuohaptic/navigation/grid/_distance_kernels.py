@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["FAR", "distance_rows", "distance_update", "vertical_cells", "vertical_update"]
+__all__ = ["FAR", "distance_rows", "distance_update", "near_distance", "vertical_cells", "vertical_update"]
 
 #: No obstacle in this column.
 FAR = np.uint16(65535)
@@ -232,6 +232,71 @@ def distance_rows(
                     distance[row, x] = np.float32(math.sqrt(float(squared)) * half_m)
                     step[row, x] = steps[min(squared, np.int64(last))]
             column = end
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def near_distance(vertical: np.ndarray, reach: float, distance: np.ndarray) -> None:
+    """The distances of :func:`distance_rows` [cells] up to ``reach``, which stands for all larger ones too.
+
+    Only stretches of a row are looked at in which a column has an obstacle within reach. Beyond the map is one.
+
+    Parameters
+    ----------
+    vertical
+        Rows to the nearest obstacle of the column, (rows, columns) uint16.
+    reach
+        Largest distance that matters [cells].
+    distance
+        Clearance of each cell [cells], (rows, columns) float32; filled.
+    """
+    rows, columns = vertical.shape
+    vertex = np.zeros(columns + 2, np.int32)
+    height = np.zeros(columns + 2, np.float64)
+    border = np.zeros(columns + 2, np.int32)
+    wide = int(math.ceil(reach)) + 1
+    for row in range(rows):
+        line = vertical[row]
+        for x in range(columns):
+            distance[row, x] = reach
+        start, stop = 0, min(wide, columns)
+        for v in range(columns + 1):
+            if v < columns and line[v] > wide:
+                continue
+            if v - wide > stop:
+                _stretch(line, start, stop, reach, vertex, height, border, distance[row])
+                start = v - wide
+            stop = min(v + wide + 1, columns)
+        _stretch(line, start, stop, reach, vertex, height, border, distance[row])
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _stretch(
+    line: np.ndarray,
+    start: int,
+    stop: int,
+    reach: float,
+    vertex: np.ndarray,
+    height: np.ndarray,
+    border: np.ndarray,
+    distance: np.ndarray,
+) -> None:
+    """Distances [cells] of the cells ``start..stop - 1`` of a row, no larger than ``reach``."""
+    column = start
+    while column < stop:
+        if line[column] == 0:
+            distance[column] = 0.0
+            column += 1
+            continue
+        end = column
+        while end < stop and line[end] != 0:
+            end += 1
+        count = _envelope(line, column, end, vertex, height, border, True)
+        for k in range(count):
+            high = border[k + 1] if k + 1 < count else end
+            for x in range(border[k], high):
+                squared = _quarters(line, x, vertex[k], height[k])
+                distance[x] = min(np.float32(math.sqrt(float(squared)) * 0.5), np.float32(reach))
+        column = end
 
 
 @kernel(error_model="numpy", boundscheck=False)

@@ -4,7 +4,6 @@ from .joint_graph import JointGraph as JointGraph
 from .joint_graph import JointNode as JointNode
 from .joint_graph import JointPath as JointPath
 from .joint_graph import NodeType as NodeType
-from .joint_graph import with_regions as with_regions
 from .off_centre_push import OffCentrePush as OffCentrePush
 from .off_centre_push import plan_off_centre_pushes as plan_off_centre_pushes
 from .path_follower import FollowLimits as FollowLimits

@@ -128,7 +128,7 @@ def node_in_window(
     nothing = np.zeros((0, 0), np.int32)
     none = np.zeros(0, np.int32)
     begin = np.full(1, start, np.int32)
-    cost, _ = travel_field(own, radius, slow, begin, np.zeros(1, np.int32), nothing, none, none, 0, none)
+    cost = travel_field(own, radius, slow, begin, np.zeros(1, np.int32), nothing, none, none, 0, none)
     names, costs = border_costs(
         cost, mine, inner, radius, potential, seed, i0, j0, unit_ratio, int(FAR), most
     )

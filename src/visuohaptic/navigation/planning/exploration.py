@@ -10,10 +10,11 @@ from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
 from .planner import plan_in_domain
+from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
 from .search.push_heuristic import STAND_OFF_M
 from .search.push_states import SearchLimits
-from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
+from .search.search_domain import grid_from_world, world_from_grid
 
 __all__ = ["via_exploration"]
 

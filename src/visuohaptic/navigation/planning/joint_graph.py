@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import groupby, pairwise
 from typing import Protocol
 
 import numpy as np
@@ -18,10 +17,9 @@ from jaxtyping import Float, Int, Int32
 from ...core.errors import InputError
 from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
-from ..problem.path_plan import Plan
 from ..problem.planning_problem import RobotModel
 
-__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType", "with_regions"]
+__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType"]
 
 #: First entry of every node, and by entry: the other end, the edge; by edge: its cost.
 _Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -278,26 +276,3 @@ def adjacency(
     first = np.zeros(nodes + 1, dtype=np.int64)
     np.cumsum(np.bincount(source, minlength=nodes), out=first[1:])
     return first, target[order], edge[order]
-
-
-def with_regions(plan: Plan, regions: Regions) -> Plan:
-    """The plan with, for each task, the nodes whose regions its path crosses, in order.
-
-    Parameters
-    ----------
-    plan
-        The plan.
-    regions
-        Regions of the navigation graph of the same map.
-    """
-    grid = regions.layers.map
-    tasks = []
-    for task in plan.tasks:
-        nodes: list[int] = []
-        for a, b in pairwise(task.path_m):
-            count = max(2, int(np.hypot(b[0] - a[0], b[1] - a[1]) / (0.5 * grid.resolution_m)) + 1)
-            points = np.linspace(a, b, count)
-            found = regions.node_at(grid.cell_from_world(points))
-            nodes += [int(node) for node in found if node >= 0]
-        tasks.append(replace(task, nodes=tuple(node for node, _ in groupby(nodes))))
-    return replace(plan, tasks=tuple(tasks))

@@ -33,8 +33,9 @@ from .off_centre_rollouts import (
     rollouts,
 )
 from .replanning import after_push
+from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
-from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
+from .search.search_domain import grid_from_world, world_from_grid
 
 __all__ = ["OffCentrePush", "plan_off_centre_pushes"]
 

@@ -13,9 +13,10 @@ from ...core.errors import InputError
 from ..pushing.contact_candidates import push_contacts
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
+from .search.bodies import Body, lower_clearance
 from .search.object_cells import fill_cells
 from .search.push_states import seed_cells
-from .search.search_domain import Body, SearchDomain, grid_from_world, lower_clearance
+from .search.search_domain import SearchDomain, grid_from_world
 
 #: Directions that are tried, and places across the object as fractions of half its width.
 DIRECTIONS = 24
@@ -69,7 +70,7 @@ def rollouts(
         return []
     nothing = np.zeros((0, 0), np.int32)
     none = np.zeros(0, np.int32)
-    cost, _ = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none)
+    cost = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none)
     found: list[Rollout] = []
     for index, body in enumerate(domain.bodies):
         if body.allowed.unknown:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,12 +10,13 @@ from jaxtyping import Float
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
+from .drive_tasks import drive_tasks
+from .push_ends import end_covariance
 from .search.drives import pull_string
 from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
 from .search.search_domain import (
     SearchDomain,
-    build_search_domain,
     grid_from_world,
     world_from_grid,
 )
@@ -46,7 +45,7 @@ def plan_in_domain(
     problem
         Start and goal; its map and objects are those that ``domain`` was made from.
     domain
-        From :func:`~visuohaptic.navigation.planning.search.search_domain.build_search_domain`.
+        From :func:`~visuohaptic.navigation.planning.search.domain_builder.build_search_domain`.
     costs, limits
         What a push costs; how long to search.
     active
@@ -64,16 +63,10 @@ def plan_in_domain(
     begin = escape(domain, start)
     if begin is None:
         return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
-    limits = limits or SearchLimits()
-    deadline_s = time.monotonic() + limits.budget_s
-    while True:
-        result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
-        plan = assemble(problem, domain, result, report_costs or costs, name=name, begin=begin)
-        if plan.reachable or not result.found or domain.block == 1:
-            return plan
-        # A block is as clear as its clearest cell: where the map has no such drive, smaller blocks.
-        domain = build_search_domain(problem, costs, block=domain.block // 2)
-        limits = replace(limits, budget_s=max(deadline_s - time.monotonic(), 0.05 * limits.budget_s))
+    result = search_pushes(
+        domain, begin, goal, costs, limits or SearchLimits(), active=active, oblique=oblique
+    )
+    return assemble(problem, domain, result, report_costs or costs, name=name, begin=begin)
 
 
 def assemble(
@@ -115,7 +108,7 @@ def assemble(
     tasks: list[Task] = []
     at = grid_from_world(problem.map, problem.start_m)
     if begin is not None and (begin != at).any():
-        tasks += _drive(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
+        tasks += drive_tasks(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
         notes = (
             f"the start is too near to an obstacle: {tasks[0].length_m:.2f} m away from it first",
             *notes,
@@ -127,7 +120,7 @@ def assemble(
         path, cost = pull_string(domain, shifts, at, end)
         if not len(path):
             return Plan(False, reason="a drive of the plan is too narrow on the map", name=name, notes=notes)
-        tasks += _drive(domain, path, cost)
+        tasks += drive_tasks(domain, path, cost)
         if step is not None:
             tasks += _push_tasks(domain, step, costs)
             at, shifts = step.retreat, step.shifts_after
@@ -151,23 +144,23 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
     """
     from .search._travel_kernels import UNITS, clearances_at
 
+    reach = int(np.ceil(domain.radius)) + 1
+    low = np.maximum(np.floor(start).astype(int) - 2 * reach, 0)
     shifts = np.zeros((len(domain.bodies), 2))
-    near, _ = seed_cells(
-        domain.lattice_with(shifts), start, domain.radius, domain.slow, UNITS, reach=2, block=domain.block
-    )
+    clearance = domain.part(domain.clearance, low, low + 4 * reach, shifts, 1)
+    near, _ = seed_cells(clearance, start - low, domain.radius, domain.slow, UNITS, reach=2)
     if near.size:
         return start
-    clearance = domain.clearance_with(shifts)
+    start = start - low
     if clearances_at(clearance, start[None])[0] <= 0.0:
         return None
-    reach = int(np.ceil(domain.radius)) + 1
     cells, costs = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=reach)
     columns = clearance.shape[1]
     for cell in cells[np.argsort(costs, kind="stable")]:
         place = np.array([cell % columns + 0.5, cell // columns + 0.5])
         steps = np.linspace(0.0, 1.0, 4 * reach)[:, None]
         if (np.diff(clearances_at(clearance, start + steps * (place - start))) >= -ESCAPE_SLACK).all():
-            return place
+            return place + low
     return None
 
 
@@ -182,14 +175,6 @@ def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
     near = [id for id, outline in outlines if polygon_distance(*start, outline) < domain.radius]
     blamed = " and ".join(near) or "a wall or unknown cells"
     return f"the robot does not fit where it starts, {blamed} in its way, and has no straight way out"
-
-
-def _drive(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: float) -> list[Task]:
-    if len(path) < 2:
-        return []
-    path_m = world_from_grid(domain.map, path)
-    length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
-    return [Task("navigate", domain.seconds(cost), length_m, tuple((float(x), float(y)) for x, y in path_m))]
 
 
 def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:
@@ -241,6 +226,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
             _pair(goal_m),
             _pair(moved_m),
             known,
+            tuple(tuple(float(value) for value in row) for row in end_covariance(domain, step)),
         )
     )
     return tasks

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,9 @@ from ..problem.path_plan import Plan
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts
 from .planner import plan_in_domain
-from .search.push_states import SearchLimits
-from .search.search_domain import SearchDomain, build_search_domain
+from .search.domain_builder import build_search_domain
+from .search.push_states import Deadline, SearchLimits
+from .search.search_domain import SearchDomain
 
 __all__ = ["alternatives", "make_plan", "without_pushing"]
 
@@ -57,36 +57,33 @@ def make_plan(
     (['navigate'], 1.2)
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
-    return _cheapest(problem, build_search_domain(problem, costs), costs, limits)
+    deadline = Deadline.after(limits.budget_s)
+    domain = build_search_domain(problem, costs)
+    return _cheapest(problem, domain, costs, _until(deadline, limits))
 
 
 def _cheapest(problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits) -> Plan:
     # What is left is for the drives of the plan.
     limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
-    deadline_s = time.monotonic() + limits.budget_s
+    deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
     safe_plan = _planned(problem, domain, costs, first, unknown=False)
-    if safe_plan.pushes:
-        # The search compares estimates on the lattice; what is driven is shortened by string pulling.
-        around = plan_in_domain(problem, domain, costs, limits, active=())
-        if around.reachable and around.cost_s < safe_plan.cost_s:
-            safe_plan = replace(around, name=safe_plan.name, notes=safe_plan.notes, gap=safe_plan.gap)
     if not unknown:
         return safe_plan
-    risky_plan = _planned(problem, domain, costs, _until(deadline_s, limits), unknown=True)
+    risky_plan = _planned(problem, domain, costs, _until(deadline, limits), unknown=True)
     explored = next((i for i, task in enumerate(risky_plan.tasks) if task.kind == "explore"), None)
     if not risky_plan.reachable or explored is None:
         return safe_plan if safe_plan.reachable else risky_plan
-    expected_s = _expected(problem, risky_plan, explored, costs, _until(deadline_s, limits))
+    expected_s = _expected(problem, risky_plan, explored, costs, _until(deadline, limits))
     if safe_plan.reachable and safe_plan.cost_s <= expected_s:
         return safe_plan
     return replace(risky_plan, expected_s=expected_s)
 
 
-def _until(deadline_s: float, limits: SearchLimits) -> SearchLimits:
+def _until(deadline: Deadline, limits: SearchLimits) -> SearchLimits:
     """Limits for what is left of a budget, at least a tenth of it."""
-    left_s = max(deadline_s - time.monotonic(), 0.1 * limits.budget_s)
+    left_s = max(deadline.left_s, 0.1 * limits.budget_s)
     return replace(limits, budget_s=min(left_s, limits.budget_s))
 
 
@@ -149,13 +146,13 @@ def _planned(
     unknown: bool,
     report_costs: PushCosts | None = None,
 ) -> Plan:
-    deadline_s = time.monotonic() + limits.budget_s
+    deadline = Deadline.after(limits.budget_s)
     active = [k for k, body in enumerate(domain.bodies) if unknown or not body.allowed.unknown]
     found = plan_in_domain(problem, domain, costs, limits, active=active, report_costs=report_costs)
     if found.reachable or not active:
         return found
     # Oblique pushes hold by friction alone: only where nothing else clears a path.
-    left = _until(deadline_s, limits)
+    left = _until(deadline, limits)
     oblique = plan_in_domain(
         problem, domain, costs, left, active=active, oblique=True, report_costs=report_costs
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -60,10 +61,15 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
         colour = "tab:orange" if item.id in moved else "tab:gray" if item.known_immovable else "tan"
         axes.add_patch(Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9))
         axes.annotate(item.id, (item.centre_m[0], item.centre_m[1]), ha="center", va="center", fontsize=7)
+    _draw_passages(axes, problem, plan)
+    colours = {"push": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
+    shown: set[str] = set()
     for task in plan.tasks:
         if task.path_m:
             xs, ys = np.array(task.path_m).T
-            axes.plot(xs, ys, color="tab:red" if task.kind == "push" else "tab:green", lw=2)
+            label = None if task.kind in shown else task.kind
+            shown.add(task.kind)
+            axes.plot(xs, ys, color=colours.get(task.kind, "tab:green"), lw=2, label=label)
         if task.kind == "push" and task.goal_m is not None and task.displacement_m is not None:
             item = next(item for item in problem.objects if item.id == task.object)
             shift = np.array(task.goal_m) - item.centre_m
@@ -87,3 +93,18 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     axes.legend(loc="upper right", fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
+
+
+def _draw_passages(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
+    """Doors and elevators, and in the legend what is waited for or pushed open, and for how long."""
+    from matplotlib.patches import Polygon
+
+    steps = {task.object: task for task in plan.tasks if task.kind in {"wait", "door"}}
+    for passage in problem.passages:
+        axes.add_patch(Polygon(passage.footprint_m, facecolor="tab:cyan", edgecolor="black", lw=0.6))
+        x, y = passage.footprint_m.mean(axis=0)
+        axes.annotate(passage.id, (x, y), ha="center", va="center", fontsize=7)
+        if task := steps.get(passage.id):
+            does = "wait at" if task.kind == "wait" else "push open"
+            label = f"{does} {passage.id}: {task.cost_s:.0f} s, sigma {task.sigma_s:.0f} s"
+            axes.plot(x, y, "o", mfc="none", mec="tab:purple", ms=14, mew=2, ls="none", label=label)

@@ -2,47 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core.objects import HapticTag, PrimitiveKind
-from .planning_problem import MovableObject, RobotModel
+from ...core.objects import HapticTag
+from .passages import Passage, PassageKind
+from .planning_problem import MovableObject
 from .push_costs import PushCosts, failure_probability, push_cost
+from .robot_model import RobotModel
 
-__all__ = [
-    "DoorNode",
-    "ManipulationNode",
-    "SlidingDoorNode",
-    "TransparencyNode",
-    "WaitingNode",
-    "is_door_wing",
-]
+__all__ = ["ManipulationNode", "PassageNode", "TransparencyNode", "nodes_of"]
 
-#: A wing turns about its hinge by at least this much per pushed metre: 0.5 m from the contact to the hinge is 2.
-WING_RAD_PER_M = 0.7
-#: ... and constantly so: its standard deviation over the push is this small a fraction of it.
-WING_SPREAD = 0.35
-
-
-def is_door_wing(tag: HapticTag) -> bool:
-    """Whether a tag shows the pattern of a door's wing (Sec. 4.3.4).
-
-    A constant rotation and a planar primitive; a wing also keeps moving after
-    the platform stops, or shows nearly no friction, where that was observed.
-
-    Parameters
-    ----------
-    tag
-        From pushes of the object.
-    """
-    rotation = tag.rotation_rad_per_m
-    if rotation is None or tag.fixed or tag.falls or abs(rotation.value) < WING_RAD_PER_M:
-        return False
-    planar = tag.primitive is not None and tag.primitive.kind in {PrimitiveKind.LINE, PrimitiveKind.SEGMENT}
-    constant = rotation.predictive_sigma <= WING_SPREAD * abs(rotation.value)
-    return planar and constant
+#: Local planner of each kind of passage.
+PLANNERS = {
+    PassageKind.DOOR_PUSH: "push door",
+    PassageKind.DOOR_SLIDING: "trigger and wait",
+    PassageKind.ELEVATOR: "wait",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,117 +136,62 @@ class TransparencyNode:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DoorNode:
-    """A wing that can be pushed open, but not pulled; not snapped."""
+class PassageNode:
+    """A door or an elevator."""
 
-    id: str
-    outline_m: Float[np.ndarray, "p 2"]  #: the closed wing
-    width_m: float  #: from the hinge to the edge
-    tag: HapticTag | None = None
-    closed: bool = True
+    passage: Passage
     in_map: bool = True
-    planner: str = "push door"
+
+    @property
+    def id(self) -> str:
+        """Of the passage."""
+        return self.passage.id
+
+    @property
+    def outline_m(self) -> Float[np.ndarray, "p 2"]:
+        """Closed wing or threshold."""
+        return self.passage.footprint_m
+
+    @property
+    def planner(self) -> str:
+        """Local planner that gets through."""
+        return PLANNERS[self.passage.kind]
 
     def task_s(self, robot: RobotModel) -> float:
-        """Setup time, and the path of the contact until the robot fits through [s].
-
-        The robot, of width 2 r, pushes at the middle of the wing; opened by
-        an angle a the wing leaves width (1 - cos a) free.
+        """Expected time to get through; infinite where the robot never does [s].
 
         Parameters
         ----------
         robot
             The platform.
         """
-        if not self.closed:
-            return 0.0
-        if self.tag is not None and self.tag.fixed:
-            return float("inf")
-        needed = 2.2 * robot.radius_m / self.width_m
-        if needed > 1.0:
-            return float("inf")
-        angle = float(np.arccos(1.0 - needed))
-        return robot.setup_time_s + 0.5 * self.width_m * angle / robot.v_push_m_s
+        return self.passage.cost(robot).total_s
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that the door is blocked or latched, from the counters.
+        """Probability that it stays closed.
 
         Parameters
         ----------
         robot
             The platform.
         """
-        return failure_probability(self.tag or HapticTag(explored=1), 0.0, robot)
+        return self.passage.cost(robot).failure_probability
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SlidingDoorNode:
-    """Opens by itself after a trigger: a motion detector, a button, a command."""
+def nodes_of(
+    objects: Iterable[MovableObject], passages: Iterable[Passage]
+) -> list[ManipulationNode | TransparencyNode | PassageNode]:
+    """Nodes of what ``objects.yaml`` holds: what is fixed, or glass, is kept clear of.
 
-    id: str
-    outline_m: Float[np.ndarray, "p 2"]
-    trigger: str = "motion"  #: "motion", "button" or "wireless"
-    open_s: float = 4.0  #: from the trigger until it is open
-    probability_open: float = 0.0  #: that it is found open
-    has_arm: bool = False
-    in_map: bool = True
-    planner: str = "trigger and wait"
-
-    def task_s(self, robot: RobotModel) -> float:
-        """Expected wait [s]; infinite for a button without an arm.
-
-        Parameters
-        ----------
-        robot
-            The platform.
-        """
-        del robot
-        if self.trigger == "button" and not self.has_arm:
-            return float("inf")
-        return (1.0 - self.probability_open) * self.open_s
-
-    def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that the door does not open.
-
-        Parameters
-        ----------
-        robot
-            The platform.
-        """
-        del robot
-        return 0.05
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WaitingNode:
-    """An elevator, or a door that somebody else has to open: wait in front of it."""
-
-    id: str
-    outline_m: Float[np.ndarray, "p 2"]
-    arrivals_per_s: float = 1.0 / 60.0  #: how often somebody enters or exits
-    patience_s: float = 300.0  #: given up after so long
-    in_map: bool = True
-    planner: str = "wait"
-
-    def task_s(self, robot: RobotModel) -> float:
-        """Expected waiting time [s] for random arrivals, up to the patience.
-
-        Parameters
-        ----------
-        robot
-            The platform.
-        """
-        del robot
-        missed = np.exp(-self.arrivals_per_s * self.patience_s)
-        return float((1.0 - missed) / self.arrivals_per_s)
-
-    def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that nobody comes in time.
-
-        Parameters
-        ----------
-        robot
-            The platform.
-        """
-        del robot
-        return float(np.exp(-self.arrivals_per_s * self.patience_s))
+    Parameters
+    ----------
+    objects, passages
+        From :func:`~visuohaptic.navigation.problem.objects_file.load_objects` and ``load_passages``.
+    """
+    return [
+        *(
+            TransparencyNode(o.id, o.footprint_m) if o.known_immovable else ManipulationNode(o)
+            for o in objects
+        ),
+        *(PassageNode(passage) for passage in passages),
+    ]

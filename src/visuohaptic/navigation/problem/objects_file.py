@@ -12,13 +12,26 @@ from jaxtyping import Float
 from ...core.codec import from_dict
 from ...core.errors import InputError
 from ...core.files import load_yaml
-from ...core.objects import HapticTag
+from ...core.objects import Estimate, HapticTag
+from .outlines import outline_of
+from .passages import Passage, PassageKind
 from .planning_problem import MovableObject, RobotModel
 
-__all__ = ["load_objects", "load_robot", "objects_from_data", "robot_from_data"]
+__all__ = [
+    "load_objects",
+    "load_passages",
+    "load_robot",
+    "objects_from_data",
+    "passages_from_data",
+    "robot_from_data",
+]
 
 #: More objects than this on one map are a mistake of the writer.
 MAX_OBJECTS = 10_000
+#: What an entry may be, beside the kinds of passages. Glass that was never pushed is kept clear of.
+OBJECT, GLASS, PASSAGES = "object", "glass", tuple(PassageKind)
+#: Room kept beside glass, which depth cameras see several centimetres off [m].
+GLASS_SAFETY_M = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +41,8 @@ class _Entry:
     id: int | str
     footprint_m: Float[np.ndarray, "p 2"]
     haptic_tag: HapticTag | None = None
+    type: str = "object"
+    open_s: Estimate | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,22 +128,104 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
     InputError
         Names the object, the field, what was found and what was expected.
     """
-    entries = data.get("objects") if isinstance(data, dict) else None
-    if isinstance(entries, list) and len(entries) > MAX_OBJECTS:
-        raise InputError(where, f"found {len(entries)}, expected at most {MAX_OBJECTS}", field="objects")
     found: dict[str, MovableObject] = {}
-    for index, entry in enumerate(from_dict(_File, data, where=where).objects or ()):
+    for index, entry in enumerate(_entries(data, where)):
+        if entry.type in PASSAGES:
+            continue
+        name, tag, footprint_m = str(entry.id), entry.haptic_tag, entry.footprint_m
+        try:
+            if entry.type == GLASS and tag is None:
+                tag, footprint_m = (
+                    HapticTag(fixed=True),
+                    _wider(outline_of(footprint_m, where), GLASS_SAFETY_M),
+                )
+            found[name] = MovableObject(name, footprint_m, tag)
+        except InputError as error:
+            raise _at(error, where, index) from error
+    return tuple(found.values())
+
+
+def load_passages(path: Path | str) -> tuple[Passage, ...]:
+    """Read the doors and elevators of ``objects.yaml``: entries with a ``type``.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    InputError
+        Names the file, the entry, the field, what was found and what was expected.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> entry = "{id: door, type: door_sliding, open_s: 5, footprint_m: [[2, 0], [2.1, 0], [2.1, 0.9], [2, 0.9]]}"
+    >>> _ = Path("objects.yaml").write_text(f"objects: [{entry}]")
+    >>> [(passage.id, passage.open_s.value) for passage in load_passages("objects.yaml")]
+    [('door', 5.0)]
+    """
+    return passages_from_data(load_yaml(path), where=str(path))
+
+
+def passages_from_data(data: Any, *, where: str = "objects") -> tuple[Passage, ...]:
+    """Doors and elevators from plain data.
+
+    Parameters
+    ----------
+    data, where
+        As of :func:`objects_from_data`; of each its ``type``, and ``open_s``, the seconds until it is open.
+
+    Raises
+    ------
+    InputError
+        Names the entry, the field, what was found and what was expected.
+    """
+    found = []
+    for index, entry in enumerate(_entries(data, where)):
+        if entry.type in PASSAGES:
+            try:
+                kind = PassageKind(entry.type)
+                found.append(Passage(str(entry.id), entry.footprint_m, kind, entry.open_s, entry.haptic_tag))
+            except InputError as error:
+                raise _at(error, where, index) from error
+    return tuple(found)
+
+
+def _entries(data: Any, where: str) -> tuple[_Entry, ...]:
+    """Entries with distinct names and known types."""
+    listed = data.get("objects") if isinstance(data, dict) else None
+    if isinstance(listed, list) and len(listed) > MAX_OBJECTS:
+        raise InputError(where, f"found {len(listed)}, expected at most {MAX_OBJECTS}", field="objects")
+    entries = from_dict(_File, data, where=where).objects or ()
+    names: list[str] = []
+    for index, entry in enumerate(entries):
         name = str(entry.id)
         if not name.strip():
             raise InputError(where, f"found {name!r}, expected a name", field=f"objects[{index}].id")
-        if name in found:
-            first = list(found).index(name)
+        if name in names:
             raise InputError(
-                where, f"found {name!r}, which objects[{first}] has already", field=f"objects[{index}].id"
+                where,
+                f"found {name!r}, which objects[{names.index(name)}] has already",
+                field=f"objects[{index}].id",
             )
-        try:
-            found[name] = MovableObject(name, entry.footprint_m, entry.haptic_tag)
-        except InputError as error:
-            place = f"objects[{index}].{error.field}"
-            raise InputError(where, error.problem, field=place, remedy=error.remedy) from error
-    return tuple(found.values())
+        names.append(name)
+        if entry.type not in (allowed := (OBJECT, GLASS, *PASSAGES)):
+            raise InputError(
+                where,
+                f"found {entry.type!r}, expected one of {', '.join(allowed)}",
+                field=f"objects[{index}].type",
+            )
+    return entries
+
+
+def _at(error: InputError, where: str, index: int) -> InputError:
+    return InputError(where, error.problem, field=f"objects[{index}].{error.field}", remedy=error.remedy)
+
+
+def _wider(outline_m: Float[np.ndarray, "p 2"], room_m: float) -> Float[np.ndarray, "q 2"]:
+    """An outline with room around it."""
+    import shapely
+
+    return np.array(shapely.Polygon(outline_m).buffer(room_m, join_style="mitre").exterior.coords)[:-1]

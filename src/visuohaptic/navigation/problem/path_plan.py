@@ -12,7 +12,7 @@ from ...core.errors import InputError
 
 __all__ = ["Plan", "Task", "plan_from_json"]
 
-#: Kinds of tasks. ``explore`` touches an unknown object and decides; ``wait`` and ``door`` come from their nodes.
+#: Kinds of tasks. ``explore`` touches an unknown object and decides; ``wait`` and ``door`` come from passages.
 KINDS = ("navigate", "push", "explore", "wait", "door")
 
 #: Costs of drives are whole units: a gap below this is rounding.
@@ -34,7 +34,9 @@ class Task:
     goal_m: Point | None = None  #: where the centre of the object goes
     displacement_m: Point | None = None  #: motion of the object
     failure_probability: float = 0.0
-    nodes: tuple[int, ...] = ()  #: nodes of the joint graph whose regions are crossed
+    #: of a push, second moment of x, y [m] and turn [rad] of the object about its planned end
+    end_covariance: tuple[tuple[float, ...], ...] = ()
+    sigma_s: float = 0.0  #: standard deviation of the duration, where it is known
 
     def to_json(self) -> dict[str, Any]:
         """As in the contract; what does not apply is left out."""
@@ -50,8 +52,10 @@ class Task:
         data["cost_s"] = round(self.cost_s, 6)
         if self.kind != "navigate":
             data["failure_probability"] = round(self.failure_probability, 6)
-        if self.nodes:
-            data["nodes"] = list(self.nodes)
+        if self.end_covariance:
+            data["end_covariance"] = [[round(value, 9) for value in row] for row in self.end_covariance]
+        if self.sigma_s:
+            data["sigma_s"] = round(self.sigma_s, 6)
         return data
 
 
@@ -183,7 +187,8 @@ def _task(entry: Mapping[str, Any], where: str) -> Task:
         tuple(_point(point) for point in entry.get("path_m", ())),
         str(entry.get("object", "")),
         failure_probability=float(entry.get("failure_probability", 0.0)),
-        nodes=tuple(int(node) for node in entry.get("nodes", ())),
+        end_covariance=tuple(tuple(float(value) for value in row) for row in entry.get("end_covariance", ())),
+        sigma_s=float(entry.get("sigma_s", 0.0)),
         **points,
     )
 

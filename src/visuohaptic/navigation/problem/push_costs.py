@@ -19,7 +19,7 @@ from typing import Protocol
 
 from ...core.errors import InputError
 from ...core.objects import Estimate, HapticTag
-from .planning_problem import RobotModel
+from .robot_model import RobotModel
 
 __all__ = [
     "Manipulability",

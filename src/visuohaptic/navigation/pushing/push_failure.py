@@ -13,7 +13,7 @@ from ...core.objects import HapticTag
 from .push_model import PushModel
 from .quasi_static import PushTrace
 
-__all__ = ["PushUncertainty", "centre_from_tag", "simulated_failure"]
+__all__ = ["PushUncertainty", "centre_from_tag", "push_from_outside", "simulated_failure"]
 
 #: The object has arrived within this distance of where it was to go (m), turned by at most this (rad).
 ARRIVAL_M, MAX_TURN_RAD = 0.1, 0.7
@@ -135,7 +135,7 @@ def simulated_failure(
     failed = 0
     for _ in range(samples):
         sampled, place = uncertainty.sample(model, object_m, rng)
-        trace = _from_outside(sampled, place, path, radius_m)
+        trace = push_from_outside(sampled, place, path, radius_m)
         if trace is None:
             failed += 1
             continue
@@ -145,7 +145,7 @@ def simulated_failure(
     return failed / samples
 
 
-def _from_outside(
+def push_from_outside(
     model: PushModel,
     object_m: tuple[float, float, float] | Float[np.ndarray, "3"],
     path: Float[np.ndarray, "k 3"],
@@ -153,6 +153,13 @@ def _from_outside(
 ) -> PushTrace | None:
     """The push; begun earlier on its line where the object was sampled into the platform.
 
+    Parameters
+    ----------
+    model, object_m, path, radius_m
+        As of :func:`~visuohaptic.navigation.pushing.quasi_static.simulate_push`.
+
+    Returns
+    -------
     ``None`` where the object blocks the whole approach.
     """
     from .quasi_static import simulate_push
@@ -172,7 +179,7 @@ def _approach_m(
     model: PushModel, object_m: tuple[float, float, float], path: Float[np.ndarray, "k 3"], radius_m: float
 ) -> float:
     """Length that the platform drives before it meets the object."""
-    trace = _from_outside(model, object_m, path, radius_m)
+    trace = push_from_outside(model, object_m, path, radius_m)
     if trace is None or len(trace.platform_m) > len(path):
         return 0.0  # it begins at the object
     rows = np.flatnonzero(np.isfinite(trace.contact_m[:, 0]))

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ...navigation.pushing.direct_push import DirectPushSettings, plan_direct_push
-from ...navigation.pushing.goal_maps import GoalMap, goal_map
-from ...navigation.pushing.local_costmap import FootprintSamples, LocalCostmap
-from ...navigation.pushing.push_scene import PushedObject
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, draw_map, outline, with_all
 from ..output import Output
+from ..pushes.direct_push import DirectPushSettings, plan_direct_push
+from ..pushes.goal_maps import GoalMap, goal_map
+from ..pushes.local_costmap import FootprintSamples, LocalCostmap
+from ..pushes.push_scene import PushedObject
 
 __all__ = ["CAPTION", "TITLE", "run"]
 

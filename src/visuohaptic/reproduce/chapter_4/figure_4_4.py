@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from ...io.maps.occupancy_map import OccupancyMap
-from ...navigation.pushing.local_costmap import LocalCostmap
 from ...navigation.pushing.push_model import PushModel, load_of_feet, patch_points
-from ...navigation.pushing.push_scene import PushLimits, PushScene
 from ...navigation.pushing.quasi_static import PushTrace, arc_path
-from ...navigation.pushing.sideward_push import SidewardOutcome, evaluate_push, sideward_candidates
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, box, rooms
 from ...simulation.floor.floor_push import FloorBody, FloorPush
 from .._building import draw_map, outline
 from ..output import Output
+from ..pushes.local_costmap import LocalCostmap
+from ..pushes.push_scene import PushLimits, PushScene
+from ..pushes.sideward_push import SidewardOutcome, evaluate_push, sideward_candidates
 
 __all__ = ["CAPTION", "TITLE", "run"]
 

@@ -14,12 +14,12 @@ from ...navigation.planning.joint_graph import JointGraph
 from ...navigation.planning.policies import alternatives, make_plan
 from ...navigation.problem.node_types import ManipulationNode
 from ...navigation.problem.path_plan import Plan
-from ...navigation.pushing.direct_push import DirectPush, DirectPushSettings, plan_direct_push
-from ...navigation.pushing.push_scene import PushedObject
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of
 from ..output import Output
+from ..pushes.direct_push import DirectPush, DirectPushSettings, plan_direct_push
+from ..pushes.push_scene import PushedObject
 
 __all__ = ["CAPTION", "TITLE", "run"]
 

@@ -14,7 +14,8 @@ EPILOG = """\
 reads   a map_server YAML file with its image
 writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
         graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
-        edges are split until every straight line between nodes keeps the radius off the walls), and with --plot navigation.png
+        edges are split until every straight line between nodes keeps the radius off the walls), with --objects
+        joint_graph.geojson (the same with nodes of objects, doors and elevators), and with --plot navigation.png
 
 example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
 """
@@ -38,6 +39,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--stub", type=float, dest="stub_length_m", help="remove dead ends shorter than this [m]"
+    )
+    parser.add_argument(
+        "--objects", type=Path, help="objects.yaml: what is pushed, waited for or kept clear of"
+    )
+    parser.add_argument(
+        "--route",
+        type=float,
+        nargs=4,
+        metavar=("X", "Y", "X", "Y"),
+        help="also the path from one point to another [m]",
     )
     parser.add_argument("--frame", default="map", help="name of the map frame in the files")
     parser.add_argument("--plot", action="store_true", help="draw it, as figure 4.1")
@@ -79,6 +90,21 @@ def run(args: Any) -> dict[str, Any]:
     save_graph(folder / "graph.geojson", graph, grid, frame=args.frame)
     save_route_graph(folder / "route_graph.geojson", graph, layers, frame=args.frame)
     written += ["graph.geojson", "route_graph.geojson"]
+    if args.objects is not None:
+        from ....navigation.files.joint_geojson import save_joint_route_graph
+        from ....navigation.planning.joint_builder import extend_graph
+        from ....navigation.problem.node_types import nodes_of
+        from ....navigation.problem.objects_file import load_objects, load_passages
+        from ....navigation.problem.robot_model import RobotModel
+
+        robot = RobotModel(args.radius_m, args.v_max_m_s, args.v_min_m_s)
+        nodes = nodes_of(load_objects(args.objects), load_passages(args.objects))
+        joint = extend_graph(graph, regions, robot, nodes)
+        save_joint_route_graph(folder / "joint_graph.geojson", joint, frame=args.frame)
+        written.append("joint_graph.geojson")
+    result = {"map": str(args.map), **describe(layers, graph), "folder": str(folder), "written": written}
+    if args.route is not None:
+        result["route"] = _route(regions, args.route)
     if args.plot:
         from ....core.files import atomic_path
         from ....navigation.plots.map_plots import plot_navigation
@@ -86,4 +112,17 @@ def run(args: Any) -> dict[str, Any]:
         with atomic_path(folder / "navigation.png") as temporary:
             plot_navigation(regions).savefig(temporary)
         written.append("navigation.png")
-    return {"map": str(args.map), **describe(layers, graph), "folder": str(folder), "written": written}
+    return result
+
+
+def _route(regions: Any, ends_m: list[float]) -> dict[str, Any]:
+    """The path from one point to another along the graph, shortened over the cells."""
+    import numpy as np
+
+    from ....navigation.graph.query import plan_path
+
+    found = plan_path(regions, np.array(ends_m[:2]), np.array(ends_m[2:]))
+    if not found.found:
+        return {"reachable": False}
+    path = [[round(float(x), 3), round(float(y), 3)] for x, y in found.points_m]
+    return {"reachable": True, "cost_s": found.line_cost_s, "length_m": found.line_length_m, "path_m": path}

@@ -26,6 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--radius", type=float, default=0.17, dest="radius_m", help="of the robot [m], 0.17 by default"
     )
     parser.add_argument(
+        "--doors", action="store_true", help="also the doors, and what stands alone and may be movable"
+    )
+    parser.add_argument(
         "--unknown-is-free", action="store_true", help="the robot may enter what was never seen"
     )
 
@@ -40,7 +43,31 @@ def run(args: Any) -> dict[str, Any]:
     limits = SpeedLimits(args.radius_m, v_min_m_s=0.05, v_max_m_s=0.3)
     layers = grid_layers(grid, limits, unknown_is_free=args.unknown_is_free)
     graph = build_graph(layers)
-    return {"map": str(args.map), **describe(layers, graph)}
+    return {"map": str(args.map), **describe(layers, graph), **(_seen(grid) if args.doors else {})}
+
+
+def _seen(grid: Any) -> dict[str, Any]:
+    """Doors with their probability, and outlines that stand alone."""
+    from ....navigation.grid.footprints import find_footprints
+    from ....navigation.mapping.doors import find_doors
+
+    return {
+        "doors": [
+            {
+                "at_m": [round(float(v), 3) for v in door.middle_m],
+                "width_m": round(door.width_m, 3),
+                "probability": round(door.confidence, 3),
+            }
+            for door in find_doors(grid).doors
+        ],
+        "candidates": [
+            {
+                "at_m": [round(float(v), 3) for v in candidate.centre_m],
+                "size_m": [round(v, 3) for v in candidate.size_m],
+            }
+            for candidate in find_footprints(grid)
+        ],
+    }
 
 
 def describe(layers: Any, graph: Any) -> dict[str, Any]:

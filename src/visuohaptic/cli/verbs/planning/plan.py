@@ -71,13 +71,14 @@ def run(args: Any) -> dict[str, Any]:
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.planning.policies import alternatives, make_plan
     from ....navigation.planning.search.push_states import SearchLimits
-    from ....navigation.problem.objects_file import load_objects, load_robot
+    from ....navigation.problem.objects_file import load_objects, load_passages, load_robot
     from ....navigation.problem.planning_problem import PlanningProblem
 
     robot = load_robot(args.robot)
     objects = load_objects(args.objects) if args.objects else ()
+    passages = load_passages(args.objects) if args.objects else ()
     problem = PlanningProblem(
-        OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects
+        OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects, passages
     )
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
     limits = SearchLimits(budget_s, 0.0 if args.prove else SearchLimits().gap, int(args.memory * 1e6))

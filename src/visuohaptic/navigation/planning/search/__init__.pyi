@@ -1,3 +1,5 @@
+from .bodies import Body as Body
+from .domain_builder import build_search_domain as build_search_domain
 from .infeasibility import Infeasibility as Infeasibility
 from .object_cells import clear_cells as clear_cells
 from .object_cells import fill_cells as fill_cells
@@ -12,8 +14,6 @@ from .push_states import SeenFields as SeenFields
 from .push_states import needed_clearance as needed_clearance
 from .push_states import push_sequence as push_sequence
 from .push_states import seed_cells as seed_cells
-from .search_domain import Body as Body
 from .search_domain import SearchDomain as SearchDomain
-from .search_domain import build_search_domain as build_search_domain
 from .search_domain import grid_from_world as grid_from_world
 from .search_domain import world_from_grid as world_from_grid

@@ -11,8 +11,39 @@ import math
 import numpy as np
 
 from ....core.kernels import kernel
+from ...graph.tracing._path_kernels import longer_rows
 from ...pushing._outline_kernels import inside_polygon, polygon_distance
 from ._travel_kernels import clearance_at
+
+
+@kernel
+def descend(cost: np.ndarray, clearance: np.ndarray, seeds: np.ndarray, cell: int) -> np.ndarray:
+    """Cells (x, y) from a seed to a cell, steepest descent over the eight neighbours of a field of travel costs."""
+    columns = clearance.shape[1]
+    path = np.empty((1024, 2))
+    count = 0
+    seed = np.zeros(len(cost), np.bool_)
+    for i in range(len(seeds)):
+        seed[seeds[i]] = True
+    at = cell
+    while at >= 0:
+        if count == len(path):
+            path = longer_rows(path)
+        r, c = at // columns, at % columns
+        path[count, 0], path[count, 1] = c, r
+        count += 1
+        steepest, down = 0.0, -1
+        for rr in range(max(r - 1, 0), min(r + 2, clearance.shape[0])):
+            for cc in range(max(c - 1, 0), min(c + 2, columns)):
+                v = rr * columns + cc
+                slope = float(cost[at] - cost[v]) / math.hypot(rr - r, cc - c) if v != at else 0.0
+                if slope > steepest:
+                    steepest, down = slope, v
+        at = -1 if seed[at] else down
+    found = np.empty((count, 2))
+    for i in range(count):
+        found[i, 0], found[i, 1] = path[count - 1 - i, 0], path[count - 1 - i, 1]
+    return found
 
 
 @kernel
@@ -120,11 +151,11 @@ def free_push_length(
         x0, y0 = min(x0, around[i, 0]), min(y0, around[i, 1])
         x1, y1 = max(x1, around[i, 0]), max(y1, around[i, 1])
     moved = np.zeros_like(polygon)
-    for step in range(1, int(2.0 * limit + 1e-6) + 1):
-        t = 0.5 * step
+    for step in range(1, int(math.ceil(2.0 * limit - 1e-6)) + 1):
+        before, t = 0.5 * (step - 1), min(0.5 * step, limit)
         x, y = robot_x + t * dir_x, robot_y + t * dir_y
         if clearance_at(clearance, x, y) < radius - 0.05:
-            return t - 0.5
+            return before
         dx, dy = t * dir_x, t * dir_y
         for i in range(n + m):
             if due[i] > t:
@@ -132,12 +163,12 @@ def free_push_length(
             px, py = (outline[i, 0], outline[i, 1]) if i < n else (around[i - n, 0], around[i - n, 1])
             r, c = int(math.floor(py + dy)), int(math.floor(px + dx))
             if r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]:
-                return t - 0.5
+                return before
             due[i] = t + clearance[r, c] - 2.2
         for o in range(count):
             first, last = other_start[o], other_start[o + 1]
             if polygon_distance(x, y, others[first:last]) < radius - 0.05:
-                return t - 0.5
+                return before
             ox0, oy0, ox1, oy1 = np.inf, np.inf, -np.inf, -np.inf
             for i in range(first, last):
                 ox0, oy0 = min(ox0, others[i, 0]), min(oy0, others[i, 1])
@@ -145,16 +176,16 @@ def free_push_length(
             if x0 + dx > ox1 or x1 + dx < ox0 or y0 + dy > oy1 or y1 + dy < oy0:
                 continue
             if _meets(outline, dx, dy, others, first, last):
-                return t - 0.5
+                return before
             for i in range(m):
                 free = due[n + i] < np.inf
                 if free and inside_polygon(around[i, 0] + dx, around[i, 1] + dy, others[first:last]):
-                    return t - 0.5
+                    return before
             for i in range(len(polygon)):
                 moved[i, 0], moved[i, 1] = polygon[i, 0] + dx, polygon[i, 1] + dy
             for i in range(first, last):
                 if inside_polygon(others[i, 0], others[i, 1], moved):
-                    return t - 0.5
+                    return before
     return limit
 
 

@@ -84,6 +84,17 @@ def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: i
 
 
 @kernel
+def _cell_cost(clearance: float, radius: float, slow: float) -> int:
+    """Cost (4.1) of a cell [units], -1 where the robot does not fit."""
+    if clearance >= 3.0 * radius:
+        return UNITS
+    if clearance < radius:
+        return -1
+    fraction = (clearance / radius - 1.0) * 0.5
+    return int((slow + fraction * (1.0 - slow)) * UNITS + 0.5)
+
+
+@kernel
 def travel_field(
     clearance: np.ndarray,
     radius: float,
@@ -95,12 +106,13 @@ def travel_field(
     cost_to_go: np.ndarray,
     bound: int,
     targets: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cheapest travel from the seeds to every cell.
+) -> np.ndarray:
+    """Cheapest any-angle travel from the seeds to every cell [units].
 
-    A step costs its length times the mean of both cells' costs, Eq. (4.1), 1 far
-    away and ``slow`` at the radius. Bucket queue over whole units; buckets are as
-    wide as the cheapest step, so that nothing in one can shorten another of it.
+    Eikonal equation with the cost (4.1), 1 far away and ``slow`` at the radius, on the eight triangles around a cell
+    (Ferguson and Stentz 2006, Field D*): between a straight neighbour s and a diagonal one d beside it, the path
+    through their edge costs ``s + sqrt(c^2 - (s - d)^2)``, c the mean cost of the straight step. Bucket queue over
+    whole units, label correcting within a bucket, which is as wide as the cheapest step.
 
     Parameters
     ----------
@@ -119,16 +131,11 @@ def travel_field(
         Where ``cost_to_go`` is not empty, cells with cost + cost_to_go > bound are not followed.
     targets
         Where there are any, the search ends when all of them have their cost.
-
-    Returns
-    -------
-    cost [units], the flat index each cell was reached from (-1)
     """
     rows, columns = clearance.shape
     n = rows * columns
     flat = clearance.ravel()
     cost = np.full(n, FAR, np.int32)
-    came = np.full(n, -1, np.int32)
     charged = region.size > 0
     labels = region.ravel()
     limited = cost_to_go.size > 0
@@ -138,11 +145,7 @@ def travel_field(
     for i in range(len(seed_cost)):
         top = max(top, seed_cost[i])
     count = (int(slow * UNITS * 1.5) + top) // UNITS + 4
-    cell_cost = np.zeros(n, np.int32)  # of a cell [units], 0 where the robot does not fit
-    for i in range(n):
-        if flat[i] >= radius:
-            fraction = min((flat[i] / radius - 1.0) * 0.5, 1.0)
-            cell_cost[i] = int((slow + fraction * (1.0 - slow)) * UNITS + 0.5)
+    cell_cost = np.zeros(n, np.int32)  # of a cell that was looked at [units], -1 where the robot does not fit
     heads = np.full(count, -1, np.int32)
     capacity = max(1024, n // 4)
     pool_cell = np.empty(capacity, np.int32)
@@ -153,6 +156,7 @@ def travel_field(
     waiting = 0
     for i in range(len(seeds)):
         s = seeds[i]
+        cell_cost[s] = _cell_cost(flat[s], radius, slow)
         if cell_cost[s] > 0 and seed_cost[i] < cost[s]:
             cost[s] = seed_cost[i]
             slot = (cost[s] // UNITS) % count
@@ -178,26 +182,45 @@ def travel_field(
             if limited and reached + cost_to_go[u] > bound:
                 continue
             r, c = u // columns, u % columns
+            own = labels[u] if charged else 0
+            # How much lower the cell above or below is, and that on the left or right: 0 where neither is.
+            upright, level_by = 0, 0
+            if r > 0 and (not charged or labels[u - columns] == own):
+                upright = max(upright, reached - cost[u - columns])
+            if r + 1 < rows and (not charged or labels[u + columns] == own):
+                upright = max(upright, reached - cost[u + columns])
+            if c > 0 and (not charged or labels[u - 1] == own):
+                level_by = max(level_by, reached - cost[u - 1])
+            if c + 1 < columns and (not charged or labels[u + 1] == own):
+                level_by = max(level_by, reached - cost[u + 1])
             for dr in range(-1, 2):
                 rr = r + dr
                 if rr < 0 or rr >= rows:
                     continue
                 for dc in range(-1, 2):
                     cc = c + dc
-                    if cc < 0 or cc >= columns or (dr == 0 and dc == 0):
+                    if cc < 0 or cc >= columns:
                         continue
                     v = rr * columns + cc
-                    if cell_cost[v] == 0:
+                    if cost[v] <= reached or cell_cost[v] < 0:
                         continue
-                    step = cell_cost[u] + cell_cost[v]
-                    # Half of it for a straight step, sqrt(1/2) of it for a diagonal one.
-                    step = (step * 512 if dr == 0 or dc == 0 else step * 724) >> 10
-                    if charged and labels[u] > 0 and labels[v] == 0:
-                        step += charge[labels[u]]
-                    total = reached + step
+                    if cell_cost[v] == 0:
+                        cell_cost[v] = _cell_cost(flat[v], radius, slow)
+                        if cell_cost[v] < 0:
+                            continue
+                    both = cell_cost[u] + cell_cost[v]
+                    if dr != 0 and dc != 0:
+                        total = reached + ((both * 724) >> 10)  # sqrt(1/2) of it
+                    else:
+                        total = reached + (both >> 1)
+                        lower = upright if dr == 0 else level_by
+                        if lower > 0 and 2 * lower * lower < (both * both) >> 2:
+                            mean = 0.5 * both
+                            total = reached + int(math.sqrt(mean * mean - float(lower) * lower) + 0.5)
+                    if charged and own > 0 and labels[v] == 0:
+                        total += charge[own]
                     if total < cost[v]:
                         cost[v] = total
-                        came[v] = u
                         if free >= 0:
                             entry = free
                             free = pool_next[entry]
@@ -221,7 +244,7 @@ def travel_field(
                 open_targets = open_targets or cost[targets[i]] >= level * UNITS
             if not open_targets:
                 break
-    return cost, came
+    return cost
 
 
 @kernel

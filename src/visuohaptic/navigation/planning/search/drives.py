@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from jaxtyping import Float, Float32, Int32
 
-from .push_states import END_SLACK, PushStep, seed_cells
-from .search_domain import SearchDomain, lower_clearance
+from .cell_paths import cheapest_cells, resampled
+from .push_states import PushStep
+from .search_domain import SearchDomain
 
-__all__ = ["drives_exist", "pull_string"]
-
+__all__ = ["changed_drives_cost", "drive_cost", "drives_cost", "pull_string"]
 
 #: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
 #: Corners are cut at most so many times.
 STRING_ROUNDS = 12
-#: ... of paths shorter than this [points]; those through a whole building are pulled piece by piece.
-LONG_DRIVE = 1000
+#: Nodes of a path over the lattice that are followed on the map at once.
+PIECE = 60
 
 
 def pull_string(
@@ -26,6 +28,8 @@ def pull_string(
     goal: Float[np.ndarray, "2"],
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Cheapest any-angle path between two points: over the lattice, along it on the map, then string pulling.
+
+    A long path is pulled piece by piece, and once more in pieces from the middle of each to the middle of the next.
 
     Parameters
     ----------
@@ -40,47 +44,41 @@ def pull_string(
     -------
     corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is none
     """
-    from ._travel_kernels import string_pull
-
+    nowhere = np.zeros((0, 2)), float("inf")
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0
-    places = domain.drives.get((shifts.tobytes(), start.tobytes(), goal.tobytes()))
-    # What only showed that a drive exists keeps no more room than it needs: good enough where it is long.
-    if places is None or len(places) < LONG_DRIVE:
-        found = _cells_on_map(domain, shifts, start, goal, domain.reach)
-        if found is None:
-            return np.zeros((0, 2)), float("inf")
-        cells, clearance, low = found
-    else:
-        clearance, low = _window(domain, shifts, places // domain.block, domain.reach)
-        cells = places - low
-    cells = cells[:: domain.block] + 0.5
-    path = np.concatenate([[start - low], cells, [goal - low]])
-    radius, slow = domain.radius, domain.slow
-    path, cost = _pulled(clearance, radius, slow, path)
-    for _ in range(STRING_ROUNDS if len(cells) < LONG_DRIVE else 0):
-        # The path over cells has eight directions only; chords between points along it cut its corners.
-        kept, cost_now = string_pull(
-            clearance, radius, slow, dense := _resampled(path, STRING_WINDOW), STRING_WINDOW
-        )
-        if not cost_now < cost:
-            break
-        gain = 1.0 - cost_now / cost
-        path, cost = dense[kept], cost_now
-        if gain < 1e-3:
-            break
+    block, nodes, _ = _drive(domain, shifts, start, goal)
+    if not len(nodes):
+        return nowhere
+    pieces = _pieces(domain, shifts, nodes, block, start, goal)
+    rounds = STRING_ROUNDS if len(pieces) == 1 else 0
+    pulled = [_pulled_piece(domain, shifts, piece, block, a, b, rounds) for piece, a, b in pieces]
+    if len(pulled) > 1:
+        middles = [path[len(path) // 2] for path, _ in pulled]
+        path = resampled(np.concatenate([path for path, _ in pulled]), 2 * len(nodes))
+        joints = [0, *(int(np.hypot(*(path - middle).T).argmin()) for middle in middles), len(path) - 1]
+        parts = [path[a : b + 1] for a, b in itertools.pairwise(joints) if b > a]
+        pulled = [
+            _pulled_piece(domain, shifts, part // block, block, part[0], part[-1], STRING_ROUNDS)
+            for part in parts
+        ]
+    if not all(len(path) for path, _ in pulled):
+        return nowhere
+    path = np.concatenate([path for path, _ in pulled])
     distinct = np.ones(len(path), dtype=bool)
     distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
-    return path[distinct] + low, float(cost)
+    return path[distinct], sum(cost for _, cost in pulled)
 
 
-def drives_exist(
+def drives_cost(
     domain: SearchDomain,
     steps: tuple[PushStep, ...],
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
-) -> bool:
-    """Whether the drives of a plan exist on the map, where blocks are as clear as their clearest cell.
+    most: float = float("inf"),
+    field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
+) -> float:
+    """What the drives of a plan cost on the map [cells at full speed]; infinite where it has no such drive.
 
     Parameters
     ----------
@@ -90,160 +88,251 @@ def drives_exist(
         Pushes in order.
     start, goal
         Grid coordinates [cells].
+    most
+        Infinite from this cost on, too [cells at full speed].
+    field
+        Of the last drive over the lattice: nodes that it begins at, and its costs [units].
     """
-    at, shifts = start, np.zeros((len(domain.bodies), 2))
-    for step in steps:
-        if not _drive_exists(domain, shifts, at, step.approach):
-            return False
-        at, shifts = step.retreat, step.shifts_after
-    return _drive_exists(domain, shifts, at, goal)
+    ends = _ends(domain, steps, start, goal)
+    if not domain.beside_bodies(goal, ends[-1][0]):
+        return float("inf")
+    if field is not None:
+        _over_lattice(domain, *ends[-1], field)
+    # On the lattice it costs less: what is too much there need not be looked at on the map.
+    if sum(_over_lattice(domain, *end)[1] for end in ends) >= most:
+        return float("inf")
+    total = 0.0
+    for end in ends:
+        total += _drive(domain, *end, complete=not (steps and np.isfinite(most)))[2]
+        if total >= most:
+            return float("inf")
+    return total
 
 
-def _drive_exists(
+def drive_cost(
     domain: SearchDomain,
     shifts: Float[np.ndarray, "bodies 2"],
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
-) -> bool:
-    key = (shifts.tobytes(), start.tobytes(), goal.tobytes())
-    if key not in domain.drives:
-        found = _cells_on_map(domain, shifts, start, goal, domain.radius + 2.0)
-        domain.drives[key] = None if found is None else found[0] + found[2]
-    return domain.drives[key] is not None
+) -> float:
+    """What one drive costs on the map [cells at full speed]; infinite where it has none.
+
+    Parameters
+    ----------
+    domain, shifts, start, goal
+        As of :func:`pull_string`.
+    """
+    return _drive(domain, shifts, start, goal)[2]
 
 
-def _cells_on_map(
+def changed_drives_cost(
+    domain: SearchDomain,
+    steps: tuple[PushStep, ...],
+    changed: tuple[PushStep, ...],
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    most: float,
+) -> float:
+    """:func:`drives_cost` of pushes of other lengths, along the drives of a plan.
+
+    Parameters
+    ----------
+    domain, steps, start, goal, most
+        As there; the drives of ``steps`` exist.
+    changed
+        The same pushes with other lengths.
+    """
+    if not domain.beside_bodies(goal, changed[-1].shifts_after):
+        return float("inf")
+    total = 0.0
+    for old, new in zip(_ends(domain, steps, start, goal), _ends(domain, changed, start, goal), strict=True):
+        key = _key(*new)
+        if key not in domain.drives:
+            block, nodes, _ = _drive(domain, *old)
+            # From where the new drive begins to the old one, along that, and to where the new one ends.
+            ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
+                    ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
+            nodes = np.concatenate([ends[0], nodes, ends[1]])
+            cost = _cost_along(domain, new[0], nodes, block, *new[1:])
+            if not np.isfinite(cost):
+                return cost
+            domain.drives[key] = block, nodes, cost
+        total += domain.drives[key][2]
+        if total >= most:
+            return float("inf")
+    return total
+
+
+def _ends(
+    domain: SearchDomain,
+    steps: tuple[PushStep, ...],
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> list[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"], Float[np.ndarray, "2"]]]:
+    """Places of the bodies, beginning and end of every drive of a plan."""
+    shifts = [np.zeros((len(domain.bodies), 2)), *(step.shifts_after for step in steps)]
+    begins = [start, *(step.retreat for step in steps)]
+    return list(zip(shifts, begins, [*(step.approach for step in steps), goal], strict=True))
+
+
+def _key(*arrays: Float[np.ndarray, "..."]) -> tuple[bytes, ...]:
+    return tuple(array.tobytes() for array in arrays)
+
+
+def _over_lattice(
     domain: SearchDomain,
     shifts: Float[np.ndarray, "bodies 2"],
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
-    reach: float,
-) -> tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"]] | None:
-    """Cells of a drive in a window of the map, the clearance there, and the cell (x, y) that it begins at."""
-    import cv2
-
-    blocks = _cheapest_cells(domain, domain.lattice_with(shifts), start, goal, domain.block)
-    if not len(blocks):
-        return None
-    clearance, low = _window(domain, shifts, blocks, reach)
-    if domain.block == 1:
-        return blocks - low, clearance, low
-    # Along the path over blocks, and two blocks beside it.
-    low_block = (low / domain.block).astype(int)
-    near = np.zeros((np.array(clearance.shape) // domain.block + 2).tolist(), np.uint8)
-    near[tuple((blocks - low_block).astype(int).T[::-1])] = 1
-    near = cv2.dilate(near, np.ones((5, 5), np.uint8))
-    rows, columns = clearance.shape
-    wide = near.repeat(domain.block, axis=0).repeat(domain.block, axis=1)[:rows, :columns]
-    cells = _cheapest_cells(
-        domain, np.where(wide > 0, clearance, np.float32(0.0)), start - low, goal - low, 1
-    )
-    return (cells, clearance, low) if len(cells) else None
-
-
-def _cheapest_cells(
-    domain: SearchDomain,
-    clearance: Float32[np.ndarray, "r c"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    block: int,
-) -> Float[np.ndarray, "k 2"]:
-    """Columns and rows of the cheapest path over a layer, from start to goal; empty without one."""
-    from ._travel_kernels import FAR, UNITS, clearance_at, travel_field
-
-    radius, slow = domain.radius, domain.slow
-    cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=2, block=block)
-    ends, end_costs = seed_cells(clearance, goal, radius, slow, UNITS, reach=1, block=block)
-    if block == 1:
-        cells, costs = _straight(domain, clearance, start, cells, costs)
-        ends, end_costs = _straight(domain, clearance, goal, ends, end_costs)
-        if clearance_at(clearance, *goal) < domain.radius - END_SLACK:
-            return np.zeros((0, 2))
-    none = np.zeros(0, np.int32)
-    if not cells.size or not ends.size:
-        return np.zeros((0, 2))
-    cost, came = travel_field(
-        clearance, radius, slow, cells, costs, np.zeros((0, 0), np.int32), none, none, 0, ends
-    )
-    total = cost[ends].astype(np.int64) + end_costs
-    if total.min() >= FAR:
-        return np.zeros((0, 2))
-    cell = int(ends[int(total.argmin())])
-    columns = clearance.shape[1]
-    found = []
-    while cell >= 0:
-        found.append((cell % columns, cell // columns))
-        cell = int(came[cell])
-    return np.array(found[::-1], dtype=np.float64)
-
-
-def _straight(
-    domain: SearchDomain,
-    clearance: Float32[np.ndarray, "r c"],
-    point: Float[np.ndarray, "2"],
-    cells: Int32[np.ndarray, "k"],
-    costs: Int32[np.ndarray, "k"],
-) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Those cells beside a point that are reached from it straight and clear of everything.
-
-    All of them where the robot does not fit at the point itself, as where it starts too near to something.
-    """
-    from ._travel_kernels import clearance_at, segment_cost
-
-    if clearance_at(clearance, *point) < domain.radius:
-        return cells, costs
-
-    columns = clearance.shape[1]
-    clear = [
-        np.isfinite(
-            segment_cost(
-                clearance,
-                domain.radius,
-                domain.slow,
-                *point,
-                cell % columns + 0.5,
-                cell // columns + 0.5,
-                False,
-            )
+    field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
+) -> tuple[Float[np.ndarray, "k 2"], float]:
+    """Blocks (x, y) of a drive over the lattice, and its cost [cells at full speed]."""
+    key = _key(shifts, start, goal)
+    if key not in domain.paths:
+        nodes, cost = cheapest_cells(
+            domain, domain.lattice_with(shifts), start, goal, domain.block, field, domain.labels(domain.block)
         )
-        for cell in cells.tolist()
-    ]
-    return cells[clear], costs[clear]
+        domain.paths[key] = nodes, cost * domain.block
+    return domain.paths[key]
 
 
-def _window(
+def _drive(
     domain: SearchDomain,
     shifts: Float[np.ndarray, "bodies 2"],
-    blocks: Float[np.ndarray, "k 2"],
-    reach: float,
-) -> tuple[Float32[np.ndarray, "r c"], Float[np.ndarray, "2"]]:
-    """Clearance on the map around a path over blocks, up to ``reach``, and the cell (x, y) that it begins at."""
-    block, (rows, columns) = domain.block, domain.clearance.shape
-    grow = int(domain.reach / block) + 1
-    low = np.maximum(blocks.min(axis=0).astype(int) - grow, 0) * block
-    high = np.minimum((blocks.max(axis=0).astype(int) + 1 + grow) * block, (columns, rows))
-    part = domain.clearance[low[1] : high[1], low[0] : high[0]].copy()
-    for body, shift in zip(domain.bodies, shifts, strict=True):
-        outline = body.outline + shift
-        if (outline.max(axis=0) > low - reach).all() and (outline.min(axis=0) < high + reach).all():
-            lower_clearance(part, outline - low, reach)
-    return part, low.astype(np.float64)
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    *,
+    complete: bool = True,
+) -> tuple[int, Float[np.ndarray, "k 2"], float]:
+    """Edge of a block, blocks (x, y) along which the map has a drive, and what it costs there.
+
+    A block is as clear as its clearest cell: where the map has no drive along the path over the lattice, half as
+    large blocks are tried, down to the cells, if the answer has to be ``complete``.
+    """
+    from ._push_search_kernels import largest_in_blocks
+
+    key = _key(shifts, start, goal)
+    known = domain.drives.get(key)
+    if known is None or (complete and not np.isfinite(known[2])):
+        block, cost = domain.block, float("inf")
+        nodes, _ = _over_lattice(domain, shifts, start, goal)
+        while True:
+            if len(nodes):
+                cost = _cost_along(domain, shifts, nodes, block, start, goal)
+            if np.isfinite(cost) or not len(nodes) or block == 1 or not complete:
+                break
+            block //= 2
+            layer = domain.clearance_with(shifts)
+            layer = layer if block == 1 else largest_in_blocks(layer, block)
+            nodes, _ = cheapest_cells(domain, layer, start, goal, block, None, domain.labels(block))
+        domain.drives[key] = block, nodes if np.isfinite(cost) else nodes[:0], cost
+    return domain.drives[key]
 
 
-def _pulled(
-    clearance: Float32[np.ndarray, "r c"], radius: float, slow: float, path: Float[np.ndarray, "k 2"]
+def _cost_along(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> float:
+    """What a drive along a path over blocks costs on the map, passages included [cells at full speed]."""
+    found = (
+        _cells_along(domain, shifts, piece, block, *ends)
+        for piece, *ends in _pieces(domain, shifts, nodes, block, start, goal)
+    )
+    cost = sum(float("inf") if piece is None else piece[3] for piece in found)
+    labels = domain.labels(block)
+    if labels.size:
+        places = nodes.astype(int)
+        on_path = labels[places[:, 1], places[:, 0]]
+        left = on_path[:-1][(on_path[:-1] > 0) & (on_path[1:] == 0)]
+        cost += sum(domain.passages[number - 1][2] for number in left) / domain.seconds(1.0)
+    return cost
+
+
+def _pieces(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> list[tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "2"], Float[np.ndarray, "2"]]]:
+    """A path over blocks in pieces, each with the points where it begins and ends: the clearest cell of a block."""
+    pieces = []
+    for first in range(0, len(nodes), PIECE):
+        piece = nodes[first : first + PIECE + 1]
+        end = goal
+        if first + PIECE + 1 < len(nodes):
+            low = (piece[-1] * block).astype(int)
+            layer = domain.part(domain.clearance, low, low + block, shifts, 1)
+            end = low + np.array(np.unravel_index(int(layer.argmax()), layer.shape))[::-1] + 0.5
+        pieces.append((piece, start, end))
+        start = end
+        if end is goal:
+            break
+    return pieces
+
+
+def _pulled_piece(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    rounds: int,
 ) -> tuple[Float[np.ndarray, "q 2"], float]:
-    """A path pulled twice: a second look joins pieces that were cut by the window."""
+    """Cheapest path on the map along a path over blocks, and its cost; empty and infinite without one."""
     from ._travel_kernels import string_pull
 
-    for _ in range(2):
+    found = _cells_along(domain, shifts, nodes, block, start, goal)
+    if found is None:
+        return np.zeros((0, 2)), float("inf")
+    cells, clearance, low, _ = found
+    path = np.concatenate([[start - low], cells[:: domain.block] + 0.5, [goal - low]])
+    radius, slow = domain.radius, domain.slow
+    for _ in range(2):  # a second look joins pieces that were cut by the window
         kept, cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
         path = path[kept]
-    return path, float(cost)
+    for _ in range(rounds):
+        # Chords between points along it cut its corners.
+        dense = resampled(path, STRING_WINDOW)
+        kept, cost_now = string_pull(clearance, radius, slow, dense, STRING_WINDOW)
+        if not cost_now < cost:
+            break
+        gain = 1.0 - cost_now / cost
+        path, cost = dense[kept], cost_now
+        if gain < 1e-3:
+            break
+    return path + low, float(cost)
 
 
-def _resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
-    """The corners of a path and about ``count`` points between them, evenly along it."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
-    return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
+def _cells_along(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"], float] | None:
+    """Cells of a drive along a path over blocks, the clearance around, the cell (x, y) that both begin at, its cost."""
+    import cv2
+
+    rows, columns = domain.clearance.shape
+    grow = int(domain.reach / block) + 1
+    low_block = np.maximum(nodes.min(axis=0).astype(int) - grow, 0)
+    low = low_block * block
+    high = np.minimum((nodes.max(axis=0).astype(int) + 1 + grow) * block, (columns, rows))
+    clearance = domain.part(domain.clearance, low, high, shifts, 1)
+    # Along the path over blocks, and two blocks beside it.
+    near = np.zeros((np.array(clearance.shape) // block + 2).tolist(), np.uint8)
+    near[tuple((nodes - low_block).astype(int).T[::-1])] = 1
+    near = cv2.dilate(near, np.ones((5, 5), np.uint8))
+    rows, columns = clearance.shape
+    wide = near.repeat(block, axis=0).repeat(block, axis=1)[:rows, :columns]
+    corridor = np.where(wide > 0, clearance, np.float32(0.0))
+    cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1)
+    return (cells, clearance, low.astype(np.float64), cost) if len(cells) else None

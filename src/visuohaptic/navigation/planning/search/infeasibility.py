@@ -7,7 +7,6 @@ there is no plan. Costs do not matter, only what is connected; pushes go by shor
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from .push_heuristic import PushHeuristic
-from .push_states import SearchLimits, SearchState, seed_cells
+from .push_states import Deadline, SearchLimits, SearchState, seed_cells
 
 __all__ = ["Infeasibility"]
 
@@ -35,12 +34,12 @@ class Infeasibility:
         Of the search, for its domain, contacts and goal.
     limits
         Memory.
-    deadline_s
-        When to stop, on the monotonic clock.
+    deadline
+        When to stop.
     """
 
-    def __init__(self, heuristic: PushHeuristic, limits: SearchLimits, deadline_s: float) -> None:
-        self.heuristic, self.domain, self.deadline_s = heuristic, heuristic.domain, deadline_s
+    def __init__(self, heuristic: PushHeuristic, limits: SearchLimits, deadline: Deadline) -> None:
+        self.heuristic, self.domain, self.deadline = heuristic, heuristic.domain, deadline
         # A push is followed in half cells.
         self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
         self.max_states = limits.memory_bytes // 1000
@@ -57,7 +56,7 @@ class Infeasibility:
         """
         for count in range(1, MAX_TOGETHER + 1):
             for chosen in combinations(self.heuristic.active, count):
-                if time.monotonic() > self.deadline_s:
+                if self.deadline.passed:
                     return ""
                 if self._blocked(chosen, first, cells):
                     names = " and ".join(self.domain.bodies[i].obj.id for i in chosen)
@@ -74,7 +73,7 @@ class Infeasibility:
         seen: set[tuple[bytes, int]] = set()
         pushes = heuristic.stands(chosen)
         while open_states:
-            if time.monotonic() > self.deadline_s or len(seen) > self.max_states:
+            if self.deadline.passed or len(seen) > self.max_states:
                 return False
             shifts, near, robot = open_states.pop()
             clearance = domain.lowered(heuristic.base, shifts, chosen, domain.block)

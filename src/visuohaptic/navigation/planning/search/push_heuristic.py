@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Int, Int16, Int32
 
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
-from .push_states import END_SLACK, seed_cells
+from .push_states import END_SLACK, PushStep, seed_cells
 from .search_domain import SearchDomain
 
 __all__ = ["PushHeuristic"]
@@ -46,6 +46,8 @@ class PushHeuristic:
         Bodies that might be pushed, but are not: in no bound.
     oblique
         Whether pushes may be oblique to a face.
+    free
+        Another one of the same domain and goal: what does not depend on the bodies is taken from it.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class PushHeuristic:
         *,
         left_out: Collection[int] = (),
         oblique: bool = False,
+        free: PushHeuristic | None = None,
     ) -> None:
         from ._travel_kernels import FAR, UNITS
 
@@ -66,26 +69,27 @@ class PushHeuristic:
         self.units_per_s = UNITS * domain.robot.v_max_m_s / (domain.map.resolution_m * domain.block)
         still = [i for i in range(len(domain.bodies)) if i not in {*self.active, *left_out}]
         zeros = np.zeros((len(domain.bodies), 2))
-        self.base = domain.lowered(
-            domain.lattice, zeros, still, domain.block
-        )  #: bodies that may move left out
+        #: bodies that may move left out
+        self.base: Float32[np.ndarray, "rows columns"] = (
+            free.base if free else domain.lowered(domain.lattice, zeros, still, domain.block)
+        )
         self.stand_off = STAND_OFF_M / domain.map.resolution_m
         self.centres: Float[np.ndarray, "bodies 2"] = np.array(
             [body.centre for body in domain.bodies]
         ).reshape(-1, 2)
         self._costs: dict[tuple[int, float, bool], float] = {}
-        shortest = MIN_PUSH_M / domain.map.resolution_m
-        self.min_push = {i: self.push_units(i, shortest) for i in self.active}
+        self.min_push = {i: self.shortest_push(i) for i in self.active}
         self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
         self.alone = dict(self.min_push)  #: lower bounds of crossing each body where the map has it [units]
+        self.labels, self.passing = domain.labels(domain.block), domain.charges(domain.block)
         self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
         self._both: Int[np.ndarray, "r c"] | None = None  # from the start and to the goal, bodies charged
-        self.free_field = self._field(
-            zeros, []
-        )  #: cost-to-go when no body that may be pushed is in the way [units]
+        self.limit = self.far  #: cost of a plan that is known [units]: what costs more is not followed
+        #: cost-to-go when no body that may be pushed is in the way [units]
+        self.free_field: Int32[np.ndarray, "n"] = free.free_field if free else self._field(zeros, [])
 
     def contacts(self, body: int) -> tuple[PushContact, ...]:
         """Stable pushes of a body.
@@ -145,6 +149,29 @@ class PushHeuristic:
             cost = push_cost(tag, length_m, domain.robot, self.costs, oblique=oblique)
             self._costs[key] = cost.total_s * self.units_per_s
         return self._costs[key]
+
+    def pushes_units(self, steps: tuple[PushStep, ...]) -> float:
+        """Cost of the pushes of a plan [units].
+
+        Parameters
+        ----------
+        steps
+            Pushes in order.
+        """
+        return sum(
+            self.push_units(step.body, step.length, oblique=self.contacts(step.body)[step.contact].oblique)
+            for step in steps
+        )
+
+    def shortest_push(self, body: int) -> float:
+        """Cost of the shortest push of a body [units].
+
+        Parameters
+        ----------
+        body
+            Its index.
+        """
+        return self.push_units(body, MIN_PUSH_M / self.domain.map.resolution_m)
 
     def longest(self, body: int) -> float:
         """The longest push that a body's tag allows [cells].
@@ -231,6 +258,7 @@ class PushHeuristic:
         bodies: Collection[int],
         robot: Float[np.ndarray, "2"] | None = None,
         seeds: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] | None = None,
+        rest: Int32[np.ndarray, "n"] | None = None,
     ) -> Int32[np.ndarray, "n"]:
         from ._travel_kernels import travel_field
 
@@ -247,14 +275,17 @@ class PushHeuristic:
             if not np.isfinite(charges[index]):
                 clearance[region == index + 1] = 0.0
                 charges[index] = 0.0
+        if self.labels.size:  # passages, where no body is
+            region = np.where((region == 0) & (self.labels > 0), self.labels + len(charges), region)
+            charges += self.passing[1:].tolist()
         charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int32)
         none = near = np.zeros(0, np.int32)
         if robot is not None:
             near, _ = seed_cells(self.base, robot, domain.radius, domain.slow, self.units, block=domain.block)
         cost = travel_field(
             clearance, domain.radius, domain.slow, *(seeds or (self.goal_cells, self.goal_costs)),
-            region, charge, none, 0, near,
-        )[0]  # fmt: skip
+            region, charge, none if rest is None else rest, self.limit, near,
+        )  # fmt: skip
         if near.size and cost[near].max() < self.far:
             np.minimum(cost, np.where(self.free_field < self.far, cost[near].max(), self.far), out=cost)
         return cost
@@ -277,7 +308,7 @@ class PushHeuristic:
         near = both[r0:r1, c0:c1]
         if not near.size:
             return float("inf")
-        through = near + self.push_units(body, MIN_PUSH_M / domain.map.resolution_m)
+        through = near + self.shortest_push(body)
         if body in self.active:  # a path that crosses its place is charged already
             place = self._regions((body,), np.zeros((len(domain.bodies), 2)))
             through = np.where(place[r0:r1, c0:c1] > 0, near, through)
@@ -305,7 +336,15 @@ class PushHeuristic:
         """Bound of a plan through each node."""
         if self._both is None:
             shifts = np.zeros((len(self.domain.bodies), 2))
-            begin = self._field(shifts, self.active, seeds=(start, np.zeros_like(start)))
+            known = self.limit < self.far
+            begin = self._field(
+                shifts,
+                self.active,
+                seeds=(start, np.zeros_like(start)),
+                rest=self.free_field if known else None,
+            )
+            if known:  # cells that lead to no better plan keep an infinite cost to the goal
+                self._fields[shifts.tobytes()] = self._field(shifts, self.active, rest=begin)
             # Both fields charge for a place where they leave it: inside it neither has yet.
             charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
             charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)

@@ -8,18 +8,17 @@ put back with that of the configuration that it leads to.
 from __future__ import annotations
 
 import heapq
-import itertools
-import time
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int32
 
-from .drives import drives_exist
+from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
+from .push_lengths import STAND_SLACK, free_length, push_step, stand_is_free
 from .push_states import (
-    PushStep,
+    Deadline,
     SearchLimits,
     SearchResult,
     SearchState,
@@ -35,8 +34,6 @@ __all__ = ["PushPass"]
 LENGTH_STEP_M = 0.05
 #: Lengths tried of every push, and beyond one that joins pieces of free space [steps].
 LADDER, BEYOND = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
-#: Where it stands off an object the robot may be nearer to an obstacle by so much [cells].
-STAND_SLACK = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,8 +84,8 @@ class PushPass:
         Of the heuristic; with 1 the bound is one of all plans of the model.
     limits
         Memory and pushes.
-    deadline_s
-        When to stop, on the monotonic clock.
+    deadline
+        When to stop.
     bodies
         Indices of those that are pushed; by default all that the heuristic knows.
     """
@@ -98,13 +95,13 @@ class PushPass:
         heuristic: PushHeuristic,
         weight: float,
         limits: SearchLimits,
-        deadline_s: float,
+        deadline: Deadline,
         bodies: Collection[int] | None = None,
     ) -> None:
         chosen = heuristic.active if bodies is None else list(bodies)
         self.pairs, self.stands = heuristic.stands(chosen)
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
-        self.deadline_s, self.domain = deadline_s, heuristic.domain
+        self.deadline, self.domain = deadline, heuristic.domain
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
         self.seen = SeenFields(limits.memory_bytes // 4)
         self.queue = _Queue(float("inf"))
@@ -132,7 +129,7 @@ class PushPass:
         expanded, bound, exhausted = 0, 0.0, True
         while queue.entries:
             # The first configuration is looked at whatever the time: it may need no push.
-            if expanded >= expansions or (expanded and time.monotonic() > self.deadline_s):
+            if expanded >= expansions or (expanded and self.deadline.passed):
                 exhausted = False
                 break
             estimate, _, entry = heapq.heappop(queue.entries)
@@ -146,7 +143,8 @@ class PushPass:
             else:
                 state = entry if isinstance(entry, SearchState) else _state(self.heuristic, entry)
                 expanded += 1
-                self._expand(state)
+                if self._exists(state):
+                    self._expand(state)
                 exhausted = exhausted and state.depth < self.limits.pushes
         else:
             bound = queue.best
@@ -155,28 +153,40 @@ class PushPass:
             return SearchResult(True, steps, queue.best / units, bound / units, expanded)
         return SearchResult(False, bound=bound / units, expanded=expanded, exhausted=exhausted)
 
+    def _exists(self, state: SearchState) -> bool:
+        """Whether the map has the drive to the last push, too."""
+        step, parent = state.step, state.parent
+        return (
+            step is None
+            or parent is None
+            or np.isfinite(drive_cost(self.domain, parent.shifts, parent.robot, step.approach))
+        )
+
     def _expand(self, state: SearchState) -> None:
         """The drive to the goal, and the contacts that the robot can reach."""
         from ._travel_kernels import clearances_at, reach_costs, travel_field
 
         domain, heuristic, queue = self.domain, self.heuristic, self.queue
         clearance = domain.lattice_with(state.shifts)
-        cells, costs = _seeds(domain, clearance, state.robot, 1 if state.depth else 2)
+        cells, costs = _seeds(domain, clearance, state.robot, 1 if state.depth or domain.block > 1 else 2)
         if not cells.size or any(self.seen.dominated(state, int(cell)) for cell in cells):
             return
-        bounded = bool(np.isfinite(queue.best))
-        none = np.zeros(0, np.int32)
-        cost, _ = travel_field(
-            clearance, domain.radius, domain.slow, cells, costs, np.zeros((0, 0), np.int32), none,
-            heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
-        )  # fmt: skip
+        cost = state.travel
+        if cost is None:
+            bounded, none = bool(np.isfinite(queue.best)), np.zeros(0, np.int32)
+            cost = travel_field(
+                clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
+                heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
+            )  # fmt: skip
+            if not bounded and not state.depth:
+                state.travel = cost  # every pass begins here
         self.seen.add(state, cost)
         goal_cells, goal_costs = heuristic.goal_seeds(clearance)
         reached = False
         if goal_cells.size:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
             if reached := cheapest < heuristic.far:
-                self._arrive(float(state.spent + cheapest), state)
+                self._arrive(float(state.spent + cheapest), state, (cells, cost))
         if not len(self.pairs) or state.depth >= self.limits.pushes:
             return
         bodies, numbers = self.pairs.T
@@ -196,12 +206,20 @@ class PushPass:
             body, number = int(bodies[usable[i]]), int(numbers[usable[i]])
             queue.push(float(estimates[i]), _Contact(state, body, number, float(spent[i]), reached))
 
-    def _arrive(self, cost: float, state: SearchState) -> None:
+    def _arrive(
+        self,
+        cost: float,
+        state: SearchState,
+        field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]],
+    ) -> None:
         """A plan that ends by driving from a state to the goal; taken where it is better, and exists on the map."""
         if cost >= self.queue.best:
             return
-        steps, domain = push_sequence(state), self.domain
-        if drives_exist(domain, steps, self.start, self.heuristic.goal):
+        heuristic, steps = self.heuristic, push_sequence(state)
+        units, pushes = heuristic.units / self.domain.block, heuristic.pushes_units(steps)
+        most = (self.queue.best - pushes) / units
+        cost = pushes + units * drives_cost(self.domain, steps, self.start, heuristic.goal, most, field)
+        if cost < self.queue.best:
             self.queue.best, self.queue.goal = cost, state
 
     def _left(
@@ -220,23 +238,15 @@ class PushPass:
 
     def _lengths(self, contact: _Contact) -> None:
         """Pushes by one contact, as far as they are free of collisions."""
-        from ...pushing._outline_kernels import polygon_distance
-        from ._push_search_kernels import free_push_length, opening_lengths
+        from ._push_search_kernels import opening_lengths
 
         domain, heuristic, state = self.domain, self.heuristic, contact.parent
         body, shift = domain.bodies[contact.body], state.shifts[contact.body]
         push = heuristic.contacts(contact.body)[contact.number]
-        touch = body.centre + shift + push.robot
-        outlines, starts = domain.obstacle_outlines(state.shifts, contact.body)
-        stand = touch - heuristic.stand_off * push.direction
-        for begin, end in itertools.pairwise(starts.tolist()):
-            if polygon_distance(*stand, outlines[begin:end]) < domain.radius - STAND_SLACK:
-                return
-        free = free_push_length(
-            domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
-            outlines, starts, touch[0], touch[1], push.direction[0], push.direction[1],
-            domain.radius, heuristic.longest(contact.body),
-        )  # fmt: skip
+        none = push_step(heuristic, state.shifts, contact.body, contact.number, 0.0)
+        if not stand_is_free(heuristic, none):
+            return
+        free, stand = free_length(heuristic, none, heuristic.longest(contact.body)), none.approach
         if free < 0.5:
             return
         opening = opening_lengths(
@@ -284,15 +294,9 @@ class PushPass:
 def _state(heuristic: PushHeuristic, entry: _Push) -> SearchState:
     """The state that a push leads to."""
     contact = entry.contact
-    parent, body = contact.parent, heuristic.domain.bodies[contact.body]
-    push = heuristic.contacts(contact.body)[contact.number]
-    after = parent.shifts.copy()
-    after[contact.body] = parent.shifts[contact.body] + entry.length * push.direction
-    touch = body.centre + parent.shifts[contact.body] + push.robot
-    approach = touch - heuristic.stand_off * push.direction
-    robot = approach + entry.length * push.direction
-    step = PushStep(contact.body, contact.number, entry.length, parent.shifts, after, approach, touch, robot)
-    return SearchState(entry.spent, robot, after, parent, step, parent.depth + 1)
+    parent = contact.parent
+    step = push_step(heuristic, parent.shifts, contact.body, contact.number, entry.length)
+    return SearchState(entry.spent, step.retreat, step.shifts_after, parent, step, parent.depth + 1)
 
 
 def _seeds(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Float, Float32, Int32
 from ....core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 
 __all__ = [
+    "Deadline",
     "PushStep",
     "SearchLimits",
     "SearchResult",
@@ -22,13 +24,56 @@ __all__ = [
 
 #: Where it is to go the robot may be nearer to an obstacle by so much, the rounding of cells [cells].
 END_SLACK = 0.25
+#: A search that shares its processor may take so many times its budget on the wall.
+WALL_PER_CPU = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Deadline:
+    """The end of a budget. On an idle machine both times pass alike; on a busy one an answer stays the same longer."""
+
+    cpu_s: float  #: time of this thread
+    wall_s: float  #: monotonic clock
+
+    @classmethod
+    def after(cls, budget_s: float) -> Deadline:
+        """A budget from now on.
+
+        Parameters
+        ----------
+        budget_s
+            Time of the processor [s].
+        """
+        return cls(time.thread_time() + budget_s, time.monotonic() + WALL_PER_CPU * budget_s)
+
+    def earlier(self, seconds: float) -> Deadline:
+        """The deadline of a part of the budget.
+
+        Parameters
+        ----------
+        seconds
+            Of the budget that are left after it [s].
+        """
+        return Deadline(self.cpu_s - seconds, self.wall_s - WALL_PER_CPU * seconds)
+
+    @property
+    def left_s(self) -> float:
+        """What is left of the budget [s]."""
+        return min(self.cpu_s - time.thread_time(), (self.wall_s - time.monotonic()) / WALL_PER_CPU)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the budget is spent."""
+        return self.left_s < 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
     """How long to search, and for what."""
 
-    budget_s: float = field(default=2.0, metadata=POSITIVE)  #: wall time of one search
+    budget_s: float = field(
+        default=2.0, metadata=POSITIVE
+    )  #: time of the processor for one search; on the wall at most three times as long
     gap: float = field(default=0.05, metadata=NON_NEGATIVE)  #: end when the plan is within this of the bound
     memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for what was expanded
     expansions: int = field(default=100_000, metadata=POSITIVE)  #: configurations looked at
@@ -76,6 +121,8 @@ class SearchState:
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
+    #: of drives from its robot to each node, where several passes ask for it [units]
+    travel: Int32[np.ndarray, "n"] | None = None
 
 
 @dataclass(slots=True, eq=False)

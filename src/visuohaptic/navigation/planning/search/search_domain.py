@@ -6,85 +6,27 @@ Everything here is in grid coordinates: cells, x along the columns and y along t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 
-from ....core.geometry import rotation_2d
-from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
-from ...grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
-from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
-from ...problem.push_costs import Manipulability, PushCosts, manipulability
-from ...pushing.contact_candidates import PushContact, push_contacts
-from .object_cells import clear_cells
-from .push_states import needed_clearance
+from ....io.maps.occupancy_map import OccupancyMap
+from ...problem.passages import Passage
+from ...problem.planning_problem import MovableObject, RobotModel
+from .bodies import OUTLINE_INSET_M, Body, grid_from_world, world_from_grid
 
 __all__ = [
-    "Body",
     "SearchDomain",
-    "build_search_domain",
+    "full_speed_clearance",
     "grid_from_world",
     "world_from_grid",
 ]
 
-#: Outlines are looked at in steps of so many cells when they are pushed.
-OUTLINE_STEP = 0.45
-#: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
-OUTLINE_INSET_M = 5e-4
-#: A node of the lattice is a block of cells, at least so many to the radius of the robot.
-NODES_PER_RADIUS = 3.0
-#: ... unless the lattice gets larger than this; then one to the radius will do.
-MAX_NODES = 2_000_000
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
 MAX_STILL_NODES = 20_000_000
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A pushable object in grid coordinates, where the map has it."""
-
-    obj: MovableObject
-    outline: Float[np.ndarray, "p 2"]
-    centre: Float[np.ndarray, "2"]
-    friction: Float[np.ndarray, "2"]  #: centre of friction from the centre
-    allowed: Manipulability
-    radius: float  #: of the robot
-    margin: float  #: room that it keeps while it is pushed
-    inset: float  #: of the points along its outline
-
-    @cached_property
-    def samples(self) -> Float[np.ndarray, "k 2"]:
-        """Points along the outline, a little inside."""
-        return _samples(self.outline, -self.inset)
-
-    @cached_property
-    def around(self) -> Float[np.ndarray, "m 2"]:
-        """Points the robot's ``push_margin_m`` outside; none without a margin."""
-        return _samples(self.outline, self.margin) if self.margin > 0 else np.zeros((0, 2))
-
-    @cached_property
-    def contacts(self) -> tuple[PushContact, ...]:
-        """Stable straight pushes through the centre of friction, relative to the centroid."""
-        return self._contacts(oblique=False)
-
-    @cached_property
-    def with_oblique(self) -> tuple[PushContact, ...]:
-        """The contacts, and after them those oblique to a face, which friction has to hold."""
-        return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
-
-    def _contacts(self, *, oblique: bool) -> tuple[PushContact, ...]:
-        shape = np.round(self.outline - self.centre - self.friction, 6)
-        found = _contacts(shape.tobytes(), self.radius, oblique)
-        if not self.friction.any():
-            return found
-        return tuple(
-            replace(push, contact=push.contact + self.friction, robot=push.robot + self.friction)
-            for push in found
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,11 +45,12 @@ class SearchDomain:
     #: of a cell's centre from the border of such cells, and from the outline of objects that never move [cells]
     clearance: Float32[np.ndarray, "rows columns"]
     bodies: tuple[Body, ...]
-    immovable: tuple[MovableObject, ...]  #: fixed, falling or too heavy
+    immovable: tuple[MovableObject | Passage, ...]  #: fixed, falling, too heavy or locked
     why_immovable: dict[str, str]  #: reasons by id
     block: int  #: edge of a node of the lattice [cells]
     lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: largest clearance in each block [cells]
     immovable_outlines: tuple[Float[np.ndarray, "p 2"], ...]
+    passages: tuple[tuple[Passage, Float[np.ndarray, "p 2"], float], ...] = ()  #: outline, seconds
     #: distances around bodies, kept because most bodies stay where they are
     patches: dict[tuple[int, int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
         default_factory=dict, repr=False
@@ -116,15 +59,23 @@ class SearchDomain:
     #: the lattice with the bodies that stay where they are, by those that do not
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
 
-    #: cells of drives on the map, none where there is no such drive, by shifts, start and goal
-    drives: dict[tuple[bytes, bytes, bytes], Float[np.ndarray, "k 2"] | None] = field(
+    #: drives that were looked for, by shifts, start and goal: edge of a block, blocks, cost
+    drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float]] = field(
         default_factory=dict, repr=False
     )
+
+    #: the same over the lattice: blocks, cost
+    paths: dict[tuple[bytes, ...], tuple[Float[np.ndarray, "k 2"], float]] = field(
+        default_factory=dict, repr=False
+    )
+
+    #: least and greatest corner of the bodies, once they were asked for
+    boxes: list[Float[np.ndarray, "bodies 2"]] = field(default_factory=list, repr=False)
 
     @property
     def reach(self) -> float:
         """Beyond this clearance nothing is slowed down [cells]."""
-        return _reach(self.radius)
+        return full_speed_clearance(self.radius)
 
     def clearance_with(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
@@ -143,14 +94,12 @@ class SearchDomain:
     def lattice_with(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
     ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
-        """Clearance of the lattice's nodes [cells] with every body shifted, one of them left out.
+        """:meth:`clearance_with` of the lattice's nodes.
 
         Parameters
         ----------
-        shifts
-            Of the bodies from where the map has them [cells].
-        without
-            Index of the body left out; -1 for none.
+        shifts, without
+            As there.
         """
         # Most bodies stay where they are: what they leave is kept for every set of those that do not.
         moved = tuple(np.flatnonzero(shifts.any(axis=1)).tolist())
@@ -200,10 +149,62 @@ class SearchDomain:
         """
         layer = layer.copy()
         for index in chosen:
-            patch, row, column = self.patch(index, shifts[index], block)
-            part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
-            np.minimum(part, patch, out=part)
+            self._lower(layer, np.zeros(2, np.int64), index, shifts[index], block)
         return layer
+
+    def part(
+        self,
+        layer: Float32[np.ndarray, "r c"],
+        low: Int[np.ndarray, "2"],
+        high: Int[np.ndarray, "2"],
+        shifts: Float[np.ndarray, "bodies 2"],
+        block: int,
+        among: Bool[np.ndarray, "bodies"] | None = None,
+    ) -> Float32[np.ndarray, "h w"]:
+        """A copy of a window of a layer, ``low`` <= (x, y) < ``high``, with the bodies in it.
+
+        Parameters
+        ----------
+        layer, shifts, block
+            As of :meth:`lowered`.
+        low, high
+            Corners of the window [elements of the layer].
+        among
+            Which bodies; all by default.
+        """
+        part = layer[low[1] : high[1], low[0] : high[0]].copy()
+        lows, highs = self.extents
+        near = (lows + shifts - self.reach < high * block).all(axis=1)
+        near &= (highs + shifts + self.reach > low * block).all(axis=1)
+        for index in np.flatnonzero(near if among is None else near & among).tolist():
+            self._lower(part, low, index, shifts[index], block)
+        return part
+
+    def _lower(
+        self,
+        part: Float32[np.ndarray, "h w"],
+        low: Int[np.ndarray, "2"],
+        index: int,
+        shift: Float[np.ndarray, "2"],
+        block: int,
+    ) -> None:
+        """Bring a body into a window of a layer that begins at ``low`` (x, y), in place."""
+        patch, row, column = self.patch(index, shift, block)
+        row, column = row - int(low[1]), column - int(low[0])
+        r0, c0 = max(row, 0), max(column, 0)
+        r1, c1 = min(row + patch.shape[0], part.shape[0]), min(column + patch.shape[1], part.shape[1])
+        if r0 < r1 and c0 < c1:
+            into = part[r0:r1, c0:c1]
+            np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
+
+    @property
+    def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
+        """Least and greatest x, y of every body where the map has it [cells]."""
+        if not self.boxes:
+            outlines = [body.outline for body in self.bodies]
+            self.boxes.append(np.array([o.min(axis=0) for o in outlines]).reshape(-1, 2))
+            self.boxes.append(np.array([o.max(axis=0) for o in outlines]).reshape(-1, 2))
+        return self.boxes[0], self.boxes[1]
 
     def patch(
         self, index: int, shift: Float[np.ndarray, "2"], block: int
@@ -242,9 +243,65 @@ class SearchDomain:
             Index of the body left out.
         """
         outlines = [body.outline + shifts[k] for k, body in enumerate(self.bodies) if k != without]
-        outlines += self.immovable_outlines
+        # Nothing is pushed into a door.
+        outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
         starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
         return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
+
+    def beside_bodies(
+        self, point: Float[np.ndarray, "2"], shifts: Float[np.ndarray, "bodies 2"], without: int = -1
+    ) -> bool:
+        """Whether the robot fits beside every body but one, by their outlines.
+
+        Parameters
+        ----------
+        point
+            Where the robot is [cells].
+        shifts, without
+            As of :meth:`clearance_with`.
+        """
+        from ...pushing._outline_kernels import polygon_distance
+
+        needed = (self.robot.radius_m - OUTLINE_INSET_M) / self.map.resolution_m
+        return all(
+            polygon_distance(*point, body.outline + shifts[k]) >= needed
+            for k, body in enumerate(self.bodies)
+            if k != without and (self.extents[0][k] + shifts[k] - needed <= point).all()
+            and (self.extents[1][k] + shifts[k] + needed >= point).all()
+        )  # fmt: skip
+
+    def labels(self, block: int) -> Int16[np.ndarray, "blocks_down blocks_across"]:
+        """Blocks that passages touch: their index + 1; empty without passages.
+
+        Parameters
+        ----------
+        block
+            Edge of a block [cells].
+        """
+        from .object_cells import fill_cells
+
+        if not self.passages:
+            return np.zeros((0, 0), np.int16)
+        rows, columns = self.clearance.shape
+        found = np.zeros((-(-rows // block), -(-columns // block)), np.int16)
+        for number, (_, outline, _) in enumerate(self.passages, start=1):
+            inside = np.zeros(found.shape, dtype=bool)
+            fill_cells(inside, outline / block)
+            found[inside] = number
+        return found
+
+    def charges(self, block: int) -> Int32[np.ndarray, "labels"]:
+        """What it costs to get through the passage of each label [units of the travel field].
+
+        Parameters
+        ----------
+        block
+            Edge of a block [cells].
+        """
+        from ._travel_kernels import UNITS
+
+        scale = UNITS * self.robot.v_max_m_s / (self.map.resolution_m * block)
+        return np.array([0.0, *(seconds * scale for *_, seconds in self.passages)]).astype(np.int32)
 
     def seconds(self, cells_at_full_speed: float) -> float:
         """Cost [s] of a cost in cells at full speed.
@@ -257,144 +314,6 @@ class SearchDomain:
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
 
 
-@lru_cache(maxsize=4096)
-def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, ...]:
-    """Contacts of an outline about its centre of friction; one shape is asked for in every plan."""
-    outline = np.frombuffer(shape, dtype=np.float64).reshape(-1, 2)
-    return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
-
-
-def grid_from_world(
-    map: OccupancyMap, points_m: Float[np.ndarray, "*batch 2"]
-) -> Float[np.ndarray, "*batch 2"]:
-    """Grid coordinates [cells] of points in the map frame.
-
-    Parameters
-    ----------
-    map
-        The grid.
-    points_m
-        x, y in the map frame [m].
-    """
-    x, y, yaw = map.origin
-    return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ rotation_2d(yaw) / map.resolution_m
-
-
-def world_from_grid(
-    map: OccupancyMap, points: Float[np.ndarray, "*batch 2"]
-) -> Float[np.ndarray, "*batch 2"]:
-    """Points in the map frame [m] of grid coordinates.
-
-    Parameters
-    ----------
-    map
-        The grid.
-    points
-        x along the columns, y along the rows [cells].
-    """
-    x, y, yaw = map.origin
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)
-
-
-def build_search_domain(
-    problem: PlanningProblem, costs: PushCosts | None = None, *, block: int | None = None
-) -> SearchDomain:
-    """Separate a map into what never moves and the bodies that may be pushed.
-
-    Parameters
-    ----------
-    problem
-        Map, objects and robot.
-    costs
-        Limits that decide what may be pushed.
-    block
-        Edge of a node of the lattice [cells]; by default what a robot of its radius needs.
-    """
-    from ._push_search_kernels import largest_in_blocks
-
-    costs = costs or PushCosts()
-    grid, robot = problem.map, problem.robot
-    radius = robot.radius_m / grid.resolution_m
-    margin = robot.push_margin_m / grid.resolution_m
-    # Cells that were never seen are obstacles, too.
-    occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
-    movable: list[Body] = []
-    fixed: list[MovableObject] = []
-    why: dict[str, str] = {}
-    for obj in problem.objects:
-        outline = grid_from_world(grid, obj.footprint_m)
-        clear_cells(occupied, outline)
-        allowed = manipulability(obj.tag, robot, costs)
-        if not allowed.possible:
-            fixed.append(obj)
-            why[obj.id] = allowed.reason
-            continue
-        centre = grid_from_world(grid, obj.centre_m)
-        friction = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
-        inset = OUTLINE_INSET_M / grid.resolution_m
-        movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
-    # An object is as large as its outline, whether it may be moved or not.
-    clearance = _distance(occupied, radius)
-    outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
-    for outline in outlines:
-        lower_clearance(clearance, outline, _reach(radius))
-    if block is None:
-        large = min(int(np.ceil(np.sqrt(occupied.size / MAX_NODES))), int(radius))
-        block = max(1, int(radius / NODES_PER_RADIUS), large)
-    return SearchDomain(
-        grid,
-        robot,
-        needed_clearance(radius),
-        robot.v_max_m_s / robot.v_min_m_s,
-        occupied,
-        clearance,
-        tuple(movable),
-        tuple(fixed),
-        why,
-        block,
-        clearance if block == 1 else largest_in_blocks(clearance, block),
-        outlines,
-    )
-
-
-def _distance(
-    occupied: Bool[np.ndarray, "rows columns"], radius: float
-) -> Float32[np.ndarray, "rows columns"]:
-    """Distance to the border of the nearest occupied cell, of those outside too [cells]."""
-    cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
-    return grid_layers(OccupancyMap(cells, 1.0), SpeedLimits(radius)).distance_m
-
-
-def _reach(radius: float) -> float:
+def full_speed_clearance(radius: float) -> float:
     """Clearance from which on nothing is slowed down, with a cell to spare [cells]."""
     return 3.0 * radius + 1.0
-
-
-def lower_clearance(
-    clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
-) -> None:
-    """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
-    from ...pushing._outline_kernels import distance_patch
-
-    patch, row, column = distance_patch(*clearance.shape, outline, reach)
-    part = clearance[row : row + patch.shape[0], column : column + patch.shape[1]]
-    np.minimum(part, patch, out=part)
-
-
-def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:
-    """Points along the outline, a little outside (inside where negative) [cells]."""
-    import shapely
-
-    body = shapely.Polygon(outline)
-    inner = body.buffer(outside, join_style="mitre")
-    rings = [part.exterior for part in getattr(inner, "geoms", [inner]) if not part.is_empty] or [
-        body.exterior
-    ]
-    points = []
-    for ring in rings:
-        corners = np.array(ring.coords)[:-1]
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            count = max(1, int(np.ceil(np.hypot(*(b - a)) / OUTLINE_STEP)))
-            points.append(a + (b - a) * (np.arange(count) / count)[:, None])
-    return np.concatenate(points)

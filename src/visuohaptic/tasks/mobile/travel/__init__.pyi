@@ -14,6 +14,7 @@ from .travel_trace import records_from_json as records_from_json
 from .travel_trace import records_to_json as records_to_json
 from .travel_types import PERIOD_S as PERIOD_S
 from .travel_types import ObjectSighting as ObjectSighting
+from .travel_types import PassageSenses as PassageSenses
 from .travel_types import TravelCommand as TravelCommand
 from .travel_types import TravelObservation as TravelObservation
 from .travel_types import TravelOutcome as TravelOutcome

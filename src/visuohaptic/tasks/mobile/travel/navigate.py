@@ -19,6 +19,7 @@ from .travel_trace import TravelRecord
 from .travel_types import (
     PERIOD_S,
     ObjectSighting,
+    PassageSenses,
     TravelCommand,
     TravelObservation,
     TravelOutcome,
@@ -57,6 +58,7 @@ def travel(
     settings: TravelSettings | None = None,
     *,
     plan: Callable[[PlanningProblem], Plan] = make_plan,
+    passages: PassageSenses | None = None,
 ) -> Travel:
     """Drive to the problem's goal.
 
@@ -74,6 +76,8 @@ def travel(
         Margins, limits and tolerances.
     plan
         The planner; asked with a robot that is larger by a margin.
+    passages
+        Doors and elevators; without it the robot waits as long as they are expected to take, and drives on.
 
     Raises
     ------
@@ -99,13 +103,16 @@ def travel(
     """
     require_members(base, MobileBase, "travel")
     require_members(senses, TravelSenses, "travel", "TravelSenses object")
-    task = TravelTask(problem, settings, plan)
-    start_s, periods, command = base.state().t_s, 0, TravelCommand()
+    task = TravelTask(problem, settings, plan, waits_blindly=passages is None)
+    start_s, periods, command, waited_for = base.state().t_s, 0, TravelCommand(), ""
     try:
         while True:
-            command = task.step(_observation(base, senses, periods, command))
+            command = task.step(_observation(base, senses, passages, periods, command))
             if task.ended:
                 break
+            if passages is not None and command.passage not in ("", waited_for):
+                passages.request(command.passage)
+            waited_for = command.passage
             if command.speed_m_s or command.turn_rate_rad_s:
                 base.drive(command.speed_m_s, command.turn_rate_rad_s)
             else:
@@ -129,7 +136,11 @@ def travel(
 
 
 def _observation(
-    base: MobileBase, senses: TravelSenses, periods: int, command: TravelCommand
+    base: MobileBase,
+    senses: TravelSenses,
+    passages: PassageSenses | None,
+    periods: int,
+    command: TravelCommand,
 ) -> TravelObservation:
     """What is perceived in one period, and what the last command asked to look at."""
     state, (x, y, heading), (force_N, point) = base.state(), senses.pose(), senses.touch()
@@ -146,4 +157,7 @@ def _observation(
             ObjectSighting(id, None if at is None else (float(at[0]), float(at[1]), float(at[2])))
             for id, at in looked
         ),
+        open=(command.passage,)
+        if command.passage and passages is not None and passages.is_open(command.passage)
+        else (),
     )

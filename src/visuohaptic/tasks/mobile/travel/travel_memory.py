@@ -65,8 +65,10 @@ class TravelMemory:
         grid = problem.map
         blocked = (grid.cells >= 50) | (grid.cells < 0)
         walls = blocked.copy()
-        for item in problem.objects:
-            clear_cells(walls, grid_from_world(grid, item.footprint_m))
+        outlines_m = [item.footprint_m for item in problem.objects]
+        outlines_m += [passage.footprint_m for passage in problem.passages]
+        for outline_m in outlines_m:
+            clear_cells(walls, grid_from_world(grid, outline_m))
         self._cells = grid.cells.copy()
         self._cells[blocked & ~walls] = FREE
         self._forgiven = 0
@@ -95,6 +97,24 @@ class TravelMemory:
             start_m=np.asarray(pose_m)[:2],
             objects=objects,
         )
+
+    def closed(self, id: str) -> None:
+        """Remember that a passage did not open: no plan leads through it any more.
+
+        Parameters
+        ----------
+        id
+            Of the passage, or of an object that was taken for a wing.
+        """
+        if known := self._known.get(id):
+            known.item = replace(known.item, tag=(known.item.tag or HapticTag()).updated(fixed=True))
+        passages = (
+            replace(passage, tag=(passage.tag or HapticTag()).updated(fixed=True))
+            if passage.id == id
+            else passage
+            for passage in self._problem.passages
+        )
+        self._problem = replace(self._problem, passages=tuple(passages))
 
     def item(self, id: str) -> MovableObject:
         """What is known of an object, where it is now.

@@ -26,7 +26,9 @@ from .travel_types import TravelCommand, TravelObservation, TravelOutcome, Trave
 
 __all__ = ["TravelTask"]
 
-_WORKING = (TravelState.DRIVE, TravelState.PUSH, TravelState.EXPLORE, TravelState.TURN)
+_WORKING = (
+    TravelState.DRIVE, TravelState.PUSH, TravelState.EXPLORE, TravelState.TURN, TravelState.WAIT, TravelState.DOOR,
+)  # fmt: skip
 
 
 class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
@@ -45,6 +47,8 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         Margins, limits and tolerances.
     planner
         Asked with a robot that is larger by a margin. A replay needs the same.
+    waits_blindly
+        Whether nobody says that a passage is open.
     """
 
     task = "travel"
@@ -54,6 +58,8 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         problem: PlanningProblem,
         settings: TravelSettings | None = None,
         planner: Callable[[PlanningProblem], Plan] = make_plan,
+        *,
+        waits_blindly: bool = False,
     ) -> None:
         self.settings = settings or TravelSettings()
         s = TravelState
@@ -64,9 +70,12 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             s.PUSH: Rule((s.BACK_OFF,)),
             s.EXPLORE: Rule((s.BACK_OFF, s.PLAN)),
             s.TURN: Rule((s.BACK_OFF,)),
+            s.WAIT: Rule(after),
+            s.DOOR: Rule((*after, s.BACK_OFF)),
             s.BACK_OFF: Rule(after),
         }
         super().__init__(self.settings)
+        self._waits_blindly = waits_blindly
         self.robot = problem.robot
         self.records: list[TravelRecord] = []
         self.memory = TravelMemory(problem)
@@ -109,6 +118,8 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             TravelState.PUSH: self._push,
             TravelState.EXPLORE: self._explore,
             TravelState.TURN: self._turn,
+            TravelState.WAIT: self._wait,
+            TravelState.DOOR: self._door,
             TravelState.BACK_OFF: self._back_off,
         }
         while True:
@@ -159,6 +170,8 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             "navigate": TravelState.DRIVE,
             "push": TravelState.PUSH,
             "explore": TravelState.EXPLORE,
+            "wait": TravelState.WAIT,
+            "door": TravelState.DOOR,
         }.get(self._tasks[0].kind, TravelState.PLAN)
 
     def _drive(self) -> Motion[TravelState | None]:
@@ -247,6 +260,44 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         yield from self.pushes.turn(wanted)
         self._as_planned, self._behind_m = False, self.pushes.behind_m
         return TravelState.BACK_OFF
+
+    def _wait(self) -> Motion[TravelState | None]:
+        """Stand before a passage until it is open; plan again where it does not open."""
+        task, start_s = self._tasks[0], self.motion.now_s()
+        patience_s = task.cost_s + self.settings.patience_sigma * task.sigma_s
+        opened = False
+        while not opened and self.motion.now_s() - start_s < patience_s:
+            yield TravelCommand(passage=task.object)
+            opened = task.object in self.motion.seen.open
+        waited_s = self.motion.now_s() - start_s
+        return self._passed("opened", waited_s, done=opened or self._waits_blindly)
+
+    def _door(self) -> Motion[TravelState | None]:
+        """Push a wing open with the rim, and drive through; plan again where it does not give."""
+        task, start_s = self._tasks[0], self.motion.now_s()
+        begin, end = np.array(task.path_m[0]), np.array(task.path_m[-1])
+        length_m = float(np.hypot(*(end - begin)))
+        yield from self.motion.turn_to(math.atan2(*(end - begin)[::-1]))
+        patience_s = length_m / self.robot.v_push_m_s + self.settings.patience_sigma * task.sigma_s
+        yield from self.motion.straight(self.robot.v_push_m_s, length_m, patience_s)
+        gone_m = float(np.hypot(*(self.motion.pose_m()[:2] - begin)))
+        self._driven_m += gone_m
+        self._behind_m, self._as_planned = gone_m, False
+        through = gone_m > length_m - self.settings.near_m
+        following = self._passed("passed", self.motion.now_s() - start_s, done=through)
+        return following if through else TravelState.BACK_OFF
+
+    def _passed(self, event: str, seconds: float, *, done: bool) -> TravelState | None:
+        """What follows a passage that was opened, or that stays closed."""
+        task = self._tasks[0]
+        if done:
+            self._tasks.pop(0)
+            self._note(event, task.object, seconds=seconds)
+            return self._next()
+        self._note("closed", task.object, seconds=seconds)
+        self.memory.closed(task.object)
+        self.plans.changed()
+        return TravelState.PLAN
 
     def _look_around(self) -> Motion[None]:
         """Look where every object is."""

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 __all__ = [
     "PERIOD_S",
     "ObjectSighting",
+    "PassageSenses",
     "TravelCommand",
     "TravelObservation",
     "TravelOutcome",
@@ -49,6 +50,29 @@ class TravelSenses(Protocol):
         """
 
 
+@runtime_checkable
+class PassageSenses(Protocol):
+    """Doors and elevators: how they are asked to open, and whether they are."""
+
+    def request(self, id: str) -> None:
+        """Ask a passage to open: step into its motion detector, call it; asked once per wait.
+
+        Parameters
+        ----------
+        id
+            Of the passage in the planning problem.
+        """
+
+    def is_open(self, id: str) -> bool:
+        """Whether the robot can drive through.
+
+        Parameters
+        ----------
+        id
+            Of the passage in the planning problem.
+        """
+
+
 class TravelState(StrEnum):
     """What the robot is doing."""
 
@@ -57,6 +81,8 @@ class TravelState(StrEnum):
     PUSH = "push"
     EXPLORE = "explore"
     TURN = "turn"
+    WAIT = "wait"  #: before a passage
+    DOOR = "door"  #: pushing a wing open, and through
     BACK_OFF = "back off"
 
 
@@ -91,6 +117,7 @@ class TravelObservation:
     force_N: float  #: on the rim; NaN when it was not read
     point_m: tuple[float, float] | None  #: where it acts in the map; ``None`` without touch
     sightings: tuple[ObjectSighting, ...] = ()  #: of the objects that the last command asked for
+    open: tuple[str, ...] = ()  #: passages that the last command asked for, and that are open
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +127,7 @@ class TravelCommand:
     speed_m_s: float = 0.0
     turn_rate_rad_s: float = 0.0
     look: tuple[str, ...] = ()
+    passage: str = ""  #: that is waited for
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,3 +159,4 @@ class TravelSettings:
     look_s: float = 0.1  #: between looks during a push
     near_m: float = 0.03  #: an object within this of its goal, and turned by less, needs no new plan
     near_rad: float = 0.12
+    patience_sigma: float = 3.0  #: a passage is given up after the expected wait and so many deviations

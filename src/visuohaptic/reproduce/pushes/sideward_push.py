@@ -13,9 +13,9 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
-from .push_failure import PushUncertainty
+from ...navigation.pushing.push_failure import PushUncertainty
+from ...navigation.pushing.quasi_static import PushTrace, arc_path, remaining_m, simulate_push
 from .push_scene import PushedObject, PushLimits, PushScene
-from .quasi_static import PushTrace, arc_path, remaining_m, simulate_push
 
 __all__ = [
     "SidewardOutcome",

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Float32
 
 from ...core.errors import InputError
 from ...io.maps.occupancy_map import FREE, OccupancyMap
-from ..grid.cost_grid import OBSTACLE_FROM, window_distance
+from ...navigation.grid.cost_grid import OBSTACLE_FROM, window_distance
 
 __all__ = ["FootprintSamples", "LocalCostmap"]
 

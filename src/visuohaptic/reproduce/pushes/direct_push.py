@@ -13,9 +13,9 @@ from ...core.geometry import polygon_centroid, rotation_2d
 from ...core.objects import HapticTag
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
-from ..problem.push_costs import failure_probability
+from ...navigation.problem.push_costs import failure_probability
+from ...navigation.pushing.push_failure import centre_from_tag, simulated_failure
 from .goal_maps import path_distance
-from .push_failure import centre_from_tag, simulated_failure
 from .push_scene import PushedObject, PushLimits, PushScene
 
 __all__ = ["ContactPoint", "DirectPush", "DirectPushSettings", "contact_points", "plan_direct_push"]
@@ -87,7 +87,7 @@ def contact_points(
     directions
         Number of push directions that are tried, evenly around the object.
     """
-    from ._contact_kernels import touch_along
+    from ...navigation.pushing._contact_kernels import touch_along
 
     model, object_m, costmap, limits = scene.model, scene.object_m, scene.costmap, scene.limits
     turn = rotation_2d(object_m[2])

@@ -11,8 +11,8 @@ from ...core.geometry import polygon_centroid
 from ...core.objects import HapticTag
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
+from ...navigation.pushing.push_model import PushModel
 from .local_costmap import FootprintSamples, LocalCostmap
-from .push_model import PushModel
 
 __all__ = ["PushLimits", "PushScene", "PushedObject"]
 

@@ -1,0 +1,135 @@
+"""Bodies that may be pushed, in grid coordinates: outline, contacts, and the room that they take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ....core.geometry import rotation_2d
+from ....io.maps.occupancy_map import OccupancyMap
+from ...problem.planning_problem import MovableObject
+from ...problem.push_costs import Manipulability
+from ...pushing.contact_candidates import PushContact, push_contacts
+
+__all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "world_from_grid"]
+
+#: Outlines are looked at in steps of so many cells when they are pushed.
+OUTLINE_STEP = 0.45
+#: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
+OUTLINE_INSET_M = 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A pushable object in grid coordinates, where the map has it."""
+
+    obj: MovableObject
+    outline: Float[np.ndarray, "p 2"]
+    centre: Float[np.ndarray, "2"]
+    friction: Float[np.ndarray, "2"]  #: centre of friction from the centre
+    allowed: Manipulability
+    radius: float  #: of the robot
+    margin: float  #: room that it keeps while it is pushed
+    inset: float  #: of the points along its outline
+
+    @cached_property
+    def samples(self) -> Float[np.ndarray, "k 2"]:
+        """Points along the outline, a little inside."""
+        return _samples(self.outline, -self.inset)
+
+    @cached_property
+    def around(self) -> Float[np.ndarray, "m 2"]:
+        """Points the robot's ``push_margin_m`` outside; none without a margin."""
+        return _samples(self.outline, self.margin) if self.margin > 0 else np.zeros((0, 2))
+
+    @cached_property
+    def contacts(self) -> tuple[PushContact, ...]:
+        """Stable straight pushes through the centre of friction, relative to the centroid."""
+        return self._contacts(oblique=False)
+
+    @cached_property
+    def with_oblique(self) -> tuple[PushContact, ...]:
+        """The contacts, and after them those oblique to a face, which friction has to hold."""
+        return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
+
+    def _contacts(self, *, oblique: bool) -> tuple[PushContact, ...]:
+        shape = np.round(self.outline - self.centre - self.friction, 6)
+        found = _contacts(shape.tobytes(), self.radius, oblique)
+        if not self.friction.any():
+            return found
+        return tuple(
+            replace(push, contact=push.contact + self.friction, robot=push.robot + self.friction)
+            for push in found
+        )
+
+
+@lru_cache(maxsize=4096)
+def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, ...]:
+    """Contacts of an outline about its centre of friction; one shape is asked for in every plan."""
+    outline = np.frombuffer(shape, dtype=np.float64).reshape(-1, 2)
+    return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
+
+
+def lower_clearance(
+    clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
+) -> None:
+    """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
+    from ...pushing._outline_kernels import distance_patch
+
+    patch, row, column = distance_patch(*clearance.shape, outline, reach)
+    part = clearance[row : row + patch.shape[0], column : column + patch.shape[1]]
+    np.minimum(part, patch, out=part)
+
+
+def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:
+    """Points along the outline, a little outside (inside where negative) [cells]."""
+    import shapely
+
+    body = shapely.Polygon(outline)
+    inner = body.buffer(outside, join_style="mitre")
+    rings = [part.exterior for part in getattr(inner, "geoms", [inner]) if not part.is_empty] or [
+        body.exterior
+    ]
+    points = []
+    for ring in rings:
+        corners = np.array(ring.coords)[:-1]
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            count = max(1, int(np.ceil(np.hypot(*(b - a)) / OUTLINE_STEP)))
+            points.append(a + (b - a) * (np.arange(count) / count)[:, None])
+    return np.concatenate(points)
+
+
+def grid_from_world(
+    map: OccupancyMap, points_m: Float[np.ndarray, "*batch 2"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Grid coordinates [cells] of points in the map frame.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    points_m
+        x, y in the map frame [m].
+    """
+    x, y, yaw = map.origin
+    return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ rotation_2d(yaw) / map.resolution_m
+
+
+def world_from_grid(
+    map: OccupancyMap, points: Float[np.ndarray, "*batch 2"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Points in the map frame [m] of grid coordinates.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    points
+        x along the columns, y along the rows [cells].
+    """
+    x, y, yaw = map.origin
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)

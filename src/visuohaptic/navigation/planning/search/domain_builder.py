@@ -1,0 +1,123 @@
+"""From a planning problem to the domain of the search: what never moves, what may be pushed, what opens."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from ...grid.cost_grid import OBSTACLE_FROM
+from ...problem.passages import Passage, PassageKind, is_door_wing
+from ...problem.planning_problem import MovableObject, PlanningProblem
+from ...problem.push_costs import PushCosts, manipulability
+from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance
+from .object_cells import clear_cells
+from .push_states import needed_clearance
+from .search_domain import SearchDomain, full_speed_clearance
+
+__all__ = ["build_search_domain"]
+
+#: A node of the lattice is a block of cells, at least so many to the radius of the robot.
+NODES_PER_RADIUS = 2.5
+#: ... unless the lattice gets larger than this; then one to the radius will do.
+MAX_NODES = 500_000
+
+
+def build_search_domain(
+    problem: PlanningProblem, costs: PushCosts | None = None, *, block: int | None = None
+) -> SearchDomain:
+    """Separate a map into what never moves and the bodies that may be pushed.
+
+    Parameters
+    ----------
+    problem
+        Map, objects and robot.
+    costs
+        Limits that decide what may be pushed.
+    block
+        Edge of a node of the lattice [cells]; by default what a robot of its radius needs.
+    """
+    from ._push_search_kernels import largest_in_blocks
+
+    costs = costs or PushCosts()
+    grid, robot = problem.map, problem.robot
+    radius = robot.radius_m / grid.resolution_m
+    margin = robot.push_margin_m / grid.resolution_m
+    # Cells that were never seen are obstacles, too.
+    occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
+    movable: list[Body] = []
+    fixed: list[MovableObject | Passage] = []
+    passages = []
+    why: dict[str, str] = {}
+    doors = _wings(problem)
+    for obj in problem.objects:
+        if any(door.id == obj.id for door in doors):
+            continue
+        outline = grid_from_world(grid, obj.footprint_m)
+        clear_cells(occupied, outline)
+        allowed = manipulability(obj.tag, robot, costs)
+        if not allowed.possible:
+            fixed.append(obj)
+            why[obj.id] = allowed.reason
+            continue
+        centre = grid_from_world(grid, obj.centre_m)
+        friction = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
+        inset = OUTLINE_INSET_M / grid.resolution_m
+        movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
+    for passage in (*problem.passages, *doors):
+        outline = grid_from_world(grid, passage.footprint_m)
+        clear_cells(occupied, outline)
+        cost = passage.cost(robot)
+        if np.isfinite(cost.total_s):
+            passages.append((passage, outline, cost.total_s))
+        else:
+            fixed.append(passage)
+            why[passage.id] = cost.reason
+    # An object is as large as its outline, whether it may be moved or not.
+    clearance = _distance(occupied, full_speed_clearance(radius))
+    outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
+    for outline in outlines:
+        lower_clearance(clearance, outline, full_speed_clearance(radius))
+    block = block or _block(occupied.size, radius)
+    return SearchDomain(
+        grid,
+        robot,
+        needed_clearance(radius),
+        robot.v_max_m_s / robot.v_min_m_s,
+        occupied,
+        clearance,
+        tuple(movable),
+        tuple(fixed),
+        why,
+        block,
+        clearance if block == 1 else largest_in_blocks(clearance, block),
+        outlines,
+        tuple(passages),
+    )
+
+
+def _wings(problem: PlanningProblem) -> list[Passage]:
+    """Objects that turn like a wing when they are pushed: doors."""
+    return [
+        Passage(obj.id, obj.footprint_m, PassageKind.DOOR_PUSH, tag=obj.tag)
+        for obj in problem.objects
+        if obj.tag is not None and is_door_wing(obj.tag)
+    ]
+
+
+def _block(cells: int, radius: float) -> int:
+    """Edge of a node [cells] for a map of so many cells and a robot of a radius [cells]."""
+    large = min(int(np.ceil(np.sqrt(cells / MAX_NODES))), int(np.ceil(radius)))
+    return max(1, round(radius / NODES_PER_RADIUS), large)
+
+
+def _distance(
+    occupied: Bool[np.ndarray, "rows columns"], reach: float
+) -> Float32[np.ndarray, "rows columns"]:
+    """Distance to the border of the nearest occupied cell, of those outside too, up to ``reach`` [cells]."""
+    from ...grid._distance_kernels import near_distance, vertical_cells
+
+    vertical = np.zeros(occupied.shape, np.uint16)
+    vertical_cells(occupied.view(np.int8), 1, True, vertical)
+    distance = np.zeros(occupied.shape, np.float32)
+    near_distance(vertical, reach, distance)
+    return distance
