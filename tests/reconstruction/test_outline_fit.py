@@ -7,12 +7,14 @@ import pytest
 
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
+from visuohaptic.reconstruction.fusion import DepthNoise
 from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_body
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
 CAMERA = Camera.simple(160, 120, 140.0)
-WINDOW_PX = 5
+#: One eye; an edge is mixed over one pixel, readings over five.
+NOISE = DepthNoise(1e-3, edge_rad=1 / 140)
 
 
 def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
@@ -44,9 +46,7 @@ def views(rng: np.random.Generator, turns: np.ndarray, lost: float) -> list[Outl
         ratio = np.where(dropped, 3.2, -0.67).astype(np.float32)
         limit_m = np.full(glass.shape, 2.0, np.float32)
         frame = DepthFrame(0.0, limit_m, None, pose, CAMERA)
-        found.append(
-            OutlineView.of_view(frame, [ratio], limit_m, baseline_m=0.0, window_px=WINDOW_PX, weight=1.0)
-        )
+        found.append(OutlineView.of_view(frame, [ratio], limit_m, NOISE, 1.0))
     return found
 
 

@@ -140,13 +140,8 @@ class EvidenceDetector:
         self.look_alike = _mixing_fraction(np.concatenate(windows))
         for (frame, rays), weight, ratio in zip(read, weights, ratios, strict=True):
             self._rays.append(ViewEvidence.of_ratios(frame, weight, rays, ratio, self.look_alike))
-            outline = {
-                "baseline_m": self.noise.baseline_m,
-                "window_px": self._matching_px(frame),
-                "weight": weight,
-            }
             readings = [np.take(table, rays.code) for table in tables]
-            self._outlines.append(OutlineView.of_view(frame, readings, rays.limit_m, **outline))
+            self._outlines.append(OutlineView.of_view(frame, readings, rays.limit_m, self.noise, weight))
         for view in self._rays:
             view.add(self.grid, self.evidence, self.extent, self.seen)
         self._take()
@@ -190,7 +185,7 @@ class EvidenceDetector:
         focal_px = frame.camera.focal_px
         middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
         away_m = max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
-        matching = self._matching_px(frame)
+        matching = self.noise.window_px(focal_px)
         object_px = max(matching, 2 * round(focal_px * self.settings.radius_m / away_m) + 1)
         total = np.zeros(rays.reading.shape, np.float32)
         for table in tables / np.float32(matching**2):
@@ -203,10 +198,6 @@ class EvidenceDetector:
             )
             total += cv2.exp(np.clip(window, -30.0, 30.0)) / len(tables)
         return total
-
-    def _matching_px(self, frame: DepthFrame) -> int:
-        """Width of the window whose readings count as one [px]."""
-        return 2 * self.noise.edge_px(frame.camera.focal_px) + 3
 
     def _take(self) -> None:
         """Take parts by falling evidence; what rays say that pass one of them is explained by it."""

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from ...io.depth.depth_sequence import DepthFrame
+from ..fusion.depth_noise import DepthNoise
 from .background import intrinsics
 
 __all__ = ["BodyFit", "OutlineView", "fit_body"]
@@ -52,9 +53,7 @@ class OutlineView:
         frame: DepthFrame,
         log_ratios: Sequence[Float32[np.ndarray, "h w"]],
         limit_m: Float32[np.ndarray, "h w"],
-        *,
-        baseline_m: float,
-        window_px: int,
+        noise: DepthNoise,
         weight: float,
     ) -> OutlineView:
         """Thin a view to a quarter of a window.
@@ -67,15 +66,14 @@ class OutlineView:
             Log-likelihood ratio of every reading (h, w), for each kind of glass [nat].
         limit_m
             Depth up to which each ray is evidence (h, w) [m]; not copied, so that what is explained later counts no more.
-        baseline_m
-            Of the second eye along the rows of the image [m].
-        window_px
-            Width of the window whose readings count as one [px].
+        noise
+            Of the camera: where its second eye is, and the window whose readings count as one.
         weight
             Part of an independent view.
         """
         import cv2
 
+        window_px = noise.window_px(frame.camera.focal_px)
         step = max(1, window_px // 4)
         ratio = np.mean(
             [cv2.exp(cv2.blur(part, (window_px, window_px))[::step, ::step]) for part in log_ratios], axis=0
@@ -84,7 +82,7 @@ class OutlineView:
         fx, fy, cx, cy = (float(value) / step for value in intrinsics(frame.camera))
         motion = frame.T_world_camera.inverse().matrix[:3]
         thinned = evidence.astype(np.float32)
-        return cls(thinned, limit_m[::step, ::step], motion, (fx, fy, cx, cy), baseline_m, weight)
+        return cls(thinned, limit_m[::step, ::step], motion, (fx, fy, cx, cy), noise.baseline_m, weight)
 
     def log_likelihood(self, body: Float[np.ndarray, "6"]) -> float:
         """Of a body against nothing [nat].
