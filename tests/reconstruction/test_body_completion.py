@@ -11,11 +11,11 @@ from visuohaptic.core import InputError
 from visuohaptic.reconstruction import SurfaceMesh, body_completion
 from visuohaptic.reconstruction.body_completion import BodyCompletion
 from visuohaptic.reconstruction.completion import Touch
-from visuohaptic.reconstruction.transparency import BodyFit
+from visuohaptic.reconstruction.transparency import UprightBody
 
 #: A glass of 13 cm: r(z) = 3 cm + 1 cm (z / H)^2, 3 mm off the axis that the outlines show, which know it to 4 mm.
 HEIGHT_M, AWAY_M = 0.13, np.array([0.003, -0.002])
-BODY = BodyFit(np.zeros(2), np.full(2, 0.004), (0.036, 0.036), 0.004, (0.03, 0.12), 90.0)
+BODY = UprightBody(np.zeros(2), np.full(2, 0.004), (0.036, 0.036), 0.004, (0.03, 0.12), 90.0)
 TABLE = SurfaceMesh(np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.04, 0.0]]), np.array([[0, 1, 2]]))
 
 

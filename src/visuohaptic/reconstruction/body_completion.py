@@ -18,7 +18,7 @@ from jaxtyping import Float
 from ..core.errors import InputError
 from .completion.touch import Touch, TouchPlan
 from .mesh import SurfaceMesh
-from .transparency.outline_fit import BodyFit
+from .transparency.outline_fit import UprightBody
 
 __all__ = ["BodyCompletion"]
 
@@ -40,7 +40,7 @@ class BodyCompletion:
 
     Examples
     --------
-    >>> body = BodyFit(np.zeros(2), np.full(2, 0.004), (0.03, 0.03), 0.003, (0.05, 0.15), 80.0)
+    >>> body = UprightBody(np.zeros(2), np.full(2, 0.004), (0.03, 0.03), 0.003, (0.05, 0.15), 80.0)
     >>> table = SurfaceMesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     >>> completion = BodyCompletion(table, body, 0.0, 0.15)
     >>> plan, before_m = completion.next_touch(), completion.expected_error_m()
@@ -50,7 +50,7 @@ class BodyCompletion:
     """
 
     visual: SurfaceMesh  #: the visible surface
-    body: BodyFit  #: what the outlines show
+    body: UprightBody  #: what the outlines show
     foot_z_m: float  #: height of what the body stands on [m]
     reach_z_m: float  #: height that the evidence for glass reaches: the rim is between there and the top of the cone [m]
     visual_sigma_m: float = 0.0005  #: noise of the visible surface
@@ -67,7 +67,7 @@ class BodyCompletion:
         return 0.5 * (self._wall_to_m + self.reach_z_m)
 
     @classmethod
-    def standing(cls, visual: SurfaceMesh, body: BodyFit, reach_z_m: float) -> BodyCompletion:
+    def standing(cls, visual: SurfaceMesh, body: UprightBody, reach_z_m: float) -> BodyCompletion:
         """A body on the visible surface below it.
 
         Parameters

@@ -71,7 +71,7 @@ class EvidenceSettings:
     min_angle_rad: float = math.radians(4.0)  #: between compared views: nearer ones see the same glass alike
     independent_rad: float = math.radians(
         10.0
-    )  #: between independent views: what is dark from here is from nearby, too
+    )  #: between independent views: what is dark here is nearby, too
     max_wrong: float = 0.3  #: views with a larger fraction of contradicted rays are left out
 
     def __post_init__(self) -> None:

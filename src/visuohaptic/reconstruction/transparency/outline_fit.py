@@ -24,7 +24,7 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
 from .background import intrinsics
 
-__all__ = ["BodyFit", "OutlineView", "fit_body"]
+__all__ = ["OutlineView", "UprightBody", "fit_body"]
 
 #: Points of each of the two circles that bound a body.
 _CORNERS = 16
@@ -125,7 +125,7 @@ class OutlineView:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodyFit:
+class UprightBody:
     """An upright truncated cone, and how well the place of its axis is known."""
 
     axis_m: Float[np.ndarray, "2"]  #: x, y of its axis [m]
@@ -138,7 +138,7 @@ class BodyFit:
 
 def fit_body(
     views: Sequence[OutlineView], low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]
-) -> BodyFit | None:
+) -> UprightBody | None:
     """The likeliest upright body where a part was found; ``None`` where no outline holds it.
 
     Parameters
@@ -169,7 +169,7 @@ def fit_body(
         return None
     sigma = np.sqrt(np.diag(covariance))
     x, y, low_r, high_r, low_z, high_z = (float(value) for value in best.x)
-    return BodyFit(
+    return UprightBody(
         np.array([x, y]), sigma[:2], (low_r, high_r), float(sigma[2]), (low_z, high_z), -float(best.fun)
     )
 

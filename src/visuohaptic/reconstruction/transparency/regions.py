@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.files import write_text
 from ..fusion.volume import SpaceGrid
-from .outline_fit import BodyFit
+from .outline_fit import UprightBody
 
 __all__ = ["TransparentRegion", "find_regions", "outer_points", "save_regions"]
 
@@ -30,9 +30,9 @@ class TransparentRegion:
     score: float  #: mean score of its voxels
     voxels: int  #: number of voxels
     volume_m3: float  #: of the hull [m3]
-    body: BodyFit | None = None  #: upright body that its outlines show
+    body: UprightBody | None = None  #: upright body that its outlines show
 
-    def standing_at(self, body: BodyFit) -> TransparentRegion:
+    def standing_at(self, body: UprightBody) -> TransparentRegion:
         """The same part with its centre on the axis of a body.
 
         Parameters
@@ -146,7 +146,7 @@ def outer_points(
     return grid.centres_m(cells), score[outer]
 
 
-def _body_entries(body: BodyFit) -> dict[str, Any]:
+def _body_entries(body: UprightBody) -> dict[str, Any]:
     return {
         "axis": np.round(body.axis_m, 5).tolist(),
         "axis_sigma": np.round(body.axis_sigma_m, 5).tolist(),
