@@ -340,7 +340,9 @@ def files(tmp_path):
 def test_the_verb_completes_and_plans(files, capsys):
     words = ["complete", str(files / "model.ply"), "--region", str(files / "regions.json")]
     words += ["--touches", str(files / "touches.csv"), "--out", str(files / "done.ply"), "--next", "--json"]
+    words += ["--plot", str(files / "done.png")]
     assert main(words) == 0
+    assert (files / "done.png").read_bytes().startswith(b"\x89PNG")
     found = json.loads(capsys.readouterr().out)
     assert found["touches"] == 2
     assert len(found["next"]["target_m"]) == 3

@@ -370,3 +370,55 @@ def test_command_writes_the_three_files(sequence, tmp_path, capsys):
     assert len(points.vertices_m) == len(points.fields["score"]) > 0
     assert len(read_ply(tmp_path / "out" / "surface.ply").faces) > 1000
     assert main(["reconstruct", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
+
+
+def sloped_frames(turn_rad: float, rng: np.random.Generator) -> list[DepthFrame]:
+    """A ramp and a shaft of noise in it, six times rougher than the camera, from poses that are known to ``turn_rad``."""
+    camera = Camera.simple(320, 240, 300.0)
+    rows, columns = np.mgrid[0:240, 0:320]
+    rays = np.stack([(columns - 160) / 300, (rows - 120) / 300, np.ones((240, 320))], axis=-1)
+    device = SENSOR_NOISE["kinect"].with_tracking(0.0)
+    frames = []
+    for x in np.linspace(-0.1, 0.1, 8):
+        pose = Pose(np.eye(3), np.array([x, 0.0, 0.0]))
+        # The plane z = 1 + 0.4 y + 0.3 x of the world, camera at (x, 0, 0).
+        depth_m = (1 + 0.3 * x) / (1 - 0.4 * rays[..., 1] - 0.3 * rays[..., 0])
+        sigma_m = device.sigma_m(depth_m) * np.where(np.abs(rays[..., 0]) < 0.15, 6.0, 1.0)
+        noisy = (depth_m + sigma_m * rng.standard_normal(depth_m.shape)).astype(np.float32)
+        reported = pose @ Pose.from_rotation_vector(turn_rad * rng.standard_normal(3), np.zeros(3))
+        frames.append(DepthFrame(0.0, noisy, None, reported, camera))
+    return frames
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.004])
+def test_the_noise_of_poses_is_measured_beside_glass(turn_rad):
+    frames = sloped_frames(turn_rad, np.random.default_rng(6))
+    near = [[k + 1 if k + 1 < len(frames) else k - 1] for k in range(len(frames))]
+    noise = TrackedNoise.measured(frames, near, SENSOR_NOISE["kinect"])
+    # What a hand-held camera is known for, 3 mm and 1.5 mrad, weighs as one of seven pairs.
+    known_m, known_rad = 0.003 / np.sqrt(7), 0.0015 / np.sqrt(7)
+    if turn_rad == 0:
+        assert noise.turn_rad < 1.3 * known_rad
+        # A quarter of the residuals are of the shaft: with what they pull, half of 3 mm at most.
+        assert noise.tracking_m < 1.8 * known_m
+    else:
+        # Six pairs, two axes: the root mean square of twelve is known to a fifth; half or twice is beyond 3 sigma.
+        assert 0.5 * turn_rad < noise.turn_rad < 2 * turn_rad
+    assert noise.factor < 1.2
+
+
+def test_a_reading_that_most_views_contradict_is_no_surface():
+    """Two of eight views agree with a reading by chance behind glass; the other six see a nearer surface."""
+    camera = Camera.simple(64, 48, 60.0)
+    depths = np.full((9, 48, 64), 1.0, np.float32)
+    patch = (slice(None), slice(18, 30), slice(24, 40))
+    depths[0][patch[1:]] = 1.06
+    depths[1:3][patch] = 1.06
+    frames = [
+        DepthFrame(0.0, d, None, Pose(np.eye(3), np.array([0.0, 0.0, 1e-4 * k])), camera)
+        for k, d in enumerate(depths)
+    ]
+    noise = TrackedNoise(SENSOR_NOISE["kinect"], 0.001, 0.0)
+    views = [ViewDepth.of_frame(frame, noise) for frame in frames]
+    reading = ray_image(views[0], views[1:], noise).reading[patch[1:]]
+    assert (reading == 2).mean() > 0.9  # farther than the surface that six views see

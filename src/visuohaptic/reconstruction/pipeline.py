@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ..core.errors import InputError
 from ..io.depth.depth_sequence import DepthFrame, DepthSequence
 from ..io.meshes.ply import PlyMesh, write_ply
+from .body_completion import BodyCompletion
 from .completion.hole_region import HoleRegion
 from .completion.surface_completion import Completion, CompletionSettings
 from .fusion.depth_fusion import TsdfVolume
@@ -62,14 +63,37 @@ class Reconstruction:
         InputError
             There is no such part, or no surface around it.
         """
+        region = self._region(part)
+        return Completion(self.surface, HoleRegion.of_points(region.hull_m, region.score), settings)
+
+    def body_completion(self, part: int = 0) -> BodyCompletion:
+        """A fully clear vessel completed by its outlines, ready for touches; it stands on the surface below it.
+
+        Parameters
+        ----------
+        part
+            Index into :attr:`regions`; the largest by default.
+
+        Raises
+        ------
+        InputError
+            There is no such part, or nothing below it was seen.
+        """
+        region = self._region(part)
+        if region.body is None:
+            raise InputError(
+                "body_completion", "the part has no outline, expected one of method 'consistency'"
+            )
+        return BodyCompletion.standing(self.surface, region.body, float(region.hull_m[:, 2].max()))
+
+    def _region(self, part: int) -> TransparentRegion:
         if not 0 <= part < len(self.regions):
             raise InputError(
                 "completion",
                 f"found part {part}, expected one of {len(self.regions)} transparent parts",
                 remedy=self.search.text if not self.regions else "",
             )
-        region = self.regions[part]
-        return Completion(self.surface, HoleRegion.of_points(region.hull_m, region.score), settings)
+        return self.regions[part]
 
     def save(self, folder: Path | str) -> None:
         """Write ``surface.ply``, ``transparency.ply`` (points with ``score``) and ``regions.json``.

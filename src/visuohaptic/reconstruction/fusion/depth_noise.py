@@ -48,6 +48,16 @@ class DepthNoise:
         """
         return max(1, round(self.edge_rad * focal_px))
 
+    def window_px(self, focal_px: float) -> int:
+        """Width of the window whose readings are not independent: that of the camera's matching [px].
+
+        Parameters
+        ----------
+        focal_px
+            Focal length [px].
+        """
+        return 2 * self.edge_px(focal_px) + 3
+
     def with_tracking(self, tracking_m: float) -> DepthNoise:
         """The same camera with another accuracy of the poses.
 

@@ -11,6 +11,7 @@ from .detector import TransparencySettings as TransparencySettings
 from .detector import error_image as error_image
 from .evidence import EvidenceDetector as EvidenceDetector
 from .evidence import EvidenceSettings as EvidenceSettings
+from .outline_fit import UprightBody as UprightBody
 from .pose_refinement import refine_poses as refine_poses
 from .ray_readings import RayImage as RayImage
 from .ray_readings import TrackedNoise as TrackedNoise

@@ -17,7 +17,7 @@ that of any window at all, and is bounded: no single view decides, and where man
 The sum over views is a log-likelihood ratio. That of N places without glass one exceeds log(N / a) has at most the
 probability a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user gives.
 
-How far a part reaches is the same sum with e = 0.85: that fraction of the rays still passes a round glass at 1.03 of
+Where it stands follows from its outlines (:mod:`.outline_fit`). How far a part reaches is the same sum with e = 0.85: that fraction of the rays still passes a round glass at 1.03 of
 its radius, 2/pi asin(1/1.03). Parts are taken by falling evidence, and what rays say that pass an accepted part is explained by it.
 """
 
@@ -36,6 +36,7 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .background import intrinsics
+from .outline_fit import OutlineView, fit_body
 from .ray_readings import CONTEXTS, FAR, NEAR, RayImage, TrackedNoise, ViewDepth, ray_image
 from .regions import TransparentRegion, find_regions
 from .search_report import SearchReport, next_eye
@@ -70,7 +71,7 @@ class EvidenceSettings:
     min_angle_rad: float = math.radians(4.0)  #: between compared views: nearer ones see the same glass alike
     independent_rad: float = math.radians(
         10.0
-    )  #: between independent views: what is dark from here is from nearby, too
+    )  #: between independent views: what is dark here is nearby, too
     max_wrong: float = 0.3  #: views with a larger fraction of contradicted rays are left out
 
     def __post_init__(self) -> None:
@@ -103,6 +104,7 @@ class EvidenceDetector:
     views: int = field(init=False, default=0)  #: views that were given
     skipped: Counter[str] = field(default_factory=Counter)  #: views that were not compared, by cause
     _rays: list[ViewEvidence] = field(default_factory=list)
+    _outlines: list[OutlineView] = field(default_factory=list)
     _inside: Bool[np.ndarray, "x y z"] = field(init=False)
     _found: tuple[TransparentRegion, ...] = field(init=False, default=())
 
@@ -125,7 +127,7 @@ class EvidenceDetector:
             All views of one camera, in any order.
         """
         self.__post_init__()
-        self.views, self._rays, self._found = len(frames), [], ()
+        self.views, self._rays, self._outlines, self._found = len(frames), [], [], ()
         self.skipped.clear()
         read, weights = self._read(frames)
         if not read:
@@ -138,6 +140,8 @@ class EvidenceDetector:
         self.look_alike = _mixing_fraction(np.concatenate(windows))
         for (frame, rays), weight, ratio in zip(read, weights, ratios, strict=True):
             self._rays.append(ViewEvidence.of_ratios(frame, weight, rays, ratio, self.look_alike))
+            readings = [np.take(table, rays.code) for table in tables]
+            self._outlines.append(OutlineView.of_view(frame, readings, rays.limit_m, self.noise, weight))
         for view in self._rays:
             view.add(self.grid, self.evidence, self.extent, self.seen)
         self._take()
@@ -181,7 +185,7 @@ class EvidenceDetector:
         focal_px = frame.camera.focal_px
         middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
         away_m = max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
-        matching = 2 * self.noise.edge_px(focal_px) + 3
+        matching = self.noise.window_px(focal_px)
         object_px = max(matching, 2 * round(focal_px * self.settings.radius_m / away_m) + 1)
         total = np.zeros(rays.reading.shape, np.float32)
         for table in tables / np.float32(matching**2):
@@ -209,21 +213,30 @@ class EvidenceDetector:
             if best[number] < self.threshold:
                 break
             box = boxes[number]
-            part = labels[box] == number + 1
+            part, evidence = labels[box] == number + 1, self.evidence[box]
             if found:
                 evidence, extent = self._unexplained(box)
                 part &= extent > 0
                 if evidence[part].max(initial=0.0) < self.threshold:
                     continue
+            # What others explain may lie across a part: of what is left the piece with the most evidence is one.
+            pieces, _ = ndimage.label(part, np.ones((3, 3, 3)))
+            peak = np.argmax(np.where(part, evidence, -np.inf))
+            part &= pieces == pieces.flat[peak]
             if np.count_nonzero(part) < smallest:
                 continue
-            self._inside[box] |= part
-            inside = np.zeros(self.grid.shape, dtype=bool)
-            inside[box] = part
-            points_m = self.grid.centres_m(np.argwhere(inside))
+            points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
+            body = fit_body(self._outlines, points_m.min(axis=0), points_m.max(axis=0))
+            # Windows may look like glass by a common cause in all views that has no outline: shine, an edge.
+            if body is None or body.evidence < self.threshold:
+                continue
             for view in self._rays:
                 view.explain(points_m, self.grid.voxel_m)
-            found.extend(find_regions(self.score(), inside, inside, self.grid, min_voxels=1))
+            inside = np.zeros(self.grid.shape, dtype=bool)
+            inside[box] = part
+            self._inside |= inside
+            regions = find_regions(self.score(), inside, inside, self.grid, min_voxels=1)
+            found.extend(region.standing_at(body) for region in regions)
         self._found = tuple(sorted(found, key=lambda region: -region.voxels))
 
     def _unexplained(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.files import write_text
 from ..fusion.volume import SpaceGrid
+from .outline_fit import UprightBody
 
 __all__ = ["TransparentRegion", "find_regions", "outer_points", "save_regions"]
 
@@ -22,11 +23,24 @@ class TransparentRegion:
 
     hull_m: Float[np.ndarray, "vertices 3"]  #: corners of the convex hull, world [m]
     faces: Int[np.ndarray, "faces 3"]  #: triangles of the hull, outside counter-clockwise
-    centroid_m: Float[np.ndarray, "3"]  #: mean of its voxels, world [m]
+    centroid_m: Float[
+        np.ndarray, "3"
+    ]  #: mean of its voxels, at the axis of its body where there is one, world [m]
     size_m: Float[np.ndarray, "3"]  #: edges of its axis-aligned box [m]
     score: float  #: mean score of its voxels
     voxels: int  #: number of voxels
     volume_m3: float  #: of the hull [m3]
+    body: UprightBody | None = None  #: upright body that its outlines show
+
+    def standing_at(self, body: UprightBody) -> TransparentRegion:
+        """The same part with its centre on the axis of a body.
+
+        Parameters
+        ----------
+        body
+            Body that the outlines show.
+        """
+        return replace(self, centroid_m=np.array([*body.axis_m, self.centroid_m[2]]), body=body)
 
     def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Whether points of the world are in the hull.
@@ -132,6 +146,15 @@ def outer_points(
     return grid.centres_m(cells), score[outer]
 
 
+def _body_entries(body: UprightBody) -> dict[str, Any]:
+    return {
+        "axis": np.round(body.axis_m, 5).tolist(),
+        "axis_sigma": np.round(body.axis_sigma_m, 5).tolist(),
+        "radius": np.round(body.radius_m, 5).tolist(),
+        "height": np.round(body.height_m, 5).tolist(),
+    }
+
+
 def save_regions(path: Path | str, regions: tuple[TransparentRegion, ...], **about: Any) -> None:
     """Write ``regions.json``: of each cluster its hull, centroid, size and score [m].
 
@@ -154,6 +177,7 @@ def save_regions(path: Path | str, regions: tuple[TransparentRegion, ...], **abo
             "voxels": region.voxels,
             "volume_m3": float(f"{region.volume_m3:.4g}"),
         }
+        | (_body_entries(region.body) if region.body else {})
         for region in regions
     ]
     write_text(

@@ -19,7 +19,7 @@ from .background import ideal_depth, intrinsics, motions
 __all__ = ["Cause", "SearchReport", "chance_of_finding", "next_eye"]
 
 #: Why nothing was found; ``found``: something was.
-Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold"]
+Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold", "no outline"]
 
 #: Probability that a view through glass looks like glass at its strongest place: thin walls bend little in the middle.
 _SHOWS = 0.75
@@ -94,6 +94,8 @@ class SearchReport:
             cause = "no rays"
         else:
             cause = "too few rays" if reachable < threshold else "below threshold"
+            if evidence.max(initial=0.0) >= threshold:
+                cause = "no outline"
         levels = np.histogram(seen, [0.0, 1e-9, 2.5, 5.5, np.inf])[0] / seen.size
         seen_by = dict(zip(("0", "1-2", "3-5", "6 or more"), np.round(levels, 3).tolist(), strict=True))
         best = float(np.quantile(passed, 0.9)) if len(passed) else 0.0
@@ -121,6 +123,7 @@ class SearchReport:
         told = {
             "found": f"evidence up to {self.evidence:.1f}, threshold {self.threshold:.1f}",
             "too few rays": f"they give at most {self.reachable:.1f}, threshold {self.threshold:.1f}; add views",
+            "no outline": f"evidence up to {self.evidence:.1f}, threshold {self.threshold:.1f}, but no outline of a body",
             "below threshold": f"the strongest voxel has {self.evidence:.1f}, threshold {self.threshold:.1f}",
         }[self.cause]
         if not self.found:

@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="completed surface, PLY")
     parser.add_argument("--next", action="store_true", help="plan the next touch")
     parser.add_argument("--bound-m", type=float, default=0.001, help="expected error to stop at, 1 mm")
+    parser.add_argument("--plot", type=Path, help="figure of the completed surface (.png, .pdf, .svg)")
     parser.add_argument("--no-priors", action="store_true", help="do not use the shape of the visible bands")
 
 
@@ -76,6 +77,10 @@ def run(args: Any) -> dict[str, Any]:
     completed = completion.completed()
     fields = {"sigma_m": completion.sigma_m(completed.vertices_m)}
     write_ply(args.out, PlyMesh(completed.vertices_m, completed.faces, completed.colors, fields))
+    if args.plot:
+        from ....reconstruction.plots import plot_completion
+
+        plot_completion(completion, args.plot)
     found: dict[str, Any] = {
         "out": str(args.out),
         "cluster": number,

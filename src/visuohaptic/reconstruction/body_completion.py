@@ -1,0 +1,253 @@
+"""A fully clear vessel completed by its outlines and touches: no part of its wall was seen.
+
+The outlines of drop-outs give an upright cone (:mod:`.transparency.outline_fit`) and how well its axis and radius are
+known; the vessel stands on what is below it. The distance of its wall from that axis is a Gaussian process over angle and
+height: the profile is common to all angles, an error of the axis turns once around, and what is not round is small. Each
+touch conditions it in closed form (Rasmussen and Williams 2006, Eq. 2.23), so that one contact tells of a whole ring, as far
+as the process says, and no point is invented. The next touch goes where the wall is least known, level and to the axis,
+below the rim, past what stands around.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.errors import InputError
+from .completion.touch import Touch, TouchPlan
+from .mesh import SurfaceMesh
+from .transparency.outline_fit import UprightBody
+
+__all__ = ["BodyCompletion"]
+
+#: Standard deviation of the profile about the cone, and of what is not round, in radii.
+_PROFILE, _UNROUND = 0.25, 0.02
+#: Correlation length of the profile in heights of the body, and of what is not round over the angle [rad].
+_OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7
+#: Angles and heights of the surface, and of places that are tried for a touch.
+_ANGLES, _HEIGHTS, _PLACES = 48, 40, (12, 12)
+#: Distance of a touch from rim and foot, of a start from the wall, and of a probe from what stands around [m].
+_END_M, _START_M, _CLEAR_M = 0.012, 0.04, 0.015
+#: Contacts without which an exploration is never done.
+_MIN_TOUCHES = 3
+
+
+@dataclass(slots=True)
+class BodyCompletion:
+    """An upright clear body and the touches on it so far.
+
+    Examples
+    --------
+    >>> body = UprightBody(np.zeros(2), np.full(2, 0.004), (0.03, 0.03), 0.003, (0.05, 0.15), 80.0)
+    >>> table = SurfaceMesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    >>> completion = BodyCompletion(table, body, 0.0, 0.15)
+    >>> plan, before_m = completion.next_touch(), completion.expected_error_m()
+    >>> completion.add(Touch(plan.end_m - 0.033 * plan.direction, plan.start_m, plan.end_m))
+    >>> completion.expected_error_m() < before_m
+    True
+    """
+
+    visual: SurfaceMesh  #: the visible surface
+    body: UprightBody  #: what the outlines show
+    foot_z_m: float  #: height of what the body stands on [m]
+    reach_z_m: float  #: height that the evidence for glass reaches: the rim is between there and the top of the cone [m]
+    visual_sigma_m: float = 0.0005  #: noise of the visible surface
+    touches: list[Touch] = field(default_factory=list)
+    _wall_to_m: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._wall_to_m = self.body.height_m[1]
+        self.reach_z_m = max(self.reach_z_m, self._wall_to_m)
+
+    @property
+    def _top_m(self) -> float:
+        """Height of the rim, as likely above as below [m]."""
+        return 0.5 * (self._wall_to_m + self.reach_z_m)
+
+    @classmethod
+    def standing(cls, visual: SurfaceMesh, body: UprightBody, reach_z_m: float) -> BodyCompletion:
+        """A body on the visible surface below it.
+
+        Parameters
+        ----------
+        visual
+            The visible surface.
+        body
+            What the outlines show.
+        reach_z_m
+            Height that the evidence for glass reaches [m].
+
+        Raises
+        ------
+        InputError
+            Nothing below the body was seen.
+        """
+        away_m = np.hypot(*(visual.vertices_m[:, :2] - body.axis_m).T)
+        below = visual.vertices_m[
+            (away_m < 2 * max(body.radius_m)) & (visual.vertices_m[:, 2] < body.height_m[0]), 2
+        ]
+        if not len(below):
+            raise InputError("BodyCompletion", "nothing was seen below the body, expected what it stands on")
+        return cls(visual, body, float(np.median(below)), reach_z_m)
+
+    def add(self, touch: Touch) -> None:
+        """Join a touch; a line to the axis that met nothing was above the rim.
+
+        Parameters
+        ----------
+        touch
+            Contact or free line in the frame of the visible surface.
+        """
+        self.touches.append(touch)
+        if touch.contact_m is not None:
+            self._wall_to_m = max(self._wall_to_m, float(touch.contact_m[2]))
+            self.reach_z_m = max(self.reach_z_m, self._wall_to_m)
+        elif touch.end_m is not None:
+            self.reach_z_m = max(min(self.reach_z_m, float(touch.end_m[2])), self.foot_z_m + 2 * _END_M)
+            self._wall_to_m = min(self._wall_to_m, self.reach_z_m)
+
+    def _contacts(self) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"], np.ndarray, np.ndarray]:
+        """Angles [rad], heights, distances from the axis and deviations [m] of the contacts."""
+        met = [touch for touch in self.touches if touch.contact_m is not None]
+        points = np.array([touch.contact_m for touch in met]).reshape(-1, 3)
+        offset = points[:, :2] - self.body.axis_m
+        theta, rho_m = np.arctan2(offset[:, 1], offset[:, 0]), np.hypot(offset[:, 0], offset[:, 1])
+        return theta, points[:, 2], rho_m, np.array([touch.sigma_m for touch in met])
+
+    def _cone_m(self, z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        found: Float[np.ndarray, "n"] = np.interp(z_m, self.body.height_m, self.body.radius_m)
+        return found
+
+    def _covariance(
+        self, here: tuple[np.ndarray, np.ndarray], there: tuple[np.ndarray, np.ndarray]
+    ) -> np.ndarray:
+        """Of the distance from the axis between places (angle, height) [m2]."""
+        (theta, z_m), (theta2, z2_m) = here, there
+        radius = float(np.mean(self.body.radius_m))
+        gap = (
+            np.sqrt(5)
+            * np.abs(z_m[:, None] - z2_m)
+            / (_OVER_HEIGHT * (self.body.height_m[1] - self.foot_z_m))
+        )
+        near = (1 + gap + gap**2 / 3) * np.exp(-gap)
+        across, along = np.cos(theta)[:, None] * np.cos(theta2), np.sin(theta)[:, None] * np.sin(theta2)
+        x2, y2 = self.body.axis_sigma_m**2
+        found = self.body.radius_sigma_m**2 + (_PROFILE * radius) ** 2 * near + x2 * across + y2 * along
+        found += (_UNROUND * radius) ** 2 * near * np.exp((across + along - 1) / _OVER_ANGLE_RAD**2)
+        return np.asarray(found)
+
+    def wall(
+        self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """Distance of the wall from the axis and its standard deviation [m].
+
+        Parameters
+        ----------
+        theta
+            Angles (n) around the axis [rad].
+        z_m
+            Heights (n) [m].
+        """
+        mean_m, here = self._cone_m(z_m), (theta, z_m)
+        variance = np.diag(self._covariance(here, here)).copy()
+        angle, height, rho_m, sigma_m = self._contacts()
+        if len(angle):
+            known = (angle, height)
+            inverse = np.linalg.inv(self._covariance(known, known) + np.diag(sigma_m**2))
+            cross = self._covariance(here, known)
+            mean_m = mean_m + cross @ inverse @ (rho_m - self._cone_m(height))
+            variance -= np.einsum("ij,jk,ik->i", cross, inverse, cross)
+        return np.maximum(mean_m, 2e-3), np.sqrt(np.maximum(variance, 0.0))
+
+    def _places(self, angles: int, heights: int, end_m: float) -> tuple[np.ndarray, np.ndarray]:
+        theta = 2 * np.pi * np.arange(angles) / angles
+        z_m = np.linspace(self.foot_z_m + end_m, self._top_m - end_m, heights)
+        return np.tile(theta, heights), np.repeat(z_m, angles)
+
+    def surface(self) -> SurfaceMesh:
+        """The estimated wall [m], open above."""
+        theta, z_m = self._places(_ANGLES, _HEIGHTS, 0.0)
+        rho_m, _ = self.wall(theta, z_m)
+        vertices = np.column_stack(
+            [self.body.axis_m[0] + rho_m * np.cos(theta), self.body.axis_m[1] + rho_m * np.sin(theta), z_m]
+        )
+        k = np.arange(_ANGLES * (_HEIGHTS - 1))
+        right = k // _ANGLES * _ANGLES + (k + 1) % _ANGLES
+        faces = np.vstack(
+            [np.column_stack([k, right, right + _ANGLES]), np.column_stack([k, right + _ANGLES, k + _ANGLES])]
+        )
+        return SurfaceMesh(vertices, faces)
+
+    def completed(self) -> SurfaceMesh:
+        """The visible surface with the estimated wall."""
+        part = self.surface()
+        colors = None if self.visual.colors is None else np.full((len(part.vertices_m), 3), 200, np.uint8)
+        return self.visual.joined(SurfaceMesh(part.vertices_m, part.faces, colors))
+
+    def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) of the completed surface [m].
+        """
+        offset = points_m[:, :2] - self.body.axis_m
+        theta, z_m = np.arctan2(offset[:, 1], offset[:, 0]), points_m[:, 2]
+        sigma = np.full(len(points_m), self.visual_sigma_m)
+        reach_m = 2 * max(self.body.radius_m)
+        near = np.flatnonzero((np.hypot(*offset.T) < reach_m) & (z_m >= self.foot_z_m) & (z_m <= self._top_m))
+        if len(near):
+            rho_m, wall_m = self.wall(theta[near], z_m[near])
+            own = np.abs(np.hypot(*offset[near].T) - rho_m) < 1e-3
+            sigma[near[own]] = wall_m[own]
+        return sigma
+
+    def next_touch(self) -> TouchPlan:
+        """The level line to the axis where the wall is least known.
+
+        Raises
+        ------
+        InputError
+            Something stands in the way of every line.
+        """
+        theta, z_m = self._places(*_PLACES, _END_M)
+        if len(self.touches) >= _MIN_TOUCHES and self.reach_z_m - self._wall_to_m > 2 * _END_M:
+            # The rim is less well known than the wall: halfway to where it may be.
+            z_m = np.full_like(z_m, self._top_m)
+        rho_m, sigma_m = self.wall(theta, z_m)
+        for best in np.argsort(-sigma_m, kind="stable"):
+            outward = np.array([np.cos(theta[best]), np.sin(theta[best])])
+            target = np.append(self.body.axis_m + rho_m[best] * outward, z_m[best])
+            start = np.append(
+                self.body.axis_m + (rho_m[best] + 3 * sigma_m[best] + _START_M) * outward, z_m[best]
+            )
+            if self._free(target, start):
+                score = float(sigma_m[best])
+                return TouchPlan.towards_axis(target, start, self.body.axis_m, score, score)
+        raise InputError(
+            "BodyCompletion.next_touch", "something stands in the way of every level line to the axis"
+        )
+
+    def _free(self, target_m: Float[np.ndarray, "3"], start_m: Float[np.ndarray, "3"]) -> bool:
+        """Whether no visible surface is near the way from a start to the wall."""
+        way = start_m - target_m
+        along = np.clip((self.visual.vertices_m - target_m) @ way / (way @ way), 0.3, 1.5)
+        gap = np.linalg.norm(self.visual.vertices_m - target_m - along[:, None] * way, axis=1)
+        return bool(gap.min(initial=np.inf) > min(_CLEAR_M, 0.8 * (target_m[2] - self.foot_z_m)))
+
+    def expected_error_m(self) -> float:
+        """Root mean square deviation of the wall."""
+        return float(np.sqrt(np.mean(self.wall(*self._places(*_PLACES, 0.0))[1] ** 2)))
+
+    def done(self, bound_m: float) -> bool:
+        """Stop rule: whether the expected remaining error is below a bound, after three contacts at least.
+
+        Parameters
+        ----------
+        bound_m
+            Accepted root mean square error of the wall [m].
+        """
+        return len(self._contacts()[0]) >= _MIN_TOUCHES and self.expected_error_m() < bound_m

@@ -1,0 +1,73 @@
+"""Upright bodies through the outlines that several views show: drawn by hand, apart from the library's own outlines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.core.camera import Camera
+from visuohaptic.io.depth import DepthFrame
+from visuohaptic.reconstruction.fusion import DepthNoise
+from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_body
+
+#: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
+AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
+CAMERA = Camera.simple(160, 120, 140.0)
+#: One eye; an edge is mixed over one pixel, readings over five.
+NOISE = DepthNoise(1e-3, edge_rad=1 / 140)
+
+
+def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Whether rays meet the cylinder: quadric of its wall between both ends, and the disc on top."""
+    offset, flat = origin[:2] - AXIS_M, rays[..., :2]
+    a, b, c = (flat**2).sum(-1), 2 * flat @ offset, offset @ offset - RADIUS_M**2
+    root = np.sqrt(np.maximum(b**2 - 4 * a * c, 0.0))
+    wall = np.zeros(rays.shape[:2], dtype=bool)
+    for sign in (-1, 1):
+        z = origin[2] + (-b + sign * root) / (2 * a) * rays[..., 2]
+        wall |= (b**2 > 4 * a * c) & (z > LOW_M) & (z < HIGH_M)
+    top = origin[:2] + (HIGH_M - origin[2]) / rays[..., 2:] * flat
+    return wall | (((top - AXIS_M) ** 2).sum(-1) < RADIUS_M**2)
+
+
+def views(rng: np.random.Generator, turns: np.ndarray, lost: float) -> list[OutlineView]:
+    """Eight in ten readings beside the body, and a part of those through it, say that there is no glass."""
+    rows, columns = np.mgrid[0:120, 0:160]
+    found = []
+    for turn in turns:
+        eye = np.array([0.6 * np.cos(turn), 0.6 * np.sin(turn), 0.55])
+        pose = Camera.pose_of_view(tuple(eye), (0.0, 0.0, 0.08))
+        rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)).reshape(
+            120, 160, 3
+        )
+        glass = hit(eye, rays @ pose.rotation.T)
+        dropped = rng.random(glass.shape) < np.where(glass, lost, 0.02)
+        # ln(0.5 / 0.02) and ln(0.5 / 0.98) of readings that are lost with 0.5 behind glass and 0.02 elsewhere.
+        ratio = np.where(dropped, 3.2, -0.67).astype(np.float32)
+        limit_m = np.full(glass.shape, 2.0, np.float32)
+        frame = DepthFrame(0.0, limit_m, None, pose, CAMERA)
+        found.append(OutlineView.of_view(frame, [ratio], limit_m, NOISE, 1.0))
+    return found
+
+
+@pytest.mark.parametrize(("count", "arc_rad"), [(12, 6.0), (8, 2.5)])
+def test_the_axis_follows_from_the_outlines(count, arc_rad):
+    rng = np.random.default_rng(count)
+    seen = views(rng, np.linspace(0, arc_rad, count), 0.5)
+    # The part that was found reaches 3 cm away from the cameras' side and has no foot.
+    body = fit_body(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
+    assert body is not None
+    # Half a window is 2.5 px, 14 mm: eight outlines with two sides each know their middle to a fourth of that.
+    assert np.linalg.norm(body.axis_m - AXIS_M) < 0.0035
+    assert np.all(np.abs(body.axis_m - AXIS_M) < 4 * body.axis_sigma_m)
+    assert body.axis_sigma_m.max() < 0.005
+    # Windows widen an outline by up to a half of them.
+    assert abs(np.mean(body.radius_m) - RADIUS_M) < 0.014
+    assert body.evidence > 50
+
+
+def test_noise_without_outline_holds_no_body():
+    """As many lost readings inside a body as beside it are no evidence for one: ln(places / rate) is about 12."""
+    seen = views(np.random.default_rng(1), np.linspace(0, 6, 12), 0.02)
+    body = fit_body(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
+    assert body is None or body.evidence < 5
