@@ -57,8 +57,6 @@ from .trees.tree_nodes import walk as walk
 from .visual.prior import Candidate as Candidate
 from .visual.prior import VisualPrior as VisualPrior
 from .visual.prior import model_probabilities as model_probabilities
-from .visual.prior_calibration import Example as Example
-from .visual.prior_calibration import calibrate_prior as calibrate_prior
 from .visual.prior_evidence import PriorSettings as PriorSettings
 from .visual.prior_file import load_prior as load_prior
 from .visual.prior_file import save_prior as save_prior
