@@ -1,6 +1,9 @@
 from .classifier_file import Classifier as Classifier
 from .classifier_file import load_classifier as load_classifier
 from .classifier_file import save_classifier as save_classifier
+from .data.curve_file import SqueezedObject as SqueezedObject
+from .data.curve_file import read_curves as read_curves
+from .data.curve_file import read_squeezed as read_squeezed
 from .data.data_set import FeatureSet as FeatureSet
 from .data.data_set import join_feature_sets as join_feature_sets
 from .data.data_set import load_feature_set as load_feature_set
@@ -16,7 +19,6 @@ from .data.readings import CurveCoefficients as CurveCoefficients
 from .data.readings import TouchNoise as TouchNoise
 from .data.readings import TouchReading as TouchReading
 from .data.readings import fit_curve as fit_curve
-from .data.readings import read_curves as read_curves
 from .data.readings import stiffness_grid as stiffness_grid
 from .haptic_classifier import HapticClassifier as HapticClassifier
 from .haptic_classifier import TouchPrediction as TouchPrediction
