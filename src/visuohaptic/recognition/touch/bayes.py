@@ -18,7 +18,16 @@ from ...core.errors import InputError
 from ..data.places import HEIGHTS, Touch
 from ..data.protocol import travel_seconds
 from ..data.readings import TouchReading
-from .belief import Belief, belief_of, by_answer, condition, evidence, log_likelihood, update_belief
+from .belief import (
+    WIDTH_VARIANCE,
+    Belief,
+    belief_of,
+    by_answer,
+    condition,
+    evidence,
+    log_likelihood,
+    update_belief,
+)
 from .haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model, seen_stiffness
 from .unknown_class import FIRST_WIDTH
 
@@ -174,7 +183,7 @@ def _places(model: HapticModel, touch: Touch) -> Int[np.ndarray, "k"]:
 
 
 def _expected_noise(model: HapticModel, mean: Float[np.ndarray, "v k"]) -> Float[np.ndarray, "v k"]:
-    out = np.full(mean.shape, 1e-6)
+    out = np.full(mean.shape, WIDTH_VARIANCE)
     # What is read as stiff as can be seen may be any stiffer: half of it is taken.
     seen = np.exp(mean[:, :2])
     stiffness = seen / np.maximum(1 - model.protocol.resolution_m_per_N * seen, 0.5)

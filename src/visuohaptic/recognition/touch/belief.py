@@ -16,6 +16,7 @@ from .haptic_model import HapticModel, seen_stiffness
 from .unknown_class import FIRST_WIDTH
 
 __all__ = [
+    "WIDTH_VARIANCE",
     "Belief",
     "belief_of",
     "by_answer",
@@ -27,7 +28,7 @@ __all__ = [
 ]
 
 #: Relative variance of a width as read: 1e-4 m of noise at each tip, of some 6 cm, is 0.24 %; contact is in the model.
-_WIDTH_VARIANCE = 0.0024**2
+WIDTH_VARIANCE = 0.0024**2
 #: A nuisance is doubted from this many of its standard deviations on: one exploration in 20 by chance, each.
 _DOUBTED = 2.0
 
@@ -99,7 +100,7 @@ def evidence(
         if model.settings.use_width and np.isfinite(reading.width_m) and reading.width_m > 0:
             place.append(FIRST_WIDTH + 2 * (reading.height - 1) + column // 2)
             value.append(np.log(reading.width_m))
-            noise.append(_WIDTH_VARIANCE)
+            noise.append(WIDTH_VARIANCE)
     return np.array(place, dtype=np.int64), np.array(value, dtype=float), np.array(noise, dtype=float)
 
 
