@@ -40,6 +40,19 @@ class TouchProtocol:
         """Compliance that is 1.5 times its own standard deviation, from six samples spread up to the largest force."""
         return 1.5 * self.noise.deformation_m / (self.max_force_N * math.sqrt(_MIN_SAMPLES / 3))
 
+    def seen_stiffness(
+        self, stiffness_N_per_m: Float[np.ndarray, "*k"]
+    ) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
+        """Logarithm of stiffness in series with the resolution, and its derivative by the logarithm of stiffness.
+
+        Parameters
+        ----------
+        stiffness_N_per_m
+            Stiffness [N/m], of any shape.
+        """
+        stiff = 1 + self.resolution_m_per_N * stiffness_N_per_m
+        return np.log(stiffness_N_per_m / stiff), 1 / stiff
+
     def relative_sigma(self, stiffness_N_per_m: float) -> float:
         """Expected relative standard deviation of the linear coefficient.
 

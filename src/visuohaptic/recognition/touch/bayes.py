@@ -28,7 +28,7 @@ from .belief import (
     log_likelihood,
     update_belief,
 )
-from .haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model, seen_stiffness
+from .haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
 from .unknown_class import FIRST_WIDTH
 
 __all__ = [
@@ -187,7 +187,7 @@ def _expected_noise(model: HapticModel, mean: Float[np.ndarray, "v k"]) -> Float
     # What is read as stiff as can be seen may be any stiffer: half of it is taken.
     seen = np.exp(mean[:, :2])
     stiffness = seen / np.maximum(1 - model.protocol.resolution_m_per_N * seen, 0.5)
-    factor = seen_stiffness(stiffness, model.protocol)[1]
+    factor = model.protocol.seen_stiffness(stiffness)[1]
     out[:, :2] = np.minimum(factor * model.protocol.relative_sigmas(stiffness), 1.0) ** 2
     return out
 

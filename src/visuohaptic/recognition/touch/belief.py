@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..data.readings import TouchReading
-from .haptic_model import HapticModel, seen_stiffness
+from .haptic_model import HapticModel
 from .unknown_class import FIRST_WIDTH
 
 __all__ = [
@@ -93,7 +93,7 @@ def evidence(
             if side is None or not np.isfinite(side.i_N_per_m):
                 continue
             place.append(4 * (reading.height - 1) + column + k)
-            seen, factor = seen_stiffness(np.array(side.i_N_per_m), model.protocol)
+            seen, factor = model.protocol.seen_stiffness(np.array(side.i_N_per_m))
             value.append(float(seen))
             # Beyond this a logarithm is no Gaussian any more.
             noise.append(min(float(factor) * side.i_relative_sigma, 1.0) ** 2)

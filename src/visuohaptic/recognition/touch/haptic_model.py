@@ -47,7 +47,6 @@ __all__ = [
     "log_features",
     "nuisance_effects",
     "pose_covariance",
-    "seen_stiffness",
     "with_prior",
 ]
 
@@ -238,22 +237,6 @@ def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticM
         return replace(model, log_prior=model.log_prior + np.log(ratio)[model.answer_of])
 
 
-def seen_stiffness(
-    stiffness_N_per_m: Float[np.ndarray, "*k"], protocol: TouchProtocol
-) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
-    """Logarithm of stiffness in series with the resolution of a touch, and its derivative by the logarithm of stiffness.
-
-    Parameters
-    ----------
-    stiffness_N_per_m
-        Stiffness [N/m], of any shape.
-    protocol
-        Its resolution.
-    """
-    stiff = 1 + protocol.resolution_m_per_N * stiffness_N_per_m
-    return np.log(stiffness_N_per_m / stiff), 1 / stiff
-
-
 def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray, "n p"]:
     """Logarithms of the stiffness [N/m] and of the width [m] of objects.
 
@@ -264,7 +247,7 @@ def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray,
     protocol
         Resolution of the stiffness.
     """
-    stiffness = seen_stiffness(data.features[..., 0].reshape(len(data), -1), protocol)[0]
+    stiffness = protocol.seen_stiffness(data.features[..., 0].reshape(len(data), -1))[0]
     return np.concatenate([stiffness, np.log(data.width_m).reshape(len(data), -1)], axis=1)
 
 
@@ -325,7 +308,7 @@ def pose_covariance(
     shift = settings.pose_m / _PLACE_m * slopes
     out = shift.T @ shift / count
     if data.pose_errors is not None:
-        scale = settings.pose_m / POSE_m * seen_stiffness(data.features[..., 0], protocol)[1]
+        scale = settings.pose_m / POSE_m * protocol.seen_stiffness(data.features[..., 0])[1]
         moved = (scale[:, None] * np.asarray(data.pose_errors, dtype=float)).reshape(-1, FIRST_WIDTH)
         out[:FIRST_WIDTH] = out[:, :FIRST_WIDTH] = 0.0
         out[:FIRST_WIDTH, :FIRST_WIDTH] = moved.T @ moved / len(moved)
