@@ -41,6 +41,7 @@ CAMPAIGNS = (
     "foam_tags",
     "glass_evidence",
     "grasp",
+    "icub_grasps",
     "mission",
     "nav_push",
     "nav_scenes",

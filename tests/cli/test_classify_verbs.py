@@ -116,7 +116,7 @@ def test_the_page_walks_with_the_touches(tmp_path: Path, capsys, monkeypatch) ->
         (["train", "--states", "mug", "--out", "state.json"], "mug"),
         (["train", "--states", "cup", "--places", "z9", "--out", "state.json"], "found 'z9'"),
         (["train", "--states", "cup", "--fill", "1.5", "--out", "state.json"], "0 to 1"),
-        (["train", "--out", "tree.json"], "either --objects or --states"),
+        (["train", "--out", "tree.json"], "expected curves, --objects, both, or --states"),
     ],
 )
 def test_one_line_for_a_mistake(

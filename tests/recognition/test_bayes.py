@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.recognition.data import TouchProtocol, noisy_copies, travel_seconds
+from visuohaptic.recognition.data import TouchProtocol, TouchReading, noisy_copies, travel_seconds
 from visuohaptic.recognition.touch import (
     UNKNOWN,
     HapticModel,
@@ -12,6 +14,7 @@ from visuohaptic.recognition.touch import (
     calibrate,
     calibration_error,
     condition,
+    doubted,
     evidence,
     explore,
     fit_model,
@@ -44,28 +47,89 @@ def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:
     place, value, noise = evidence(model, readings)
     assert len(place) == 6
     density = np.zeros(len(model.answers))
-    for v, mean in enumerate(model.mean):
-        k = model.component[v]
-        spread = model.covariance[k][np.ix_(place, place)] + np.diag(noise)
-        weight = np.exp(model.log_prior[v] + multivariate_normal.logpdf(value, mean[place], spread))
-        density[model.answer_of[k]] += weight
-    for kind in model.unknown_covariance:
-        spread = kind[np.ix_(place, place)] + np.diag(noise)
-        density[-1] += 0.1 / 3 * multivariate_normal.pdf(value, model.unknown_mean[place], spread)
+    for mean, spread, answer, prior in zip(
+        model.mean, model.covariance, model.answer_of, model.log_prior, strict=True
+    ):
+        seen = spread[np.ix_(place, place)] + np.diag(noise)
+        density[answer] += np.exp(prior + multivariate_normal.logpdf(value, mean[place], seen))
     np.testing.assert_allclose(update_belief(model, readings).probability, density / density.sum(), rtol=1e-6)
+    assert np.exp(model.log_prior).sum() == pytest.approx(1)
 
 
 def test_conditioning_in_steps_is_conditioning_at_once(model: HapticModel) -> None:
     touch = touch_of(synthetic(1, seed=5), 1)
     place, value, noise = evidence(model, (touch(4, "x"), touch(9, "y")))
-    _, (mean, spread) = condition(model, place, value, noise)
-    # Twice Kalman's update, one reading after the other.
-    m, s = model.mean[0], model.covariance[model.component[0]]
+    mean, spread = condition(model, place, value, noise)
+    # Kalman's update, one reading after the other.
+    m, s = model.mean[0], model.covariance[0]
     for k, v, r in zip(place, value, noise, strict=True):
         gain = s[:, k] / (s[k, k] + r)
         m, s = m + gain * (v - m[k]), s - np.outer(gain, s[k])
     np.testing.assert_allclose(mean[0], m, atol=1e-8)
-    np.testing.assert_allclose(spread[model.component[0]], s, atol=1e-8)
+    np.testing.assert_allclose(spread[0], s, atol=1e-8)
+
+
+def shared_error(readings: list[TouchReading], gain: float) -> list[TouchReading]:
+    """The same touches by a gripper whose force is read too high."""
+    return [
+        TouchReading.of_stiffness(
+            one.height, one.axis, [gain * side.i_N_per_m for side in one.sides if side], 0.02, one.width_m
+        )
+        for one in readings
+    ]
+
+
+def test_what_all_touches_share_is_no_evidence_against_a_class() -> None:
+    """A gain that is 20 % high in twelve readings is one error; twelve errors of 20 % are none that could be."""
+    model = fit_model(synthetic(30, spread=0.01))
+    touch, rng = touch_of(synthetic(1, seed=5, spread=0.01), 1), np.random.default_rng(0)
+    exact = [touch(height, axis) for height in (5, 7, 9, 11, 13, 15) for axis in "xy"]
+    # Two standard deviations of the gain; the objects of the class are alike to 2 %.
+    assert update_belief(model, shared_error(exact, 1.2)).as_mapping()["rim"] > 0.9
+    factors = rng.permutation([1.2, 1 / 1.2] * 6)
+    apart = [shared_error([one], float(factor))[0] for one, factor in zip(exact, factors, strict=True)]
+    assert update_belief(model, apart).as_mapping()["rim"] < 0.1
+
+
+def test_the_assumption_that_is_doubted_is_named(model: HapticModel) -> None:
+    touch = touch_of(synthetic(1, seed=5, spread=1e-6), 1)
+    exact = [touch(height, axis) for height in (4, 6, 8, 10, 12, 14) for axis in "xy"]
+    assert doubted(model, exact) == ""
+    # All as stiff as it is one place, 1 cm, further up.
+    moved = [
+        TouchReading.of_stiffness(
+            one.height, one.axis, [side.i_N_per_m for side in touch(one.height + 1, one.axis).sides], 0.02
+        )
+        for one in exact
+    ]
+    assert "the readings fit rim pressed" in doubted(model, moved)
+    assert "higher" in doubted(model, moved)
+    assert doubted(model, []) == ""
+
+
+def test_objects_outside_the_trained_ranges_are_known_and_others_are_not() -> None:
+    """2.5 times as far from the middle as those that were trained; and a profile that no class has, of the same level."""
+    data = synthetic(30)
+    model = fit_model(data)
+    values = data.features[..., 0], data.width_m
+    middle = [np.stack([np.log(one)[data.number == k].mean(axis=0) for k in range(3)]) for one in values]
+    right = []
+    for row in range(0, len(data), 3):
+        at = data.number[row]
+        stiffness, width = (
+            np.exp(its[at] + 2.5 * (np.log(one[row]) - its[at]))
+            for one, its in zip(values, middle, strict=True)
+        )
+        features, width_m = data.features.copy(), data.width_m.copy()
+        features[row, ..., 0], width_m[row] = stiffness, width
+        touch = touch_of(replace(data, features=features, width_m=width_m), row)
+        readings = [touch(height, axis) for height in (6, 9, 12, 15) for axis in "xy"]
+        right.append(update_belief(model, readings).answer == data.label[row])
+    assert np.mean(right) > 0.9
+    wavy = replace(data, features=data.features * np.exp(np.sin(np.arange(16)))[:, None, None])
+    touch = touch_of(wavy, 0)
+    readings = [touch(height, axis) for height in (6, 9, 12, 15) for axis in "xy"]
+    assert update_belief(model, readings).answer == UNKNOWN
 
 
 def test_information_is_where_classes_differ_and_costs_time(model: HapticModel) -> None:
@@ -115,18 +179,20 @@ def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
     plain = fit_model(data, settings=ModelSettings(use_width=False))
     warm = calibrate(plain, data, np.random.default_rng(1), explorations=80, max_touches=3)
     assert 0.5 <= warm.temperature <= 6
-    assert 0.05 <= warm.unknown_from <= 0.95
-    unseen, rng = synthetic(25, seed=4, spread=0.4), np.random.default_rng(3)
+    assert -3 <= warm.unknown_log_odds <= 3
+    rng = np.random.default_rng(4)
     confidence, hit = [], []
-    for row in range(len(unseen)):
-        touch = touch_of(unseen, row, rng=rng)
-        fraction = update_belief(
-            warm, [touch(int(rng.integers(1, 17)), "xy"[int(rng.integers(2))])]
-        ).probability[:-1]
-        fraction = fraction / fraction.sum()
-        confidence.append(fraction.max())
-        hit.append(warm.answers[int(np.argmax(fraction))] == unseen.label[row])
-    # 75 objects in few bins: chance alone gives about 0.06.
+    # Half of them outside the range of the training, all by a poor pose.
+    for seed, spread in ((4, 0.4), (5, 0.7)):
+        unseen = noisy_copies(synthetic(25, seed=seed, spread=spread), 2, rng, pose_m=0.005, keep=False)
+        for row in range(len(unseen)):
+            touch = touch_of(unseen, row, rng=rng)
+            readings = [touch(int(rng.integers(1, 17)), "xy"[int(rng.integers(2))]) for _ in range(2)]
+            fraction = update_belief(warm, readings).probability[:-1]
+            fraction = fraction / fraction.sum()
+            confidence.append(fraction.max())
+            hit.append(warm.answers[int(np.argmax(fraction))] == unseen.label[row])
+    # 300 explorations in seven bins: chance alone gives about 0.05.
     assert calibration_error(np.array(confidence), np.array(hit)) < 0.12
 
 

@@ -11,15 +11,14 @@ import pytest
 pytest.importorskip("small_gicp")
 pytest.importorskip("trimesh")
 
+from benchmarks._prior_calibration import Example, calibrate_prior
 from benchmarks._prior_world import containers, label, scene_with, seen_cloud
 
 from benchmarks import prior as bench
 from visuohaptic.core import Appearance, Geometry, InputError, Sighting, VisuoHapticObject
 from visuohaptic.recognition.touch import UNKNOWN
 from visuohaptic.recognition.visual import (
-    Example,
     VisualPrior,
-    calibrate_prior,
     load_prior,
     model_probabilities,
     save_prior,

@@ -1,6 +1,9 @@
 from .classifier_file import Classifier as Classifier
 from .classifier_file import load_classifier as load_classifier
 from .classifier_file import save_classifier as save_classifier
+from .data.curve_file import SqueezedObject as SqueezedObject
+from .data.curve_file import read_curves as read_curves
+from .data.curve_file import read_squeezed as read_squeezed
 from .data.data_set import FeatureSet as FeatureSet
 from .data.data_set import join_feature_sets as join_feature_sets
 from .data.data_set import load_feature_set as load_feature_set
@@ -16,7 +19,6 @@ from .data.readings import CurveCoefficients as CurveCoefficients
 from .data.readings import TouchNoise as TouchNoise
 from .data.readings import TouchReading as TouchReading
 from .data.readings import fit_curve as fit_curve
-from .data.readings import read_curves as read_curves
 from .data.readings import stiffness_grid as stiffness_grid
 from .haptic_classifier import HapticClassifier as HapticClassifier
 from .haptic_classifier import TouchPrediction as TouchPrediction
@@ -57,8 +59,6 @@ from .trees.tree_nodes import walk as walk
 from .visual.prior import Candidate as Candidate
 from .visual.prior import VisualPrior as VisualPrior
 from .visual.prior import model_probabilities as model_probabilities
-from .visual.prior_calibration import Example as Example
-from .visual.prior_calibration import calibrate_prior as calibrate_prior
 from .visual.prior_evidence import PriorSettings as PriorSettings
 from .visual.prior_file import load_prior as load_prior
 from .visual.prior_file import save_prior as save_prior

@@ -1,16 +1,22 @@
-"""A trained classifier on disk: the tree as JSON, and beside it the training objects as NPZ."""
+"""A trained classifier on disk: tree and curves as JSON, and beside it the training objects as NPZ."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from ..core.errors import InputError
 from ..core.files import write_text
+from .data.curve_file import SqueezedObject
 from .data.data_set import FeatureSet, load_feature_set, save_feature_set
-from .touch.haptic_model import HapticModel, ModelSettings, calibrated, fit_model
+from .data.protocol import TouchProtocol
+from .data.readings import CurveCoefficients, TouchReading
+from .touch.few_curves import learn_from_curves
+from .touch.haptic_model import HapticModel, ModelSettings, class_statistics, fit_model, with_prior
 from .trees.tree_file import load_tree, tree_mapping
 from .trees.tree_nodes import ClassificationTree
 
@@ -19,15 +25,16 @@ __all__ = ["Classifier", "load_classifier", "save_classifier"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Classifier:
-    """Tree, training objects with the names of their own classes, and how sure to be."""
+    """What was learned: training objects with the names of their own classes, squeezed objects, a tree, and how sure to be."""
 
-    tree: ClassificationTree
-    data: FeatureSet
     groups: Mapping[str, Sequence[str]]  #: name -> classes that are answered by this name
-    temperature: float = 1.0
-    unknown_from: float = 0.5
-    #: Temperature and threshold of "unknown" by stiffness alone, which says less; None: the same as with widths.
-    plain: tuple[float, float] | None = None
+    tree: ClassificationTree | None = None  #: of the training objects
+    data: FeatureSet | None = None  #: training objects of which all features are known
+    squeezed: tuple[SqueezedObject, ...] = ()  #: training objects of which there are curves
+    #: Temperature and added log odds of "unknown", with widths and by stiffness alone, which says less.
+    calibration: tuple[tuple[float, float], tuple[float, float]] = ((1.0, 0.0), (1.0, 0.0))
+    #: Models that were fitted, with widths and without.
+    fitted: dict[bool, HapticModel] = field(default_factory=dict, repr=False)
 
     def model(self, *, use_width: bool = True, prior: Mapping[str, float] | None = None) -> HapticModel:
         """The Bayesian model of the same objects.
@@ -39,14 +46,37 @@ class Classifier:
         prior
             Of vision, by answer; uniform by default.
         """
-        settings = ModelSettings(use_width=use_width)
-        fitted = fit_model(self.data, self.groups, settings=settings, prior=prior)
-        with_width = self.temperature, self.unknown_from
-        return calibrated(fitted, *(with_width if use_width or self.plain is None else self.plain))
+        if use_width not in self.fitted:
+            settings = ModelSettings(use_width=use_width)
+            temperature, log_odds = self.calibration[0 if use_width else 1]
+            model = self._learn(settings)
+            self.fitted[use_width] = replace(model, temperature=temperature, unknown_log_odds=log_odds)
+        return with_prior(self.fitted[use_width], prior)
+
+    def required_tree(self) -> ClassificationTree:
+        """The tree.
+
+        Raises
+        ------
+        InputError
+            The classifier has learned from curves alone.
+        """
+        if self.tree is None:
+            raise InputError(
+                "classifier", "has no tree: it was trained by curves alone", remedy="use classify run"
+            )
+        return self.tree
+
+    def _learn(self, settings: ModelSettings) -> HapticModel:
+        if not self.squeezed:
+            assert self.data is not None  # one of them is there
+            return fit_model(self.data, self.groups, settings=settings)
+        known = None if self.data is None else class_statistics(self.data, settings, TouchProtocol())
+        return learn_from_curves(self.squeezed, known, self.groups, settings=settings)
 
 
 def save_classifier(path: Path | str, found: Classifier) -> None:
-    """Write the tree as JSON, and the training objects beside it as NPZ.
+    """Write tree and curves as JSON, and the training objects beside it as NPZ.
 
     Parameters
     ----------
@@ -58,12 +88,13 @@ def save_classifier(path: Path | str, found: Classifier) -> None:
     path = Path(path)
     if path.suffix != ".json":
         raise InputError(path, f"found suffix {path.suffix!r}, expected .json")
-    save_feature_set(path.with_suffix(".npz"), found.data)
-    content = tree_mapping(found.tree) | {
+    if found.data is not None:
+        save_feature_set(path.with_suffix(".npz"), found.data)
+    content = ({} if found.tree is None else tree_mapping(found.tree)) | {
         "groups": {name: list(members) for name, members in found.groups.items()},
-        "temperature": found.temperature,
-        "unknown_from": found.unknown_from,
-        "plain": None if found.plain is None else list(found.plain),
+        "calibration": found.calibration,
+        "objects": found.data is not None,
+        "squeezed": [_plain(asdict(one)) for one in found.squeezed],
     }
     write_text(path, json.dumps(content, indent=1) + "\n")
 
@@ -82,23 +113,53 @@ def load_classifier(path: Path | str) -> Classifier:
         A file is missing or damaged, or the two do not belong together.
     """
     path = Path(path)
-    tree = load_tree(path)
-    data = load_feature_set(path.with_suffix(".npz"))
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        squeezed = tuple(_squeezed(one) for one in content.get("squeezed", ()))
         groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
-        temperature, unknown_from = float(content["temperature"]), float(content["unknown_from"])
-        # Files of earlier versions do not have it.
-        pair = content.get("plain")
-        plain = None if pair is None else (float(pair[0]), float(pair[1]))
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        # Files of earlier versions were calibrated for another model.
+        wide, plain = (
+            (float(warm), float(odds)) for warm, odds in content.get("calibration", ((1, 0), (1, 0)))
+        )
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             path, f"is not a classifier ({error})", remedy="create one with classify train"
         ) from error
-    for warm, threshold in ((temperature, unknown_from), *([plain] if plain else [])):
-        if not (0 < warm < 1e3 and 0 < threshold <= 1):
-            raise InputError(path, f"found temperature {warm} and unknown_from {threshold}")
+    for warm, odds in (wide, plain):
+        if not (0 < warm < 1e3 and abs(odds) < 1e3):
+            raise InputError(path, f"found temperature {warm} and log odds {odds}", field="calibration")
+    if squeezed and not content.get("objects"):
+        return Classifier(groups, squeezed=squeezed, calibration=(wide, plain))
+    tree = load_tree(path)
+    data = load_feature_set(path.with_suffix(".npz"))
     named = {member: name for name, members in groups.items() for member in members}
     if not set(tree.classes) <= {named.get(label, label) for label in data.classes}:
         raise InputError(path.with_suffix(".npz"), "has other classes than the tree beside it")
-    return Classifier(tree, data, groups, temperature, unknown_from, plain)
+    return Classifier(groups, tree, data, squeezed, (wide, plain))
+
+
+def _plain(value: Any) -> Any:
+    """The same with null for what is not a number, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _squeezed(content: Any) -> SqueezedObject:
+    def number(value: Any) -> float:
+        return math.nan if value is None else float(value)
+
+    readings = []
+    for one in content["readings"]:
+        first, second = (
+            None if side is None else CurveCoefficients(**{key: number(value) for key, value in side.items()})
+            for side in one["sides"]
+        )
+        readings.append(
+            TouchReading(int(one["height"]), str(one["axis"]), (first, second), number(one["width_m"]))
+        )
+    return SqueezedObject(str(content["label"]), str(content["name"]), tuple(readings))

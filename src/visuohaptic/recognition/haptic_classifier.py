@@ -1,7 +1,8 @@
 """A classifier of objects by touch with the usual four verbs: fit, predict, save, load.
 
-What it is made of: a classification tree, which is an exploration plan (:mod:`.trees`), and Gaussian mixtures of the
-same objects with an unknown class, which plan touches by their expected information (:mod:`.touch`).
+What it is made of: a classification tree, which is an exploration plan (:mod:`.trees`), and Gaussians over all that an
+exploration could read, with an unknown class, which plan touches by their expected information (:mod:`.touch`). It learns
+from objects of which all features are known, as simulated ones, from a few curves at any places, or from both.
 """
 
 from __future__ import annotations
@@ -10,17 +11,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from ..core.errors import InputError
 from ..core.ranges import check_ranges, within
 from .classifier_file import Classifier, load_classifier, save_classifier
+from .data.curve_file import SqueezedObject, read_curves, read_squeezed
 from .data.data_set import FeatureSet, join_feature_sets, load_feature_set
 from .data.places import Touch
-from .data.readings import TouchReading, read_curves, stiffness_grid
+from .data.readings import TouchReading, stiffness_grid
 from .touch.bayes import touch_gains
-from .touch.belief import update_belief
+from .touch.belief import doubted, update_belief
 from .touch.calibration import calibrate
 from .touch.haptic_model import HapticModel, ModelSettings, fit_model
 from .trees.tree import train_tree
@@ -28,10 +31,12 @@ from .trees.tree_nodes import next_touch
 
 __all__ = ["HapticClassifier", "TouchPrediction"]
 
+#: Objects of which all features are known: a set, its file or the folder of a build, or several of these.
+Training = FeatureSet | Path | str | Sequence[FeatureSet | Path | str]
 #: Objects of a class that its covariance and the folds of its cross-validation need, and folds that suffice.
 MIN_OBJECTS, MAX_FOLDS = 3, 10
 #: Explorations of the calibration: the temperature is known to a few percent.
-EXPLORATIONS = 150
+EXPLORATIONS = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +52,9 @@ class TouchPrediction:
     )  #: height 1 .. 16 and axis with most information per second; None where none is left
     information_nat: float  #: expected decrease of the entropy of the answer by that touch
     seconds: float  #: duration of that touch with the way there
-    tree_answer: str | None  #: of the classification tree; None where it is not at a leaf
+    tree_answer: str | None  #: of the classification tree; None where it is not at a leaf, or there is none
     tree_next_touch: Touch | None  #: that the tree asks for
+    doubt: str  #: what must be wrong for the readings to fit the most probable class; "" for nothing
 
 
 @dataclass(slots=True)
@@ -86,10 +92,11 @@ class HapticClassifier:
 
     def fit(
         self,
-        data: FeatureSet | Path | str | Sequence[FeatureSet | Path | str],
+        data: Training | Sequence[TouchReading] | Sequence[SqueezedObject],
         labels: Sequence[str] | None = None,
         *,
         groups: Mapping[str, Sequence[str]] | None = None,
+        simulated: Training | None = None,
         seed: int = 0,
     ) -> HapticClassifier:
         """Train tree and model, and calibrate the probabilities on objects that are left out.
@@ -98,11 +105,15 @@ class HapticClassifier:
         ----------
         data
             Objects of at least two classes, three of each: a feature set, its NPZ file, a folder of ``visuohaptic
-            objects build``, or several of these.
+            objects build``, or several of these. Or curves: touches at any places with their labels, a CSV file of them
+            (see :func:`.read_squeezed`), or squeezed objects; one curve of a class is enough.
         labels
-            Class of each object, or, for several sets, of each set; those of the data by default.
+            Class of each object, or, for several sets, of each set; those of the data by default. Of each touch, where
+            these are given: all touches of a label are of one object.
         groups
             Name of a group -> its classes, which are answered by this name.
+        simulated
+            With curves: simulated objects, with which classes begin of which there are few curves.
         seed
             Of folds, samples and calibration.
 
@@ -116,7 +127,21 @@ class HapticClassifier:
         InputError
             Too few classes or objects, or sets that do not fit together.
         """
-        used, groups = _labelled(data, labels), dict(groups or {})
+        groups = dict(groups or {})
+        squeezed = _squeezed(data, labels)
+        if squeezed:
+            known = (
+                Classifier(groups)
+                if simulated is None
+                else self._trained(_labelled(simulated, None), groups, seed)
+            )
+            self.trained = replace(known, squeezed=squeezed, fitted={})
+            self.trained.model()
+        else:
+            self.trained = self._trained(_labelled(cast("Training", data), labels), groups, seed)
+        return self
+
+    def _trained(self, used: FeatureSet, groups: Mapping[str, Sequence[str]], seed: int) -> Classifier:
         name_of = {member: name for name, members in groups.items() for member in members}
         if foreign := sorted(set(name_of) - set(used.classes)):
             raise InputError("groups", f"found {foreign[0]!r}, expected one of {', '.join(used.classes)}")
@@ -141,10 +166,11 @@ class HapticClassifier:
             )
             for width in (True, False)
         )
-        self.trained = Classifier(
-            tree, used, groups, wide.temperature, wide.unknown_from, (plain.temperature, plain.unknown_from)
+        calibration = (
+            (wide.temperature, wide.unknown_log_odds),
+            (plain.temperature, plain.unknown_log_odds),
         )
-        return self
+        return Classifier(groups, tree, used, (), calibration, {True: wide, False: plain})
 
     def model(self, *, use_width: bool = True, prior: Mapping[str, float] | None = None) -> HapticModel:
         """The Bayesian model, for :func:`.explore` and :func:`.touch_gains`.
@@ -185,7 +211,7 @@ class HapticClassifier:
         gains = touch_gains(model, touches)
         best = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1], default=None)
         information, seconds = (0.0, 0.0) if best is None else gains[best]
-        wanted, node = next_touch(tree, stiffness_grid(touches))
+        wanted, node = (None, 0) if tree is None else next_touch(tree, stiffness_grid(touches))
         return TouchPrediction(
             belief.answer,
             belief.confidence,
@@ -194,8 +220,9 @@ class HapticClassifier:
             best,
             float(information),
             float(seconds),
-            tree.classes[int(tree.answer[node])] if wanted is None else None,
+            tree.classes[int(tree.answer[node])] if tree is not None and wanted is None else None,
             wanted,
+            doubted(model, touches),
         )
 
     def save(self, path: Path | str) -> None:
@@ -218,7 +245,7 @@ class HapticClassifier:
             JSON file, with the NPZ file beside it.
         """
         trained = load_classifier(path)
-        return cls(scheme=trained.tree.scheme, trained=trained)
+        return cls(scheme=trained.tree.scheme if trained.tree else "centre", trained=trained)
 
     def fitted(self) -> Classifier:
         """Tree, objects and calibration.
@@ -233,9 +260,25 @@ class HapticClassifier:
         return self.trained
 
 
-def _labelled(
-    data: FeatureSet | Path | str | Sequence[FeatureSet | Path | str], labels: Sequence[str] | None
-) -> FeatureSet:
+def _squeezed(data: object, labels: Sequence[str] | None) -> tuple[SqueezedObject, ...]:
+    """Squeezed objects, if the data are such."""
+    if isinstance(data, str | Path) and Path(data).suffix == ".csv":
+        return read_squeezed(data)
+    if isinstance(data, FeatureSet | str | Path) or not isinstance(data, Sequence) or not data:
+        return ()
+    if all(isinstance(one, SqueezedObject) for one in data):
+        return tuple(data)
+    if not all(isinstance(one, TouchReading) for one in data):
+        return ()
+    if labels is None or isinstance(labels, str) or len(labels) != len(data):
+        raise InputError("labels", f"found {0 if labels is None else len(labels)}, expected {len(data)}")
+    touches: dict[str, list[TouchReading]] = {}
+    for label, reading in zip(labels, data, strict=True):
+        touches.setdefault(str(label), []).append(reading)
+    return tuple(SqueezedObject(label, label, tuple(its)) for label, its in touches.items())
+
+
+def _labelled(data: Training, labels: Sequence[str] | None) -> FeatureSet:
     """One set of objects with the classes that are asked for."""
     if isinstance(data, FeatureSet | Path | str):
         sets = [_loaded(data)]

@@ -1,3 +1,6 @@
+from .curve_file import SqueezedObject as SqueezedObject
+from .curve_file import read_curves as read_curves
+from .curve_file import read_squeezed as read_squeezed
 from .data_set import FeatureSet as FeatureSet
 from .data_set import join_feature_sets as join_feature_sets
 from .data_set import load_feature_set as load_feature_set
@@ -18,5 +21,4 @@ from .readings import CurveCoefficients as CurveCoefficients
 from .readings import TouchNoise as TouchNoise
 from .readings import TouchReading as TouchReading
 from .readings import fit_curve as fit_curve
-from .readings import read_curves as read_curves
 from .readings import stiffness_grid as stiffness_grid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,8 @@ from .places import Touch
 from .readings import TouchNoise
 
 __all__ = ["TouchProtocol", "travel_seconds"]
+
+_MIN_SAMPLES = 6.0  # of a curve, however stiff the object
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,24 @@ class TouchProtocol:
         """Of one touch, without the way there."""
         return self.approach_s + self.max_deformation_m / self.close_m_per_s
 
+    @property
+    def resolution_m_per_N(self) -> float:
+        """Compliance that is 1.5 times its own standard deviation, from six samples spread up to the largest force."""
+        return 1.5 * self.noise.deformation_m / (self.max_force_N * math.sqrt(_MIN_SAMPLES / 3))
+
+    def seen_stiffness(
+        self, stiffness_N_per_m: Float[np.ndarray, "*k"]
+    ) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
+        """Logarithm of stiffness in series with the resolution, and its derivative by the logarithm of stiffness.
+
+        Parameters
+        ----------
+        stiffness_N_per_m
+            Stiffness [N/m], of any shape.
+        """
+        stiff = 1 + self.resolution_m_per_N * stiffness_N_per_m
+        return np.log(stiffness_N_per_m / stiff), 1 / stiff
+
     def relative_sigma(self, stiffness_N_per_m: float) -> float:
         """Expected relative standard deviation of the linear coefficient.
 
@@ -51,7 +72,7 @@ class TouchProtocol:
             Stiffness [N/m], of any shape.
         """
         reach = np.minimum(self.max_deformation_m, self.max_force_N / stiffness_N_per_m)
-        count = np.maximum(6.0, self.rate_Hz * reach / self.close_m_per_s)
+        count = np.maximum(_MIN_SAMPLES, self.rate_Hz * reach / self.close_m_per_s)
         square = count * reach**2 / 3
         spread = (self.noise.force_N / stiffness_N_per_m) ** 2 + self.noise.deformation_m**2
         out: np.ndarray = np.sqrt(spread / square)

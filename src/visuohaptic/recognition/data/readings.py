@@ -7,24 +7,20 @@ fingers hardly move, only the weighted distance to the line (Deming) says anythi
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from .places import HEIGHTS, SIDES
+from .places import HEIGHTS
 
-__all__ = ["CurveCoefficients", "TouchNoise", "TouchReading", "fit_curve", "read_curves", "stiffness_grid"]
+__all__ = ["CurveCoefficients", "TouchNoise", "TouchReading", "fit_curve", "stiffness_grid"]
 
 #: Range of the coefficient i [m]; nominal force [N] and deformation [m] of II.
 LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
-#: Files with more samples are refused.
-MAX_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,71 +124,6 @@ def fit_curve(
     return CurveCoefficients(i, full, quadratic, relative, uncertainty)
 
 
-def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[TouchReading, ...]:
-    """Measured curves of one object, in the order of their first sample.
-
-    The CSV has the columns ``height`` (1 .. 16), ``side`` (x+, x-, y+, y-), ``force_N``,
-    ``deformation_m``, and perhaps ``width_m``, the gripper's opening at contact.
-
-    Parameters
-    ----------
-    path
-        CSV file in UTF-8.
-    noise
-        Standard deviations of one sample.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or a value is missing or out of range, with its line.
-    """
-    path = Path(path)
-    samples: dict[tuple[int, str], list[tuple[float, float]]] = {}
-    widths: dict[tuple[int, str], float] = {}
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as handle:
-            rows = csv.DictReader(handle)
-            wanted = ("height", "side", "force_N", "deformation_m")
-            if missing := [name for name in wanted if name not in (rows.fieldnames or ())]:
-                raise InputError(path, f"has no column {missing[0]!r}, expected {', '.join(wanted)}")
-            for number, row in enumerate(rows):
-                if number >= MAX_SAMPLES:
-                    raise InputError(path, f"has more than {MAX_SAMPLES} samples")
-                line = f"line {rows.line_num}"
-                side = (row["side"] or "").strip()
-                if side not in SIDES:
-                    raise InputError(path, f"found {side!r}, expected one of {', '.join(SIDES)}", field=line)
-                height = _float(path, line, row["height"])
-                if height not in range(1, HEIGHTS + 1):
-                    raise InputError(path, f"found height {height:g}, expected 1 to {HEIGHTS}", field=line)
-                sample = _float(path, line, row["deformation_m"]), _float(path, line, row["force_N"])
-                samples.setdefault((int(height), side), []).append(sample)
-                if (row.get("width_m") or "").strip():
-                    width = _float(path, line, row["width_m"])
-                    if not 0 < width < 10:
-                        raise InputError(path, f"found width {width:g} m, expected 0 to 10 m", field=line)
-                    widths[int(height), side[0]] = width
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is not a CSV file in UTF-8 ({error})") from error
-    if not samples:
-        raise InputError(path, "has no samples")
-    fits: dict[tuple[int, str], list[CurveCoefficients | None]] = {}
-    for (height_number, side), pairs in samples.items():
-        d, f = np.array(pairs).T
-        try:
-            found = fit_curve(d, f, noise)
-        except InputError as error:
-            raise InputError(path, error.problem, field=f"curve of {side}{height_number}") from error
-        both = fits.setdefault((height_number, side[0]), [None, None])
-        both[side[1] == "-"] = found
-    return tuple(
-        TouchReading(height, axis, (both[0], both[1]), widths.get((height, axis), math.nan))
-        for (height, axis), both in fits.items()
-    )
-
-
 def stiffness_grid(readings: Sequence[TouchReading]) -> Float[np.ndarray, "16 4"]:
     """Stiffness i [N/m] at all places, NaN where nothing was touched.
 
@@ -256,13 +187,3 @@ def _quadratic(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, 
     sigma = math.sqrt((noise.force_N**2 + slope**2 * var) * m2 / determinant)
     scale = NOMINAL_m**2 / NOMINAL_N
     return b * scale, sigma * scale
-
-
-def _float(path: Path, line: str, text: str | None) -> float:
-    try:
-        value = float(text or "")
-    except ValueError as error:
-        raise InputError(path, f"found {text!r}, expected a number", field=line) from error
-    if not math.isfinite(value):
-        raise InputError(path, f"found {text!r}, expected a finite number", field=line)
-    return value

@@ -2,14 +2,14 @@
 
 Beyond the dissertation's trees: features keep their scale, each reading has its noise, and a touch is
 chosen by what it tells per second of robot time. What is known of the candidates: :mod:`.haptic_model`;
-probabilities: :mod:`.belief`; "unknown" is one more class, any smooth profile of stiffness and width:
+probabilities: :mod:`.belief`; "unknown" is one more answer, of other smooth profiles of stiffness and width:
 :mod:`.unknown_class`. Symbols are those of these modules.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,8 +18,17 @@ from ...core.errors import InputError
 from ..data.places import HEIGHTS, Touch
 from ..data.protocol import travel_seconds
 from ..data.readings import TouchReading
-from .belief import Belief, answers_of, belief_of, by_answer, condition, evidence, parts_of, update_belief
-from .haptic_model import UNKNOWN, HapticModel, ModelSettings, calibrated, fit_model
+from .belief import (
+    WIDTH_VARIANCE,
+    Belief,
+    belief_of,
+    by_answer,
+    condition,
+    evidence,
+    log_likelihood,
+    update_belief,
+)
+from .haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
 from .unknown_class import FIRST_WIDTH
 
 __all__ = [
@@ -28,7 +37,6 @@ __all__ = [
     "HapticModel",
     "ModelSettings",
     "TouchExploration",
-    "calibrated",
     "explore",
     "fit_model",
     "touch_gains",
@@ -78,47 +86,35 @@ def touch_gains(
         Expected information [nat] and duration [s] of each touch that is left.
     """
     rng = np.random.default_rng(0) if rng is None else rng
-    place, value, noise = evidence(model, readings)
-    log_likelihood, predicted = condition(model, place, value, noise)
-    belief = belief_of(model, log_likelihood)
-    weight = np.concatenate([belief.weight, belief.unknown_weight])
-    weight = np.where(weight > 1e-3 * weight.max(), weight, 0.0)
-    use = np.flatnonzero(weight)
+    read = evidence(model, readings)
+    weight = belief_of(model, log_likelihood(model, *read)).weight
+    means, spreads = condition(model, *read)
+    use = np.flatnonzero(weight > 1e-3 * weight.max())
     weight = weight[use] / weight[use].sum()
-    part = parts_of(model)[use]
-    answer = answers_of(model)[part]
-    means, spreads = predicted
+    few = replace(model, answer_of=model.answer_of[use])
     drawn = np.searchsorted(np.cumsum(weight), (np.arange(samples) + rng.random()) / samples)
     drawn = np.minimum(drawn, len(use) - 1)
-    now = _entropy(by_answer(weight[None], answer, len(model.answers)))[0]
+    now = _entropy(by_answer(weight[None], few))[0]
     last = readings[-1] if readings else None
+    start = None if last is None else (last.height, last.axis)
     done = {(reading.height, reading.axis) for reading in readings}
     out = {}
     for touch in TOUCHES:
         if touch in done:
             continue
         here = _places(model, touch)
-        m = means[np.ix_(use, here)]
-        inverse_root, size = {}, {}
-        outcome = np.empty((samples, len(here)))
-        for k in np.unique(part):
-            spread = spreads[k][np.ix_(here, here)]
-            typical = m[part == k].mean(axis=0)
-            spread = spread + np.diag(_expected_noise(model, touch, typical))
-            root = np.linalg.cholesky(spread)
-            inverse_root[k], size[k] = np.linalg.inv(root), float(np.log(np.diag(root)).sum())
-            some = np.flatnonzero(part[drawn] == k)
-            outcome[some] = m[drawn[some]] + rng.standard_normal((len(some), len(here))) @ root.T
-        score = np.empty((samples, len(use)))
-        for k, inverse in inverse_root.items():
-            rows = part == k
-            away = (outcome[:, None, :] - m[rows]) @ inverse.T
-            score[:, rows] = -0.5 * np.einsum("svk,svk->sv", away, away) - size[k]
+        mean = means[np.ix_(use, here)]
+        noise = _expected_noise(model, mean)
+        root = np.linalg.cholesky(spreads[np.ix_(use, here, here)] + noise[:, None] * np.eye(len(here)))
+        fresh = rng.standard_normal((samples, len(here), 1))
+        outcome = mean[drawn] + (root[drawn] @ fresh)[..., 0]
+        away = outcome[:, None] - mean
+        white = np.einsum("vij,svj->svi", np.linalg.inv(root), away)
+        score = -0.5 * (white**2).sum(axis=2) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         score = np.log(weight) + score / model.temperature
         after = np.exp(score - score.max(axis=1, keepdims=True))
-        fractions = by_answer(after / after.sum(axis=1, keepdims=True), answer, len(model.answers))
+        fractions = by_answer(after / after.sum(axis=1, keepdims=True), few)
         gain = max(now - float(_entropy(fractions).mean()), 0.0)
-        start = None if last is None else (last.height, last.axis)
         out[touch] = (gain, travel_seconds(model.protocol, start, touch) + model.protocol.touch_s)
     return out
 
@@ -186,9 +182,14 @@ def _places(model: HapticModel, touch: Touch) -> Int[np.ndarray, "k"]:
     return np.array([first, first + 1, *width])
 
 
-def _expected_noise(model: HapticModel, touch: Touch, typical: Float[np.ndarray, "k"]) -> np.ndarray:
-    sigma = np.minimum(model.protocol.relative_sigmas(np.exp(typical[:2])), 1.5) ** 2
-    return np.array([*sigma, *([1e-6] if len(typical) > 2 else [])])
+def _expected_noise(model: HapticModel, mean: Float[np.ndarray, "v k"]) -> Float[np.ndarray, "v k"]:
+    out = np.full(mean.shape, WIDTH_VARIANCE)
+    # What is read as stiff as can be seen may be any stiffer: half of it is taken.
+    seen = np.exp(mean[:, :2])
+    stiffness = seen / np.maximum(1 - model.protocol.resolution_m_per_N * seen, 0.5)
+    factor = model.protocol.seen_stiffness(stiffness)[1]
+    out[:, :2] = np.minimum(factor * model.protocol.relative_sigmas(stiffness), 1.0) ** 2
+    return out
 
 
 def _entropy(fraction: Float[np.ndarray, "s g"]) -> Float[np.ndarray, "s"]:

@@ -1,60 +1,60 @@
-"""What objects may be that nobody has trained: any smooth profile of stiffness and width.
+"""What objects may be that nobody has trained: like one that is known, and yet of another profile.
 
-Symbols: v training objects, u kinds of unknown objects, p features as in :mod:`.haptic_model`.
+Symbols: k trained classes, p features as in :mod:`.haptic_model`.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..data.places import HEIGHTS
 
-__all__ = ["FEATURES", "FIRST_WIDTH", "unknown_covariances"]
+__all__ = ["FEATURES", "FIRST_WIDTH", "smooth_profile", "unknown_kinds"]
 
 FIRST_WIDTH = HEIGHTS * 4  #: among the features
 FEATURES = HEIGHTS * 6
+#: Standard deviations of the logarithm of what any container may be: stiffness in common and by place, width in common and
+#: by place. Glass is 60 times as stiff as a thin cup, exp(2 * 2.05); a jar three times as wide as a tube.
+ANYTHING = (1.5, 0.25, 0.3, 0.2)
 
 
-def unknown_covariances(
-    features: Float[np.ndarray, "v p"], component: Int[np.ndarray, "v"]
-) -> Float[np.ndarray, "u p p"]:
-    """Covariances of containers that nobody has seen, of three kinds.
+def unknown_kinds(means: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "2 p p"]:
+    """Covariances by which an unknown object differs from a known class: as classes differ, and as anything may.
 
-    Two are of the size and stiffness of what is known, and of another profile, with grooves and smooth: what is
-    mistaken most easily. The third is anything, as glass and paper are.
+    The first is learned from what the known classes differ by, as if :data:`ANYTHING` were one more class.
 
     Parameters
     ----------
-    features
-        Of the training objects.
-    component
-        Trained class of each.
+    means
+        Features of the trained classes.
     """
-    middle = np.stack([features[component == k].mean(axis=0) for k in np.unique(component)]).mean(axis=0)
-    away = features - middle
-    inner = slice(4, FIRST_WIDTH - 4)  # what holds the ends says nothing of the wall
-    level = away[:, inner].mean(axis=1)
-    wide = away[:, FIRST_WIDTH:].mean(axis=1)
-    own = (
-        max(1.2 * level.std(), 0.5),
-        max(1.2 * (away[:, inner] - level[:, None]).std(), 0.4),
-        max(1.2 * wide.std(), 0.15),
-        max(1.2 * (away[:, FIRST_WIDTH:] - wide[:, None]).std(), 0.1),
-    )
-    return np.stack(
-        [
-            _any_profile(*own),
-            _any_profile(*own, grooves=0.0, reach=5.0),
-            _any_profile(1.5, 0.8, 0.29, 0.2),
-        ]
-    )
+    inner = means[:, 4 : FIRST_WIDTH - 4]  # what holds the ends says nothing of the wall
+    learned = []
+    for part, generic in ((inner, ANYTHING[:2]), (means[:, FIRST_WIDTH:], ANYTHING[2:])):
+        level = part.mean(axis=1, keepdims=True)
+        shape = part - level - (part - level).mean(axis=0)
+        for squares, usual in ((level - level.mean(), generic[0]), (shape, generic[1])):
+            learned.append(np.sqrt(((squares**2).mean(axis=1).sum() + usual**2) / len(means)))
+    return np.stack([smooth_profile(*learned, reach=4.0), smooth_profile(*ANYTHING, reach=5.0)])
 
 
-def _any_profile(
-    level: float, bend: float, size: float, shape: float, *, grooves: float = 0.2, reach: float = 3.0
+def smooth_profile(
+    level: float, bend: float, size: float, shape: float, *, reach: float, grooves: float = 0.05
 ) -> Float[np.ndarray, "p p"]:
-    """Smooth over ``reach`` places; standard deviations of logarithms, in common and by place."""
+    """Covariance of profiles that are smooth over some places.
+
+    Parameters
+    ----------
+    level, bend
+        Standard deviations of the logarithm of stiffness, in common and by place.
+    size, shape
+        The same of the width.
+    reach
+        Places over which a profile is smooth.
+    grooves
+        Standard deviation of the logarithm of stiffness all around one height.
+    """
     height, side = (part.ravel() for part in np.mgrid[:HEIGHTS, :4])
     near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)
     axis = np.where(side[:, None] // 2 == side // 2, 1.0, 0.7)

@@ -1,8 +1,6 @@
 from .prior import Candidate as Candidate
 from .prior import VisualPrior as VisualPrior
 from .prior import model_probabilities as model_probabilities
-from .prior_calibration import Example as Example
-from .prior_calibration import calibrate_prior as calibrate_prior
 from .prior_evidence import PriorSettings as PriorSettings
 from .prior_evidence import VisualEvidence as VisualEvidence
 from .prior_evidence import posterior as posterior

@@ -8,7 +8,7 @@ shape on the cloud, the odds against an object that is not stored are
 over the words w of the scene's context; without agreeing matches, exp(-c) stands for the first power: blur and
 occlusion take all matches at once, so that none is no smaller number of the same kind. The second power is at least
 exp(-d): now and then ICP fails on the right object. The exponents a, b, the neutral points n_0, r_0, c and d are
-fitted on examples by their log loss (:mod:`.prior_calibration`), so that probabilities are calibrated. Evidence that
+fitted on examples by their log loss, so that probabilities are calibrated. Evidence that
 is not there, as no image of an object, leaves its odds as they are.
 """
 
@@ -25,7 +25,7 @@ __all__ = ["PriorSettings", "VisualEvidence", "posterior"]
 
 @dataclass(frozen=True, slots=True)
 class PriorSettings:
-    """Effort, and what evidence is worth; the latter from :func:`calibrate_prior`."""
+    """Effort, and what evidence is worth; the latter fitted on looks whose truth was known."""
 
     features: int = 300  #: local features of a image, at most
     words: int = 4096  #: of the vocabulary, at most

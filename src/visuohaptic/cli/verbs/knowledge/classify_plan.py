@@ -32,8 +32,8 @@ def run(args: Any) -> dict[str, Any]:
     from ....recognition.trees.tree_plots import plot_tree
 
     found = load_classifier(args.tree)
-    tree = found.tree
-    if args.plot:
+    tree = found.required_tree()
+    if args.plot and found.data is not None:
         plot_tree(args.plot, tree, found.data.of_classes(tree.classes, found.groups))
     args.report(tree_text(tree))
     return {

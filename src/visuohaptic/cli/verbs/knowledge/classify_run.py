@@ -16,7 +16,7 @@ from ....core.errors import InputError
 __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
-reads   a tree of classify train with its .npz, and a CSV file of curves with the columns
+reads   a classifier of classify train, and a CSV file of curves with the columns
           height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m]
         or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
         and perhaps the width [m], as: 5200 5150 0.071
@@ -30,7 +30,7 @@ example: visuohaptic classify run tree.json curves.csv --json
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("tree", type=Path, help="tree.json of classify train")
+    parser.add_argument("tree", type=Path, help=".json of classify train")
     parser.add_argument("curves", type=Path, nargs="?", help="CSV file of measured curves")
     parser.add_argument("--ask", action="store_true", help="ask for one touch after the other")
     parser.add_argument("--confidence", type=float, default=0.99, help="target probability (0.99)")
@@ -52,7 +52,8 @@ def run(args: Any) -> dict[str, Any]:
     """Classify; the mapping is what ``--json`` prints."""
     from ....core.files import write_text
     from ....recognition.classifier_file import load_classifier
-    from ....recognition.data.readings import TouchNoise, read_curves, stiffness_grid
+    from ....recognition.data.curve_file import read_curves
+    from ....recognition.data.readings import TouchNoise, stiffness_grid
     from ....recognition.touch.steps import tree_steps
 
     if bool(args.curves) == args.ask:
@@ -82,22 +83,25 @@ def run(args: Any) -> dict[str, Any]:
                 follow(readings[:count], None if count == len(readings) else _place_of(readings[count]))
         result = _result(args, found, model, readings)
         if args.steps:
-            steps, answer = tree_steps(found.tree, stiffness_grid(readings))
+            steps, answer = tree_steps(found.required_tree(), stiffness_grid(readings))
             walked = {"steps": [list(step) for step in steps], "result": answer}
             write_text(args.steps, json.dumps(walked, indent=1) + "\n")
         if args.view:
             args.report(f"{result['answer']}: {result['confidence']:.3f}")
+        if result["doubt"]:
+            args.report(result["doubt"])
     return result
 
 
 def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
     from ....recognition.data.readings import stiffness_grid
     from ....recognition.touch.bayes import touch_gains
-    from ....recognition.touch.belief import update_belief
+    from ....recognition.touch.belief import doubted, update_belief
     from ....recognition.trees.tree_nodes import next_touch
 
     belief = update_belief(model, readings)
-    wanted, node = next_touch(found.tree, stiffness_grid(readings))
+    tree = found.tree
+    wanted, node = (None, 0) if tree is None else next_touch(tree, stiffness_grid(readings))
     gains = touch_gains(model, readings)
     best = max(gains, key=lambda one: gains[one][0] / gains[one][1]) if gains else None
     sure = belief.confidence >= args.confidence
@@ -106,12 +110,13 @@ def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
         "confidence": belief.confidence,
         "sure": sure,
         "probabilities": belief.as_mapping(),
+        "doubt": doubted(model, readings),
         "touches": [f"{reading.axis}{reading.height}" for reading in readings],
         "next_touch": None
         if best is None or sure
         else {"touch": f"{best[1]}{best[0]}", "information_nat": gains[best][0], "seconds": gains[best][1]},
         "tree": {
-            "answer": found.tree.classes[int(found.tree.answer[node])] if wanted is None else None,
+            "answer": tree.classes[int(tree.answer[node])] if tree is not None and wanted is None else None,
             "next_touch": None if wanted is None else f"{wanted[1]}{wanted[0]}",
         },
         "state": None,
@@ -140,14 +145,18 @@ def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
         raise InputError("--port", f"found {args.port}, expected 0 to 65535")
     if args.seconds is not None and not args.seconds >= 0:
         raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
-    by_tree, by_planner = StepsView("tree"), StepsView("planner")
-    tell_tree, tell_planner = tree_follower(tree, by_tree), planner_follower(model, by_planner)
+    pages = [StepsView("planner")]
+    tellers = [planner_follower(model, pages[0])]
+    if tree is not None:
+        pages.insert(0, StepsView("tree"))
+        tell_tree = tree_follower(tree, pages[0])
+        tellers.append(lambda readings, wanted: tell_tree(stiffness_grid(readings)))
 
     def follow(readings: Any, wanted: Any) -> None:
-        tell_tree(stiffness_grid(readings))
-        tell_planner(readings, wanted)
+        for tell in tellers:
+            tell(readings, wanted)
 
-    with BrowsePage([by_tree, by_planner], args.port) as page:
+    with BrowsePage(pages, args.port) as page:
         args.report(f"{page.url} shows the touches; Ctrl-C ends it")
         page.show()
         yield follow

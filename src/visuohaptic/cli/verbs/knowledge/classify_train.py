@@ -1,4 +1,4 @@
-"""``visuohaptic classify train``: a tree, and a planner, from features of known objects."""
+"""``visuohaptic classify train``: a tree and a planner from features of known objects, a planner from a few curves."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
 reads   a folder of objects build, or the .npz file of an earlier training
+        or a CSV file of measured curves: label, height (1..16) or at (0..1), side (x+, x-, y+, y-), force_N,
+        deformation_m, and perhaps object, curve, width_m; with --objects classes begin as they were simulated
         or, with --states, a container: a shipped class or a .yaml file
 writes  the tree as JSON, and beside it the training objects as NPZ; with --plot figure 6.7
         or, with --states, what the container feels like open, closed and filled, for classify run --state;
@@ -22,12 +24,14 @@ writes  the tree as JSON, and beside it the training objects as NPZ; with --plot
 
 example: visuohaptic classify train --objects objects --classes bottle,cup,elliptic --out tree.json
          visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json
+         visuohaptic classify train curves.csv --out mine.json
          visuohaptic classify train --states isana --fill 0.5 --out state.json
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
+    parser.add_argument("curves", type=Path, nargs="?", help="curves of known objects, .csv")
     parser.add_argument("--objects", type=Path, help="folder of objects build, or .npz")
     parser.add_argument("--states", metavar="CONTAINER", help="learn the states of this container instead")
     parser.add_argument("--out", type=Path, required=True, help="tree or states to write, .json")
@@ -59,8 +63,10 @@ def run(args: Any) -> dict[str, Any]:
     """Train and write; the mapping is what ``--json`` prints."""
     if args.out.suffix != ".json":
         raise InputError("--out", f"found {args.out.name!r}, expected a name with .json")
-    if (args.objects is None) == (args.states is None):
-        raise InputError("classify train", "expected either --objects or --states")
+    if (args.objects is None and args.curves is None) == (args.states is None):
+        raise InputError("classify train", "expected curves, --objects, both, or --states")
+    if args.curves is not None:
+        return _curves(args)
     return _objects(args) if args.states is None else _states(args)
 
 
@@ -88,6 +94,22 @@ def _states(args: Any) -> dict[str, Any]:
     return {"out": str(args.out), "states": list(model.states), "places": ranked}
 
 
+def _curves(args: Any) -> dict[str, Any]:
+    from ....recognition.data.curve_file import read_squeezed
+    from ....recognition.haptic_classifier import HapticClassifier
+
+    squeezed = read_squeezed(args.curves)
+    simulated, _, groups = _chosen(args) if args.objects is not None else (None, None, None)
+    classifier = HapticClassifier(args.scheme, args.reuse).fit(
+        squeezed, groups=groups, simulated=simulated, seed=args.seed
+    )
+    classifier.save(args.out)
+    answers = classifier.model().answers[:-1]
+    count = sum(len(one.readings) for one in squeezed)
+    args.report(f"touches: {count}, objects: {len(squeezed)}, classes: {', '.join(answers)}")
+    return {"out": str(args.out), "classes": list(answers), "objects": len(squeezed), "touches": count}
+
+
 def _objects(args: Any) -> dict[str, Any]:
     import time
 
@@ -102,7 +124,7 @@ def _objects(args: Any) -> dict[str, Any]:
     begin = time.perf_counter()
     classifier = HapticClassifier(args.scheme, args.reuse).fit(used, groups=groups, seed=args.seed)
     classifier.save(args.out)
-    tree, model = classifier.fitted().tree, classifier.model()
+    tree, model = classifier.fitted().required_tree(), classifier.model()
     if args.plot:
         plot_tree(args.plot, tree, candidates)
     args.report(tree_text(tree))
@@ -117,7 +139,7 @@ def _objects(args: Any) -> dict[str, Any]:
         "features": [feature_name(k) for k in tree.features],
         "mean_touches": mean_touches(tree),
         "temperature": model.temperature,
-        "unknown_from": model.unknown_from,
+        "unknown_log_odds": model.unknown_log_odds,
         "seconds": time.perf_counter() - begin,
     }
 

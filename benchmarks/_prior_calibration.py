@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ...core.errors import InputError
-from ..touch.haptic_model import UNKNOWN
-from .prior import VisualPrior
-from .prior_evidence import PriorSettings, posterior
+from visuohaptic.core import InputError
+from visuohaptic.recognition.touch import UNKNOWN
+from visuohaptic.recognition.visual import PriorSettings, VisualPrior, posterior
 
 __all__ = ["Example", "calibrate_prior"]
 

@@ -1,0 +1,172 @@
+"""Measured curves in a CSV file: of one object that is asked for, or of many that are learned from."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...core.errors import InputError
+from .places import HEIGHTS, SIDES
+from .readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
+
+__all__ = ["SqueezedObject", "read_curves", "read_squeezed"]
+
+#: Files with more samples are refused.
+MAX_SAMPLES = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SqueezedObject:
+    """All touches of one object of a known class."""
+
+    label: str  #: its class
+    name: str  #: its own name
+    readings: tuple[TouchReading, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    """One row; the curve that it belongs to is named by label, object, repetition and height."""
+
+    label: str
+    name: str
+    curve: str
+    height: int
+    side: str
+    deformation_m: float
+    force_N: float
+    width_m: float
+
+
+def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[TouchReading, ...]:
+    """Measured curves of one object, in the order of their first sample.
+
+    The CSV has the columns ``height`` (1 .. 16) or ``at`` (0 .. 1 of the object's height), ``side`` (x+, x-, y+, y-),
+    ``force_N``, ``deformation_m``, and perhaps ``width_m``, the gripper's opening at contact, and ``curve``, any name that
+    keeps several curves of one place apart.
+
+    Parameters
+    ----------
+    path
+        CSV file in UTF-8.
+    noise
+        Standard deviations of one sample.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a value is missing or out of range, with its line.
+    """
+    path = Path(path)
+    return _touches(path, list(_samples(path, ())), noise)
+
+
+def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[SqueezedObject, ...]:
+    """Measured curves of objects whose classes are known.
+
+    The CSV has the columns of :func:`read_curves`, ``label``, the class, and perhaps ``object``, the name of the object
+    where there are several of a class.
+
+    Parameters
+    ----------
+    path
+        CSV file in UTF-8.
+    noise
+        Standard deviations of one sample.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a value is missing or out of range, with its line.
+    """
+    path = Path(path)
+    objects: dict[tuple[str, str], list[_Sample]] = {}
+    for sample in _samples(path, ("label",)):
+        objects.setdefault((sample.label, sample.name), []).append(sample)
+    return tuple(
+        SqueezedObject(label, f"{label}/{name}" if name else label, _touches(path, samples, noise))
+        for (label, name), samples in objects.items()
+    )
+
+
+def _touches(path: Path, samples: list[_Sample], noise: TouchNoise | None) -> tuple[TouchReading, ...]:
+    """Coefficients of the curves; the two sides of a height and axis are one touch."""
+    curves: dict[tuple[str, int, str], list[_Sample]] = {}
+    for one in samples:
+        curves.setdefault((one.curve, one.height, one.side), []).append(one)
+    fits: dict[tuple[str, int, str], list[CurveCoefficients | None]] = {}
+    widths: dict[tuple[str, int, str], float] = {}
+    for (curve, height, side), rows in curves.items():
+        d, f = np.array([(one.deformation_m, one.force_N) for one in rows]).T
+        try:
+            found = fit_curve(d, f, noise)
+        except InputError as error:
+            raise InputError(path, error.problem, field=f"curve of {side}{height}") from error
+        touch = curve, height, side[0]
+        fits.setdefault(touch, [None, None])[side[1] == "-"] = found
+        wide = [one.width_m for one in rows if math.isfinite(one.width_m)]
+        widths[touch] = wide[-1] if wide else widths.get(touch, math.nan)
+    return tuple(
+        TouchReading(height, axis, (both[0], both[1]), widths[curve, height, axis])
+        for (curve, height, axis), both in fits.items()
+    )
+
+
+def _samples(path: Path, more: tuple[str, ...]) -> Iterator[_Sample]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as handle:
+            rows = csv.DictReader(handle)
+            names = rows.fieldnames or ()
+            place = "at" if "at" in names and "height" not in names else "height"
+            wanted = (place, "side", "force_N", "deformation_m", *more)
+            if missing := [name for name in wanted if name not in names]:
+                raise InputError(path, f"has no column {missing[0]!r}, expected {', '.join(wanted)}")
+            number = -1
+            for number, row in enumerate(rows):
+                if number >= MAX_SAMPLES:
+                    raise InputError(path, f"has more than {MAX_SAMPLES} samples")
+                yield _sample(path, f"line {rows.line_num}", row, place, more)
+            if number < 0:
+                raise InputError(path, "has no samples")
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"is not a CSV file in UTF-8 ({error})") from error
+
+
+def _sample(path: Path, line: str, row: dict[str, str], place: str, more: tuple[str, ...]) -> _Sample:
+    side = (row["side"] or "").strip()
+    if side not in SIDES:
+        raise InputError(path, f"found {side!r}, expected one of {', '.join(SIDES)}", field=line)
+    height = _float(path, line, row[place])
+    if place == "at":
+        if not 0 <= height <= 1:
+            raise InputError(path, f"found {height:g} of the height, expected 0 to 1", field=line)
+        height = min(math.floor(height * HEIGHTS), HEIGHTS - 1) + 1
+    if height not in range(1, HEIGHTS + 1):
+        raise InputError(path, f"found height {height:g}, expected 1 to {HEIGHTS}", field=line)
+    width = math.nan
+    if (row.get("width_m") or "").strip():
+        width = _float(path, line, row["width_m"])
+        if not 0 < width < 10:
+            raise InputError(path, f"found width {width:g} m, expected 0 to 10 m", field=line)
+    label, name, curve = ((row.get(key) or "").strip() for key in ("label", "object", "curve"))
+    if "label" in more and not label:
+        raise InputError(path, "found no label, expected the class of the object", field=line)
+    sample = _float(path, line, row["deformation_m"]), _float(path, line, row["force_N"])
+    return _Sample(label, name, curve, int(height), side, *sample, width)
+
+
+def _float(path: Path, line: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError as error:
+        raise InputError(path, f"found {text!r}, expected a number", field=line) from error
+    if not math.isfinite(value):
+        raise InputError(path, f"found {text!r}, expected a finite number", field=line)
+    return value

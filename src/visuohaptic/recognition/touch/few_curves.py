@@ -1,0 +1,198 @@
+"""Classes from a few squeezes at any places: what containers are like beforehand, conditioned on what was read.
+
+Symbols: p features as in :mod:`.haptic_model`, o readings of a class.
+
+The mean mu of a class is N(m, B) before it is touched: with B as the population of containers differs, or, where the class was
+simulated, as a simulation differs from the objects. Its objects are mu + w, with w ~ N(0, W), so that the readings of all
+its objects, y = H (mu + w) + noise, are Gaussian together with mu. Of a class with a single object, that object is mu; then l
+in :mod:`.haptic_model` is 0, the same object again, or 1, another one of its class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..data.curve_file import SqueezedObject
+from ..data.data_set import FeatureSet
+from ..data.places import HEIGHTS
+from ..data.protocol import TouchProtocol
+from .belief import evidence
+from .haptic_model import OUTSIDE, ClassStatistics, HapticModel, ModelSettings, assemble, pose_covariance
+from .unknown_class import ANYTHING, FIRST_WIDTH, smooth_profile, unknown_kinds
+
+__all__ = ["learn_from_curves"]
+
+#: What containers differ by before any is touched, in grooves and shoulders, too; as :data:`.ANYTHING`, and the places over
+#: which a profile is smooth. Root mean squares over classes of glass, tin and plastic, waists and bowls.
+POPULATION, SMOOTH = (1.5, 0.6, 0.3, 0.2), 2.5
+#: What objects of a class differ by, as :data:`.ANYTHING`: root mean squares over the nine shipped classes.
+WITHIN = (0.34, 0.15, 0.045, 0.047)
+#: And each place by itself: walls are 1.5 % thicker or thinner.
+ROUGH = 0.03
+#: Factors of it that are tried where several objects of a class were squeezed.
+FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: What a simulated class is wrong by: walls and moduli are known to 10 % (k goes with E t^2), lengths to 3 %.
+TRANSFER = (0.22, 0.1, 0.03, 0.02)
+#: Width of a container, where none was measured [m].
+_USUAL_WIDTH_m = 0.07
+
+
+def learn_from_curves(
+    squeezed: Sequence[SqueezedObject],
+    simulated: Mapping[str, ClassStatistics] | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    *,
+    settings: ModelSettings | None = None,
+    protocol: TouchProtocol | None = None,
+) -> HapticModel:
+    """The model of classes of which some were squeezed; simulated ones that were not are in it as they are.
+
+    Parameters
+    ----------
+    squeezed
+        Objects; one curve of one is enough to begin with.
+    simulated
+        Trained class -> its statistics, see :func:`.class_statistics`; a squeezed class of the same name begins there.
+    groups, settings, protocol
+        As for :func:`.fit_model`.
+
+    Raises
+    ------
+    InputError
+        Fewer than two classes, or an object without a reading.
+    """
+    settings = ModelSettings() if settings is None else settings
+    protocol = TouchProtocol() if protocol is None else protocol
+    learned = dict(simulated or {})
+    labels = dict.fromkeys(one.label for one in squeezed)
+    if len({*learned, *labels}) < 2:
+        raise InputError("curves", f"found {len({*learned, *labels})} classes, expected at least 2")
+    # Any model says where readings are among the features.
+    reader = assemble({"any": _anything(settings, protocol)}, settings=settings, protocol=protocol)
+    read = {one.name: evidence(reader, one.readings) for one in squeezed}
+    if empty := [name for name, (place, _, _) in read.items() if not len(place)]:
+        raise InputError(
+            "curves", f"found no stiffness of {empty[0]!r}, expected at least one curve that rises"
+        )
+    mean, between = _population(list(read.values()), list((simulated or {}).values()))
+    touched = {label: [read[one.name] for one in squeezed if one.label == label] for label in labels}
+    usual = _usual_within(mean, between, [objects for objects in touched.values() if len(objects) > 1])
+    for label, objects in touched.items():
+        prior = learned.get(label)
+        spread = smooth_profile(*TRANSFER, reach=5.0) if prior else between
+        within = prior.within if prior else usual
+        single = prior is None and len(objects) == 1
+        middle, left = _posterior(
+            prior.mean if prior else mean, spread, 0 * within if single else within, objects
+        )
+        # Objects that differ were touched by poses that differ, too.
+        once = single or prior is not None
+        pose = prior.pose if prior else float(once) * _pose(middle, settings, protocol)
+        learned[label] = ClassStatistics(middle, left, within, pose, (0.0, 1.0) if single else (1.0, OUTSIDE))
+    return assemble(learned, groups, settings=settings, protocol=protocol)
+
+
+def _posterior(
+    mean: Float[np.ndarray, "p"],
+    spread: Float[np.ndarray, "p p"],
+    within: Float[np.ndarray, "p p"],
+    objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+    """Mean and covariance of the mean of a class, given what was read of its objects."""
+    place, value, seen = _joint(spread, within, objects)
+    gain = np.linalg.solve(seen, spread[place]).T
+    return mean + gain @ (value - mean[place]), spread - gain @ spread[place]
+
+
+def _joint(
+    spread: np.ndarray, within: np.ndarray, objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, Float[np.ndarray, "o"], Float[np.ndarray, "o o"]]:
+    """Places, values and covariance of all readings of a class."""
+    place, value, noise = (np.concatenate(part) for part in zip(*objects, strict=True))
+    owner = np.repeat(np.arange(len(objects)), [len(one[0]) for one in objects])
+    alike = owner[:, None] == owner
+    return place, value, spread[np.ix_(place, place)] + alike * within[np.ix_(place, place)] + np.diag(noise)
+
+
+def _usual_within(
+    mean: Float[np.ndarray, "p"],
+    spread: Float[np.ndarray, "p p"],
+    classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
+) -> Float[np.ndarray, "p p"]:
+    """What objects of a class differ by, :data:`WITHIN` times what makes the readings of classes with several most probable."""
+
+    def within(stiff: float, wide: float) -> np.ndarray:
+        level, bend, size, shape = WITHIN
+        smooth = smooth_profile(stiff * level, stiff * bend, wide * size, wide * shape, reach=SMOOTH)
+        return smooth + ROUGH**2 * np.eye(len(smooth))
+
+    def likelihood(factors: tuple[float, float]) -> float:
+        total = 0.0
+        for objects in classes:
+            place, value, seen = _joint(spread, within(*factors), objects)
+            root = np.linalg.cholesky(seen)
+            white = np.linalg.solve(root, value - mean[place])
+            total -= 0.5 * float(white @ white) + float(np.log(np.diag(root)).sum())
+        return total
+
+    if not classes:
+        return within(1.0, 1.0)
+    return _measured_within(within(*max(product(FACTORS, FACTORS), key=likelihood)), classes)
+
+
+def _measured_within(
+    usual: Float[np.ndarray, "p p"],
+    classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
+) -> Float[np.ndarray, "p p"]:
+    """The same after what was seen at the places that all objects have in common, as an inverse Wishart prior of their number.
+
+    Other places follow by their regression on these.
+    """
+    objects = [[dict(zip(place.tolist(), value, strict=True)) for place, value, _ in one] for one in classes]
+    common = sorted(set.intersection(*(set(each) for one in objects for each in one)))
+    if not common:
+        return usual
+    tables = [np.array([[each[place] for place in common] for each in one]) for one in objects]
+    away = np.concatenate([table - table.mean(axis=0) for table in tables])
+    freedom = len(away) - len(tables)
+    before = usual[np.ix_(common, common)]
+    after = (len(common) * before + away.T @ away) / (len(common) + freedom)
+    reach = np.linalg.solve(before, usual[common]).T
+    return usual + reach @ (after - before) @ reach.T
+
+
+def _population(
+    read: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], simulated: Sequence[ClassStatistics]
+) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+    """Mean and covariance of classes before any is touched."""
+    if len(simulated) > 1:
+        means = np.stack([one.mean for one in simulated])
+        return means.mean(axis=0), unknown_kinds(means)[0]
+    place, value, _ = (np.concatenate(part) for part in zip(*read, strict=True))
+    wide = place >= FIRST_WIDTH
+    mean = np.full(HEIGHTS * 6, value[~wide].mean() if (~wide).any() else 0.0)
+    mean[FIRST_WIDTH:] = value[wide].mean() if wide.any() else np.log(_USUAL_WIDTH_m)
+    return mean, smooth_profile(*POPULATION, reach=SMOOTH)
+
+
+def _pose(
+    mean: Float[np.ndarray, "p"], settings: ModelSettings, protocol: TouchProtocol
+) -> Float[np.ndarray, "p p"]:
+    """What wrong poses do to an object of these features."""
+    one = FeatureSet.of_stiffness(
+        np.exp(mean[:FIRST_WIDTH]).reshape(1, HEIGHTS, 4),
+        np.exp(mean[FIRST_WIDTH:]).reshape(1, HEIGHTS, 2),
+        ["any"],
+    )
+    return pose_covariance(one, mean[None], settings, protocol)
+
+
+def _anything(settings: ModelSettings, protocol: TouchProtocol) -> ClassStatistics:
+    mean = np.zeros(HEIGHTS * 6)
+    wide = smooth_profile(*ANYTHING, reach=5.0)
+    return ClassStatistics(mean, 0 * wide, wide, 0 * wide)

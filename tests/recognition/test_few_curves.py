@@ -1,0 +1,143 @@
+"""Classes learned from a few squeezes at any places: alone, and beginning with what was simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.core import InputError
+from visuohaptic.recognition import (
+    UNKNOWN,
+    FeatureSet,
+    HapticClassifier,
+    SqueezedObject,
+    TouchReading,
+    read_squeezed,
+)
+
+from .worlds import synthetic
+
+PLACES = [(3, "x"), (6, "y"), (9, "x"), (12, "y"), (14, "x")]
+
+
+def squeeze(
+    data: FeatureSet, row: int, places: list[tuple[int, str]], rng: np.random.Generator
+) -> list[TouchReading]:
+    """One side at each place, read with 3 % and all with one gain."""
+    gain, out = 1 + rng.normal(0, 0.03), []
+    for height, axis in places:
+        column = 0 if axis == "x" else 2
+        value = data.features[row, height - 1, column, 0] * gain * (1 + rng.normal(0, 0.03))
+        one = TouchReading.of_stiffness(
+            height, axis, [value, value], 0.03, data.width_m[row, height - 1, column // 2]
+        )
+        out.append(TouchReading(height, axis, (one.sides[0], None), one.width_m))
+    return out
+
+
+def test_five_curves_of_an_object_are_enough_to_know_it_again() -> None:
+    """Six objects of three profiles, soft and twice as stiff; asked for at other places."""
+    data, rng = synthetic(1, seed=3), np.random.default_rng(0)
+    names = [f"{kind} {level}" for level in ("soft", "stiff") for kind in data.label]
+    both = FeatureSet(
+        np.concatenate([data.features, 3 * data.features]),
+        np.concatenate([data.width_m, 0.9 * data.width_m]),
+        tuple(names),
+        tuple(names),
+    )
+    curves, labels = [], []
+    for row, name in enumerate(names):
+        curves += squeeze(both, row, PLACES, rng)
+        labels += [name] * len(PLACES)
+    classifier = HapticClassifier().fit(curves, labels)
+    others = [(height + 1, axis) for height, axis in PLACES]
+    found = [classifier.predict(squeeze(both, row, others, rng)) for row in range(6)]
+    assert [one.answer for one in found] == names
+    assert all(one.next_touch is not None and one.tree_answer is None for one in found)
+    foreign = FeatureSet(30 * data.features, 2 * data.width_m, data.label, data.name)
+    assert classifier.predict(squeeze(foreign, 0, others, rng)).answer == UNKNOWN
+
+
+def test_one_curve_is_enough_to_begin_with() -> None:
+    classifier = HapticClassifier().fit(
+        [
+            TouchReading.of_stiffness(8, "x", [1e3, 1e3], width_m=0.06),
+            TouchReading.of_stiffness(8, "x", [1e4, 1e4], width_m=0.06),
+        ],
+        ["sponge", "bottle"],
+    )
+    found = classifier.predict([TouchReading.of_stiffness(8, "x", [1.1e3, 1e3], width_m=0.06)])
+    assert found.answer == "sponge"
+    # Eight places away a curve says less.
+    far = classifier.predict([TouchReading.of_stiffness(16, "x", [1.1e3, 1e3])])
+    assert 0 < far.probabilities["sponge"] < found.probabilities["sponge"]
+
+
+def test_simulated_classes_are_moved_by_what_was_squeezed() -> None:
+    """All objects are half as stiff as they were simulated: one curve of one of them tells."""
+    simulated, rng = synthetic(12, seed=0), np.random.default_rng(1)
+    real = synthetic(4, seed=9)
+    real.features[..., :2] *= 0.6
+    squeezed = [
+        SqueezedObject(label, f"{label}/1", tuple(squeeze(real, 4 * k, PLACES, rng)))
+        for k, label in enumerate(("soft", "rim", "flat"))
+    ]
+    moved = HapticClassifier().fit(squeezed, simulated=simulated)
+    plain = HapticClassifier().fit(simulated)
+    rows = [row for row in range(len(real)) if row % 4]
+    told: dict[str, list[float]] = {"moved": [], "plain": []}
+    for row in rows:
+        asked = squeeze(real, row, [(7, "x"), (10, "y"), (13, "x")], rng)
+        told["moved"].append(moved.predict(asked).probabilities[real.label[row]])
+        told["plain"].append(plain.predict(asked).probabilities[real.label[row]])
+    assert np.mean(told["moved"]) > max(0.8, np.mean(told["plain"]))
+    # A class that nobody simulated is learned beside the others.
+    brick = SqueezedObject("brick", "brick", tuple(squeeze(real, 0, PLACES, rng)))
+    answers = HapticClassifier().fit([brick], simulated=simulated).model().answers
+    assert answers == ("flat", "rim", "soft", "brick", UNKNOWN)
+
+
+def written(
+    path: Path, rows: list[str], head: str = "label,object,at,side,force_N,deformation_m,width_m"
+) -> Path:
+    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def curve(words: str, stiffness: float) -> list[str]:
+    return [f"{words},{stiffness * d},{d},0.06" for d in np.arange(1, 19) / 6000]
+
+
+def test_a_file_of_curves_is_learned_and_kept(tmp_path: Path) -> None:
+    rows = curve("cup,a,0.7,x+", 900.0) + curve("cup,b,0.72,x-", 1100.0) + curve("jar,,0.4,y+", 2e4)
+    path = written(tmp_path / "curves.csv", rows)
+    squeezed = read_squeezed(path)
+    assert [(one.label, one.name) for one in squeezed] == [("cup", "cup/a"), ("cup", "cup/b"), ("jar", "jar")]
+    # 0.7 of the height is in the 12th of 16 parts.
+    assert squeezed[0].readings[0].height == 12
+    assert squeezed[2].readings[0].axis == "y"
+    classifier = HapticClassifier().fit(path)
+    classifier.save(tmp_path / "mine.json")
+    again = HapticClassifier.load(tmp_path / "mine.json")
+    touch = TouchReading.of_stiffness(11, "x", [1e3, 1e3], width_m=0.06)
+    one, other = classifier.predict([touch]), again.predict([touch])
+    assert one.answer == other.answer == "cup"
+    assert other.probabilities == pytest.approx(one.probabilities, rel=1e-6)
+
+
+def test_what_is_no_curve_of_a_known_object(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no column 'label'"):
+        read_squeezed(written(tmp_path / "a.csv", ["8,x+,1,0.001"], "height,side,force_N,deformation_m"))
+    with pytest.raises(InputError, match="line 2: found no label"):
+        read_squeezed(written(tmp_path / "b.csv", [",,0.5,x+,1,0.001,"]))
+    with pytest.raises(InputError, match=r"found 1.5 of the height, expected 0 to 1"):
+        read_squeezed(written(tmp_path / "c.csv", ["cup,,1.5,x+,1,0.001,"]))
+    with pytest.raises(InputError, match="found 1 classes, expected at least 2"):
+        HapticClassifier().fit(written(tmp_path / "d.csv", curve("cup,,0.5,x+", 1e3)))
+    touch = TouchReading.of_stiffness(8, "x", [1e3, 1e3])
+    with pytest.raises(InputError, match="labels: found 1, expected 2"):
+        HapticClassifier().fit([touch, touch], ["cup"])
+    with pytest.raises(InputError, match="found no stiffness of 'cup'"):
+        HapticClassifier().fit([TouchReading(8, "x", (None, None)), touch], ["cup", "jar"])
