@@ -15,13 +15,14 @@ from scipy.spatial import cKDTree
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps.confidence_band import nearest_value
 from visuohaptic.deformation.shapes import (
+    MeshConvention,
     ShellObject,
     WallProperties,
     import_container,
-    inspect_mesh,
     why_not_as_it_is,
 )
 from visuohaptic.deformation.shells import RevolutionShell, dual_tip_map, opposing_points, pinch_stiffness
+from visuohaptic.io.meshes import inspect_mesh
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -96,7 +97,9 @@ def test_a_clamped_foot_of_slivers_changes_nothing(
     for number, mesh in enumerate(meshes):
         mesh.export(tmp_path / f"{number}.ply")
         container = import_container(
-            tmp_path / f"{number}.ply", wall=WallProperties(thickness_m=WALL_m), remesh=remesh
+            tmp_path / f"{number}.ply",
+            wall=WallProperties(thickness_m=WALL_m),
+            convention=MeshConvention(remesh=remesh),
         )
         away, _ = cKDTree(container.mesh.vertices_m).query(mesh.vertices)
         # A PLY file has single precision: 4e-9 m at 0.11 m.
@@ -116,6 +119,85 @@ def test_a_grooved_pot_with_a_foot_of_slivers_is_as_stiff_as_the_series(tmp_path
     expected = pinch_stiffness(shell, container.material)[[120, 220, 320]]
     # Cells of 2.3 by 2.5 mm: 2 % on a plain tube, and ten cells across the groove.
     np.testing.assert_allclose(stiffness_at(container, (0.03, 0.055, 0.08)), expected, rtol=0.05)
+
+
+def test_a_mesh_of_many_triangles_is_simplified_and_keeps_its_groove(tmp_path: Path) -> None:
+    """200,000 triangles; rings 2.3 mm apart would lose a tenth of the groove, and all the rim's height."""
+    height = np.linspace(0, 0.11, 250)
+    dent = 0.001 * np.exp(-(((height - 0.055) / 0.0015) ** 2))
+    points, faces = revolved(RADIUS_m - dent, height, 400)
+    trimesh.Trimesh(points, faces, process=False).export(tmp_path / "fine.stl")
+    container = import_container(tmp_path / "fine.stl", wall=WallProperties(thickness_m=WALL_m))
+    assert any("triangles became" in note for note in container.notes)
+    assert len(container.mesh.faces) < 50_000
+    found = container.mesh.vertices_m
+    assert found[:, 2].max() == pytest.approx(0.11, abs=1e-6)
+    radius = np.hypot(found[:, 0], found[:, 1])
+    # The surface moves by a twentieth of the wall at most, as a root mean square over the planes that were replaced.
+    away = radius - np.interp(found[:, 2], height, RADIUS_m - dent)
+    assert np.abs(away).max() < 2 * 0.05 * WALL_m
+    assert radius.min() == pytest.approx(RADIUS_m - 0.001, abs=2 * 0.05 * WALL_m)
+    fine = np.linspace(0, 0.11, 881)
+    shell = RevolutionShell(RADIUS_m - 0.001 * np.exp(-(((fine - 0.055) / 0.0015) ** 2)), fine, WALL_m)
+    expected = pinch_stiffness(shell, container.material)
+    used = (found[:, 2] > 0.02) & (found[:, 2] < 0.09)
+    stiffness = dual_tip_map(container.model(), opposing_points(container.mesh, np.flatnonzero(used)))
+    # Element sizes of 2 mm: 1 % each, unstructured; the median of all is the mesh's own error.
+    error = stiffness / np.interp(found[used, 2], fine, expected) - 1
+    assert abs(float(np.median(error))) < 0.02
+    assert np.percentile(np.abs(error), 90) < 0.05
+
+
+@pytest.mark.parametrize("sections", [32, 64])
+def test_a_coarse_cylinder_is_as_stiff_as_a_round_one(sections: int, tmp_path: Path) -> None:
+    """One row of facets over the whole height, and caps that are fans."""
+    mesh = trimesh.creation.cylinder(radius=RADIUS_m, height=0.15, sections=sections)
+    mesh.export(tmp_path / "can.stl")
+    container = import_container(tmp_path / "can.stl", wall=WallProperties(thickness_m=WALL_m), open_top=True)
+    shell = RevolutionShell(np.full(601, RADIUS_m), np.linspace(0, 0.15, 601), WALL_m)
+    expected = pinch_stiffness(shell, container.material)[300]
+    points = container.mesh.vertices_m
+    middle = np.flatnonzero(np.abs(points[:, 2] - (points[:, 2].min() + 0.075)) < 0.003)
+    found = np.median(dual_tip_map(container.model(), opposing_points(container.mesh, middle)))
+    # Cells of 4 mm: 2 %; the facets themselves, of 7 mm, would be some 10 % too stiff or too soft.
+    assert found == pytest.approx(expected, rel=0.03)
+
+
+def test_sampling_anew_is_asked_for_and_priced(tmp_path: Path) -> None:
+    pot(groove_m=0.0015, foot=True, top=False).export(tmp_path / "pot.ply")
+    wall = WallProperties(thickness_m=WALL_m)
+    given = import_container(tmp_path / "pot.ply", wall=wall)
+    cast = import_container(tmp_path / "pot.ply", wall=wall, convention=MeshConvention(remesh="cast"))
+    assert not any("sampling anew" in note for note in given.notes)
+    note = next(note for note in cast.notes if "sampling anew" in note)
+    price = float(note.split("up to ")[1].split(" %")[0]) / 100
+    heights = (0.03, 0.055, 0.08)
+    difference = stiffness_at(cast, heights) / stiffness_at(given, heights) - 1
+    # Both meshes have errors of about a percent of their own.
+    assert np.abs(difference).max() < price + 0.02
+
+
+def test_what_cannot_be_repaired_names_the_way_out(tmp_path: Path) -> None:
+    mesh = pot(groove_m=0.0, foot=False, top=False)
+    centre = mesh.triangles_center
+    cut = np.abs(centre[:, 2] - 0.06) < 0.004
+    trimesh.Trimesh(mesh.vertices, mesh.faces[~cut], process=False).export(tmp_path / "two.ply")
+    with pytest.raises(InputError, match=r"2 parts that are not joined; mend it, .* with --remesh cast"):
+        import_container(tmp_path / "two.ply")
+    assert import_container(tmp_path / "two.ply", convention=MeshConvention(remesh="cast")).height_m > 0.1
+
+
+def test_a_hole_is_closed_as_round_as_the_wall(tmp_path: Path) -> None:
+    mesh = pot(groove_m=0.0, foot=False, top=False)
+    away = np.linalg.norm(mesh.triangles_center - [RADIUS_m, 0, 0.07], axis=1)
+    trimesh.Trimesh(mesh.vertices, mesh.faces[away > 0.007], process=False).export(tmp_path / "hole.ply")
+    container = import_container(tmp_path / "hole.ply", wall=WallProperties(thickness_m=WALL_m))
+    assert any("1 holes of up to" in note for note in container.notes)
+    points = container.mesh.vertices_m
+    filled = np.linalg.norm(points - [RADIUS_m, 0, 0.07], axis=1) < 0.007
+    assert np.count_nonzero(filled) > 8
+    # The flat chord of this hole is 0.7 mm inside the wall.
+    assert np.abs(np.hypot(*points[filled, :2].T) - RADIUS_m).max() < 0.0002
 
 
 def test_right_angled_needles_are_used_and_right(tmp_path: Path) -> None:

@@ -57,6 +57,12 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
         default="z",
         help="axis of a mesh that points up; maps and places have it turned to z",
     )
+    shape.add_argument(
+        "--remesh",
+        choices=("auto", "cast", "never"),
+        default="auto",
+        help="of a mesh: repair its triangles on their surface (auto), sample the wall anew on rings, or neither",
+    )
 
 
 def read_container(args: Any) -> ShellObject:
@@ -85,5 +91,5 @@ def read_container(args: Any) -> ShellObject:
         around=args.around,
         variant=args.variant,
         seed=args.seed,
-        convention=MeshConvention(args.unit, args.up),
+        convention=MeshConvention(args.unit, args.up, args.remesh),
     )
