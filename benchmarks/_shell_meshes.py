@@ -1,0 +1,108 @@
+"""Stiffness that the library gives for the meshes of ``tests/worlds/shell_meshes.py``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import trimesh
+from tests.worlds.shell_meshes import KINDS, REFUSED, mesh_case, refused_mesh
+
+from visuohaptic.core import InputError
+from visuohaptic.deformation import WallProperties, load_object, nearest_value, object_map
+
+#: Fractions of the truth within which a stiffness is right.
+BANDS = (0.02, 0.01)
+
+
+def mesh_row(kind: str, seed: int) -> dict[str, Any]:
+    """A mesh file read, mapped and asked at its heights as a user would."""
+    case = mesh_case(kind, seed)
+    row: dict[str, Any] = {"kind": kind, "faces": len(case.faces), "truth": case.stiffness_N_per_m.tolist()}
+    started = time.process_time()
+    with TemporaryDirectory() as folder:
+        path = _written(Path(folder), case.vertices_m, case.faces)
+        wall = WallProperties(
+            thickness_m=case.wall_m,
+            youngs_modulus_Pa=case.youngs_modulus_Pa,
+            poisson_ratio=case.poisson_ratio,
+        )
+        try:
+            thing = load_object(path, wall=wall)
+            found = object_map(thing, band=False)
+            values = [
+                nearest_value(found.vertices_m, found.faces, found.stiffness_N_per_m, point)[0]
+                for point in case.points_m
+            ]
+        except InputError as error:
+            return row | {"refused": str(error), "cpu_s": time.process_time() - started}
+    ratio = (np.array(values) / case.stiffness_N_per_m).tolist()
+    return row | {"ratio": ratio, "notes": list(thing.notes), "cpu_s": time.process_time() - started}
+
+
+def refused_row(kind: str, seed: int) -> dict[str, Any]:
+    """Whether what is no container is refused, with the reason."""
+    vertices, faces = refused_mesh(kind, seed)
+    with TemporaryDirectory() as folder:
+        try:
+            thing = load_object(_written(Path(folder), vertices, faces))
+        except InputError as error:
+            return {"kind": kind, "refused": str(error)}
+    return {"kind": kind, "notes": list(thing.notes)}
+
+
+def _written(folder: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
+    path = folder / "mesh.ply"
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
+    return path
+
+
+def mesh_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Heights within each band, the worst, and what each kind came to."""
+    asked = [row for row in rows if row["kind"] in KINDS]
+    others = [row for row in rows if row["kind"] in REFUSED]
+    errors = {
+        kind: np.array(
+            [abs(value - 1) for row in asked if row["kind"] == kind for value in row.get("ratio", ())]
+        )
+        for kind in KINDS
+    }
+    total = sum(len(row["truth"]) for row in asked)
+    every = np.concatenate(list(errors.values()))
+    parts = "; ".join(
+        f"{kind} {(some <= BANDS[0]).sum()}/{len(some)} worst {100 * some.max():.1f} %"
+        if len(some)
+        else f"{kind} none"
+        for kind, some in errors.items()
+        if any(row["kind"] == kind for row in asked)
+    )
+    refused = [f"{row['kind']}: {row['refused']}" for row in asked if "refused" in row]
+    figures: list[dict[str, Any]] = []
+    if asked:
+        figures += [
+            {"name": f"meshes: heights within {100 * band:.0f} %", "ours": float((every <= band).sum() / total), "unit": "1",
+             "floor": 0.95, "aim": 1.0, "note": f"of {total}; {parts}" + "".join(f"; refused {one}" for one in refused)}
+            for band in BANDS
+        ]  # fmt: skip
+        figures += [
+            {"name": "meshes: worst", "ours": 100 * float(every.max()) if len(every) else float("nan"), "unit": "%",
+             "floor": 2.0, "aim": 1.0, "higher_is_better": False, "note": ""},
+            {"name": "meshes: taken as they are", "ours": float(np.mean([not _resampled(row) for row in asked])),
+             "unit": "1", "floor": None, "aim": None, "note": "; ".join(sorted({row["kind"] for row in asked if _resampled(row)}))},
+            {"name": "meshes: import to map, slowest", "ours": max(row["cpu_s"] for row in asked), "unit": "s",
+             "floor": 6.0, "aim": 4.0, "higher_is_better": False, "note": ""},
+        ]  # fmt: skip
+    if others:
+        figures.append(
+            {"name": "no containers: refused", "ours": float(np.mean(["refused" in row for row in others])), "unit": "1",
+             "floor": 1.0, "aim": 1.0, "note": "; ".join(f"{row['kind']} {row.get('refused', 'taken')}" for row in others)}
+        )  # fmt: skip
+    return figures
+
+
+def _resampled(row: dict[str, Any]) -> bool:
+    return "refused" in row or any("sampled anew" in note for note in row["notes"])
