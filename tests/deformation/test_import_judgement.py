@@ -133,10 +133,10 @@ def test_a_mesh_of_many_triangles_is_simplified_and_keeps_its_groove(tmp_path: P
     found = container.mesh.vertices_m
     assert found[:, 2].max() == pytest.approx(0.11, abs=1e-6)
     radius = np.hypot(found[:, 0], found[:, 1])
-    # The surface moves by a twentieth of the wall at most, as a root mean square over the planes that were replaced.
+    # The surface moves by a fortieth of the wall at most, as a root mean square over the planes that were replaced.
     away = radius - np.interp(found[:, 2], height, RADIUS_m - dent)
-    assert np.abs(away).max() < 2 * 0.05 * WALL_m
-    assert radius.min() == pytest.approx(RADIUS_m - 0.001, abs=2 * 0.05 * WALL_m)
+    assert np.abs(away).max() < 3 * 0.025 * WALL_m
+    assert radius.min() == pytest.approx(RADIUS_m - 0.001, abs=3 * 0.025 * WALL_m)
     fine = np.linspace(0, 0.11, 881)
     shell = RevolutionShell(RADIUS_m - 0.001 * np.exp(-(((fine - 0.055) / 0.0015) ** 2)), fine, WALL_m)
     expected = pinch_stiffness(shell, container.material)
@@ -335,3 +335,86 @@ def test_the_walls_of_real_meshes_are_measured(data: Path) -> None:
     assert any("as thick as measured: 1.95 mm" in note for note in glass.notes)
     assert np.max(glass.mesh.thickness_m) == pytest.approx(0.0031, rel=0.03)
     assert np.min(glass.mesh.thickness_m) == pytest.approx(0.00085, rel=0.05)
+
+
+def test_an_uneven_wall_is_measured_round_it(tmp_path: Path) -> None:
+    """The bore is 0.5 mm off the middle of a tube of 2 mm: 1.5 to 2.5 mm."""
+    height = np.linspace(0, 0.15, 60)
+    outer, faces = revolved(np.full(60, RADIUS_m + 0.001), height)
+    inner, _ = revolved(np.full(60, RADIUS_m - 0.001), height)
+    inner[:, 0] += 0.0005
+    sides = [
+        trimesh.Trimesh(outer, faces, process=False),
+        trimesh.Trimesh(inner, faces[:, ::-1], process=False),
+    ]
+    trimesh.util.concatenate(sides).export(tmp_path / "bored.ply")
+    container = import_container(tmp_path / "bored.ply")
+    middle = container.mesh.vertices_m[container.mesh.faces].mean(axis=1) - [*container.axis_point_m, 0]
+    cosine = middle[:, 0] / np.hypot(middle[:, 0], middle[:, 1])
+    # Of first order in the offset; the second is 0.5^2 / 35 / 2 = 4e-3 mm, facets 1e-3.
+    np.testing.assert_allclose(container.mesh.thickness_m, 0.002 - 0.0005 * cosine, atol=2e-5)
+    assert container.wall_spread < 0.01
+
+
+def ball_on_a_stem(kind: str) -> trimesh.Trimesh:
+    """Bodies of revolution, closed by fans; a bulb, and bottles with a cap, and with a small one."""
+    profiles = {
+        "bulb": [(0.0135, 0.0), (0.0135, 0.045)]
+        + [(0.032 * np.sin(t), 0.075 - 0.032 * np.cos(t)) for t in np.linspace(0.45, np.pi - 0.02, 60)],
+        "bottle": [(0.03, 0.0), (0.03, 0.12), (0.012, 0.16), (0.012, 0.18)],
+        "oil bottle": [(0.03, 0.0), (0.03, 0.12), (0.008, 0.16), (0.008, 0.2)],
+        "mushroom": [(0.02, 0.0), (0.02, 0.08), (0.05, 0.0802), (0.05, 0.12)],
+    }
+    corners = np.array(profiles[kind])
+    along = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    fine = np.linspace(0, along[-1], 80)
+    points, faces = revolved(np.interp(fine, along, corners[:, 0]), np.interp(fine, along, corners[:, 1]), 64)
+    ring, last, ends = np.arange(64), len(points) - 64 + np.arange(64), len(points)
+    points = np.concatenate([points, [[0, 0, 0]], [[0, 0, points[-1, 2]]]])
+    fans = [
+        np.stack([np.roll(ring, -1), ring, np.full(64, ends)], axis=1),
+        np.stack([last, np.roll(last, -1), np.full(64, ends + 1)], axis=1),
+    ]
+    return trimesh.Trimesh(points, np.concatenate([faces, *fans]), process=False)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [("bulb", "neither a mouth nor a lid"), ("mushroom", "overhangs"), ("bottle", ""), ("oil bottle", "")],
+)
+def test_what_is_closed_needs_a_lid_and_no_ledge(kind: str, said: str, tmp_path: Path) -> None:
+    ball_on_a_stem(kind).export(tmp_path / "it.ply")
+    if not said:
+        assert import_container(tmp_path / "it.ply").height_m > 0.15
+        return
+    with pytest.raises(InputError, match=f"no thin-walled container: .*{said}"):
+        import_container(tmp_path / "it.ply")
+
+
+def test_a_thick_wall_is_no_thin_walled_container(tmp_path: Path) -> None:
+    height = np.linspace(0, 0.12, 60)
+    loop = np.concatenate([np.full(60, 0.037), np.full(60, 0.023)]), np.concatenate([height, height[::-1]])
+    trimesh.Trimesh(*revolved(*loop), process=False).export(tmp_path / "vase.ply")
+    with pytest.raises(InputError, match=r"its wall is 14 mm, 47 % of its radius: no thin-walled"):
+        import_container(tmp_path / "vase.ply")
+
+
+def test_a_long_handle_is_no_container(tmp_path: Path) -> None:
+    pan = trimesh.Trimesh(*revolved(np.full(40, 0.08), np.linspace(0, 0.06, 40)), process=False)
+    handle = trimesh.creation.box((0.14, 0.02, 0.006))
+    handle.apply_translation([0.145, 0, 0.05])
+    trimesh.util.concatenate([pan, handle]).export(tmp_path / "pan.ply")
+    with pytest.raises(InputError, match=r"it reaches 2\d\d mm from its axis, its wall 80 mm"):
+        import_container(tmp_path / "pan.ply")
+
+
+def test_a_pot_on_legs_is_no_container(tmp_path: Path) -> None:
+    body = pot(groove_m=0.0, foot=True, top=False)
+    legs = []
+    for turn in (0, 2.1, 4.2):
+        leg = trimesh.creation.box((0.012, 0.012, 0.03))
+        leg.apply_translation([0.026 * np.cos(turn), 0.026 * np.sin(turn), -0.015])
+        legs.append(leg)
+    trimesh.util.concatenate([body, *legs]).export(tmp_path / "stool.ply")
+    with pytest.raises(InputError, match=r"it stands on legs: the lowest 2\d %"):
+        import_container(tmp_path / "stool.ply")

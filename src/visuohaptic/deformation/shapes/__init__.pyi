@@ -1,6 +1,7 @@
 from .container import ContainerDescription as ContainerDescription
 from .container import class_names as class_names
 from .container import load_container as load_container
+from .coverage import check_container as check_container
 from .coverage import check_represented as check_represented
 from .coverage import has_top as has_top
 from .coverage import represented_fraction as represented_fraction

@@ -6,15 +6,23 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
+from ...core.geometry import area_vectors
 from ...io.meshes.mesh_state import MeshState, face_parts, inspect_mesh
 from .resample import Wall
 
-__all__ = ["check_represented", "has_top", "represented_fraction", "represented_parts"]
+__all__ = ["check_container", "check_represented", "has_top", "represented_fraction", "represented_parts"]
 
 #: Points spread over the mesh: a fraction of one half is known to 0.5 / sqrt(10 000) = 0.5 %.
 SAMPLES = 10_000
 #: Heights and angles of the wall's points.
 LEVELS, ANGLES = 200, 96
+#: A container stands on this much of its height at most without a wall all round, and a handle is at most as long as
+#: the container is wide and a half.
+LEGS, LONGEST_REACH = 0.1, 2.5
+#: A ledge is this fraction of the radius within a two-hundredth of the height, in that fraction of the directions.
+LEDGE = 0.25
+#: A lid is level to 10 degrees within the uppermost tenth; a ball has ``pi (r sin 10)^2`` of that.
+LEVEL_rad, TOP = np.radians(10.0), 0.1
 
 
 def represented_fraction(
@@ -118,6 +126,65 @@ def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
             remedy="leave out what is not the container, or turn it with --up so that z is the height axis",
         )
     return f"{100 * fraction:.0f} % of the surface of the mesh is wall, foot or lid of the container"
+
+
+def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
+    """Refuse what is no container although rays from an axis meet it all round.
+
+    Parameters
+    ----------
+    state
+        The imported mesh.
+    wall
+        The wall found in it.
+    closed
+        It is closed at the upper end.
+
+    Raises
+    ------
+    InputError
+        It stands on legs or reaches far beyond its wall. Of one surface without a mouth: its top is as round as a
+        ball, or it overhangs like a tool. One surface says nothing of what is inside, so that it must look like a
+        container: a lid, and a wall without ledges.
+    """
+    points = state.vertices[np.unique(state.faces)]
+    height = float(np.ptp(points[:, 2]))
+    heights = np.linspace(wall.low_m, wall.high_m, LEVELS)
+    radius = wall.radius_m(heights, ANGLES)
+    widest = float(radius.max())
+    reach = float(np.hypot(*(points[:, :2] - np.array(wall.axis_point_m)).T).max())
+    reason = ""
+    if reach > LONGEST_REACH * widest:
+        reason = f"it reaches {1e3 * reach:.0f} mm from its axis, its wall {1e3 * widest:.0f} mm"
+    elif not wall.double:
+        cut = float((wall.low_m - points[:, 2].min()) / height)
+        ends = int(TOP * LEVELS)  # foot and lid may be sunk
+        overhang = (np.diff(radius[ends:-ends], axis=0) > LEDGE * widest).any(axis=0).mean()
+        if cut > LEGS:
+            reason = (
+                f"it stands on legs: the lowest {100 * cut:.0f} % of its height are not closed round the axis"
+            )
+        elif closed and overhang > LEDGE:
+            reason = f"it is closed and overhangs, like a tool, in {100 * overhang:.0f} % of the directions"
+        elif closed and (level := _level_area(state, height)) < 2 * np.pi * (np.sin(LEVEL_rad) * widest) ** 2:
+            reason = f"it has neither a mouth nor a lid: of its top {1e6 * level:.0f} mm2 are level, like those of a ball"
+    if reason:
+        raise InputError(
+            wall.where,
+            f"is no thin-walled container: {reason}",
+            field="mesh",
+            remedy="leave out what is not the container, or cut its mouth open",
+        )
+
+
+def _level_area(state: MeshState, height: float) -> float:
+    """Area of the top that is level [m^2]."""
+    faces = state.faces
+    area = area_vectors(state.vertices, faces)
+    size = np.linalg.norm(area, axis=1)
+    top = state.vertices[faces, 2].min(axis=1) > state.vertices[faces, 2].max() - TOP * height
+    level = np.abs(area[:, 2]) > np.cos(LEVEL_rad) * size
+    return float(size[top & level].sum())
 
 
 def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[MeshState, list[str]]:

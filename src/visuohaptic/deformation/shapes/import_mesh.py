@@ -20,7 +20,7 @@ from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts, inspe
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
 from ..shells.shell_material import material_constants
 from ..shells.stiffness_map import dual_tip_map, opposing_points
-from .coverage import check_represented, has_top, represented_parts
+from .coverage import check_container, check_represented, has_top, represented_parts
 from .mesh_repair import clamped_foot, repair_mesh, why_not_as_it_is
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .resample import Wall, find_wall
@@ -38,6 +38,8 @@ RUNS_ALONG, MAX_LEAN_DEGREES = 1.6, 15.0
 NESTED_FRACTION = 0.1
 #: Heights at which the wall's thickness is held against its radius; fraction of it that is worth a note.
 THICK_LEVELS, ROUGH_FRACTION = 20, 0.1
+#: Of a wall thicker than this fraction of its radius a shell is no model: the inner side is half as long as the outer.
+THICKEST_FRACTION = 1 / 3
 
 #: Mesh, clamped vertices, lid, height axis, and notes.
 _Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[float, float], list[str]]
@@ -85,8 +87,7 @@ def import_container(
     Raises
     ------
     InputError
-        The mesh cannot be used, with the defect and its place; or less than half of its surface is wall, foot
-        or lid of a container, so that most of what is touched is not in the model.
+        The mesh cannot be used, with the defect and its place; or it is no thin-walled container, with the reason.
     """
     where = str(path)
     given, convention = wall or WallProperties(), convention or MeshConvention()
@@ -102,10 +103,11 @@ def import_container(
     _check_upright(state, where)
     notes += state.defects
     found = find_wall(state.vertices, state.faces, where)
-    thick, thickness_spread, thick_notes = wall_thickness(found, given)
+    thick, thickness_spread, thick_notes = wall_thickness(found.thickness_m, found.thickness_spread, given)
     notes += thick_notes
     closed = has_top(state, found)
     notes.append(check_represented(state, found, closed=closed))
+    check_container(state, found, closed=closed)
     if remesh != "cast" and not found.double:
         state, part_notes = represented_parts(state, found, closed=closed)
         notes += part_notes
@@ -335,6 +337,11 @@ def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, 
         ring[:, 1] = wall.axis_point_m[1] + row[some] * np.sin(angle[some])
         points.append(ring)
     mesh, lid = mesh_rings(points, (thick[1:] + thick[:-1]) / 2, cap_m=float(thick[-1]) if closed else None)
+    if len(thickness_m) > 1:  # as measured
+        place = mesh.vertices_m[mesh.faces].mean(axis=1)
+        mesh = ShellMesh(
+            mesh.vertices_m, mesh.faces, mesh.thickness_m * wall.unevenness(place), mesh.fraction
+        )
     floor = ring_lid(np.arange(around)[::-1])
     foot = np.arange(len(mesh.vertices_m)) < around
     middle, axis_notes = _foot_centre(mesh.vertices_m, foot)
@@ -360,8 +367,9 @@ def _cast_cost(
         found.append(
             [np.interp(rows, points[line, 2], part) for line, part in zip(columns, parts, strict=True)]
         )
-    change = np.abs(np.array(found[0]) - np.array(found[1])) / 3
-    worst = float(100 * np.nanmax(np.where(np.isfinite(change), change, np.nan)))
+    once, coarse = np.array(found)
+    use = np.isfinite(once) & np.isfinite(coarse)
+    worst = 100 * float(np.abs(once[use] - coarse[use]).max(initial=0.0)) / 3
     return f"sampling anew on rings moves the stiffness by up to {worst:.2g} % (from rings half as dense)"
 
 
@@ -377,6 +385,14 @@ def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, whe
             remedy="give its thickness in metres with --thickness, or the unit of the mesh with --unit",
         )
     fraction = float(np.median(thickness_m) / np.median(radius))
+    if fraction > THICKEST_FRACTION:
+        raise InputError(
+            where,
+            f"its wall is {1e3 * float(np.median(thickness_m)):.3g} mm, {100 * fraction:.0f} % of its radius: no thin-walled "
+            f"container, which has less than {100 * THICKEST_FRACTION:.0f} %",
+            field="mesh",
+            remedy="give the thickness with --thickness if the mesh is wrong",
+        )
     if fraction > ROUGH_FRACTION:
         return [f"the wall is {100 * fraction:.0f} % of the radius: a shell is right to about that"]
     return []

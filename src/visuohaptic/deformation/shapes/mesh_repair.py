@@ -23,14 +23,14 @@ __all__ = ["clamped_foot", "repair_mesh", "why_not_as_it_is"]
 #: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
 #: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
 #: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
-MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 50_000, 150.0, 48
+MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 50_000, 150.0, 64
 #: Fraction of the height from the lowest vertex up to which a mesh that is used as it is stands clamped.
 FOOT_FRACTION = 0.01
 #: A boundary loop is a mouth where it is this close to an end of the mesh, and this wide, as fractions of the mesh.
 MOUTH_BELOW, MOUTH_WIDTH = 0.05, 0.2
-#: A wall that moves by this fraction of its thickness is 1.5 % stiffer: waves of amplitude a add ``t a^2 / 2`` to
+#: A wall that moves by this fraction of its thickness is 0.4 % stiffer: waves of amplitude a add ``t a^2 / 2`` to
 #: the second moment ``t^3 / 12`` of a strip.
-MOVED_FRACTION = 0.05
+MOVED_FRACTION = 0.025
 #: Standard deviation over median of absolute values of a normal distribution, and the factor by which the residual
 #: of ``_noise`` exceeds the noise of a vertex with six neighbours.
 NORMAL, RESIDUAL = 1.4826, 1.36
@@ -91,7 +91,7 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
     state
         The imported mesh, scaled to metres.
     thickness_m
-        Of its wall: the surface moves by a twentieth of it, or by twice the noise of a scan.
+        Of its wall: the surface moves by a fortieth of it, or by twice the noise of a scan.
     around
         Edges round the wall of a mesh that is simplified.
 
