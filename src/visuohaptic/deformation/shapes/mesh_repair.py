@@ -114,12 +114,14 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
     tolerance, length = MOVED_FRACTION * thickness_m, _round_m(vertices) / around
     limit = _round_m(vertices) / EDGES_ROUND
     moved, before = 0.0, len(faces)
-    if len(_loaded(replace(state, vertices=vertices, faces=faces))) > MAX_FACES:
-        noise = _noise(vertices, faces)
-        vertices, faces, moved = collapse_edges(
-            vertices, faces, length, float(np.hypot(tolerance, 2 * noise))
-        )
     state = _state(state, vertices, faces)
+    bound = (
+        float(np.hypot(tolerance, 2 * _noise(vertices, faces))) if len(_loaded(state)) > MAX_FACES else 0.0
+    )
+    while len(_loaded(state)) > MAX_FACES and bound < thickness_m:
+        vertices, faces, more = collapse_edges(vertices, faces, length, bound)
+        moved, bound = max(moved, more), 2 * bound
+        state = _state(state, vertices, faces)
     if holes or _usual_length(vertices, _loaded(state)) > limit:
         vertices, faces = split_edges(vertices, faces, limit, clamped_foot(vertices))
         # Halves of long triangles are as narrow as they are short: what is too narrow is one again.

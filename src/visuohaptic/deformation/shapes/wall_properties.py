@@ -7,10 +7,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges, within
 from ..shells.shell_material import IsotropicMaterial
 
-__all__ = ["WallProperties", "harmonics", "measured_thickness", "row_median", "wall_thickness"]
+__all__ = [
+    "WallProperties",
+    "harmonics",
+    "measured_thickness",
+    "row_median",
+    "thickness_range",
+    "wall_thickness",
+]
 
 #: Thickness of a wall of which neither mesh nor user say it [m], and its relative standard deviation.
 USUAL_WALL_m, USUAL_SPREAD = 0.0005, 0.1
@@ -62,6 +70,25 @@ class WallProperties:
             name,
         )
         return constants, 0.0 if given else modulus_spread
+
+
+def thickness_range(low_m: float, high_m: float) -> tuple[float, float]:
+    """A thickness between two bounds: its mean [m] and relative standard deviation.
+
+    Parameters
+    ----------
+    low_m, high_m
+        Bounds between which every thickness is equally likely [m].
+
+    Raises
+    ------
+    InputError
+        Bounds that are not positive and ascending.
+    """
+    if not 0 < low_m < high_m < float("inf"):
+        raise InputError("thickness", f"found {low_m:g} to {high_m:g} m, expected 0 < low < high")
+    mean = 0.5 * (low_m + high_m)
+    return mean, (high_m - low_m) / 12**0.5 / mean
 
 
 def wall_thickness(
