@@ -71,21 +71,24 @@ def mesh_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         )
         for kind in KINDS
     }
+    kinds = {row["kind"] for row in asked}
+
+    def parts(band: float) -> str:
+        return "; ".join(
+            f"{kind} {(some <= band).sum()}/{len(some)}"
+            + (f" worst {100 * some.max():.1f} %" if len(some) else "")
+            for kind, some in errors.items()
+            if kind in kinds
+        )
+
     total = sum(len(row["truth"]) for row in asked)
     every = np.concatenate(list(errors.values()))
-    parts = "; ".join(
-        f"{kind} {(some <= BANDS[0]).sum()}/{len(some)} worst {100 * some.max():.1f} %"
-        if len(some)
-        else f"{kind} none"
-        for kind, some in errors.items()
-        if any(row["kind"] == kind for row in asked)
-    )
     refused = [f"{row['kind']}: {row['refused']}" for row in asked if "refused" in row]
     figures: list[dict[str, Any]] = []
     if asked:
         figures += [
             {"name": f"meshes: heights within {100 * band:.0f} %", "ours": float((every <= band).sum() / total), "unit": "1",
-             "floor": 0.95, "aim": 1.0, "note": f"of {total}; {parts}" + "".join(f"; refused {one}" for one in refused)}
+             "floor": 0.95, "aim": 1.0, "note": f"of {total}; {parts(band)}" + "".join(f"; refused {one}" for one in refused)}
             for band in BANDS
         ]  # fmt: skip
         figures += [
@@ -99,7 +102,7 @@ def mesh_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     if others:
         figures.append(
             {"name": "no containers: refused", "ours": float(np.mean(["refused" in row for row in others])), "unit": "1",
-             "floor": 1.0, "aim": 1.0, "note": "; ".join(f"{row['kind']} {row.get('refused', 'taken')}" for row in others)}
+             "floor": 1.0, "aim": 1.0, "note": "; ".join(sorted({f"{row['kind']} {'refused' if 'refused' in row else 'taken'}" for row in others}))}
         )  # fmt: skip
     return figures
 

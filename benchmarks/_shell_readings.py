@@ -142,7 +142,7 @@ def few_row(seed: int, cache: Path | None) -> dict[str, Any]:
     names = [thing.name for thing, _places in squeezed[:FEW_OBJECTS]]
     learned, asked = sessions[:FEW_OBJECTS], sessions[FEW_OBJECTS:]
     labels = [name for name, curves in zip(names, learned, strict=True) for _ in curves]
-    curves = [curve for session in learned for curve in session]
+    curves: Any = [curve for session in learned for curve in session]
     row: dict[str, Any] = {"objects": names, "answers": None, "confidence": None}
     try:
         classifier = HapticClassifier().fit(curves, labels)

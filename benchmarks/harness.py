@@ -50,6 +50,7 @@ CAMPAIGNS = (
     "recog_table62",
     "reproduce",
     "scene",
+    "shell_evidence",
     "soak",
     "templates_evidence",
     "touch_map",

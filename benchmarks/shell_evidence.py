@@ -1,13 +1,14 @@
-"""Meshes, readings and few curves of containers, held against walls of revolution of another theory.
+"""Meshes, readings and few curves of containers, held against walls of another theory.
 
 ``readings``: objects of six classes that a classifier was trained on in simulation, in range, up to 30 % outside the
 ranges, and with a gripper that is wrong (5 mm in height, 3 degrees, gain 5 %, zeros, modulus 12 %, heavy tails), with
 widths and by stiffness alone. ``unknown``: objects of twenty kinds that it was not trained on. ``few_curves``: six
-objects learned from five curves each. ``meshes``: triangulated containers of twelve kinds whose stiffness is known.
+objects learned from five curves each. ``meshes``: triangulated containers of fourteen kinds whose stiffness is known,
+and five meshes of what is no container.
 
     python -m benchmarks.shell_evidence readings unknown --seeds open --count 24 --cache shells --report out.json
 
-The world is ``tests/worlds/shells.py``. Half of the seeds, the odd ones, are closed: they are for the figures that are
+The worlds are ``tests/worlds/shells.py`` and ``oval_shells.py``. Half of the seeds, the odd ones, are closed: they are for the figures that are
 reported, not for choosing anything. Stopped, a campaign goes on where it was; training data and the stiffness of the
 objects (2 s each) are kept in the folder ``--cache``, answers beside the report.
 """
@@ -21,13 +22,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from tests.worlds.shell_meshes import KINDS, REFUSED
 from tests.worlds.shell_touches import CONDITIONS
 
 from visuohaptic.core.files import write_text
 from visuohaptic.core.threads import one_blas_thread
 
 from ._journal import Journal
-from ._shell_meshes import KINDS, REFUSED, mesh_figures, mesh_row, refused_row
+from ._shell_meshes import mesh_figures, mesh_row, refused_row
 from ._shell_readings import (
     OBJECTS,
     ROWS,

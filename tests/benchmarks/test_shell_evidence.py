@@ -18,17 +18,14 @@ from benchmarks import _shell_readings, shell_evidence
 from visuohaptic.deformation import RevolutionShell, pinch_stiffness
 from visuohaptic.deformation.shapes import ContainerDescription, mesh_container
 from visuohaptic.deformation.shells import IsotropicMaterial
-from visuohaptic.recognition import FeatureSet, HapticClassifier
 
 
 @pytest.fixture(scope="module")
-def classifier():
-    """Trained on profiles that rise or fall with the height."""
-    rng, height = np.random.default_rng(0), np.linspace(0, 1, 16)
-    profile = 8e3 * (np.repeat([500.0, 2e4], 6)[:, None] / 8e3) ** height * rng.lognormal(0, 0.1, (12, 1))
-    stiffness = np.repeat(profile[:, :, None], 4, axis=2)
-    width = np.full((12, 16, 2), 0.06) * rng.lognormal(0, 0.02, (12, 1, 1))
-    return HapticClassifier().fit(FeatureSet.of_stiffness(stiffness, width, ["pot"] * 6 + ["milk"] * 6))
+def classifier(tmp_path_factory):
+    """Of two classes, three objects each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_shell_readings, "CLASSES", {name: CLASSES[name] for name in ("pot", "milk")})
+        return _shell_readings.train(tmp_path_factory.mktemp("shells"), 3)
 
 
 def exact(name: str, stiffness: np.ndarray) -> TouchedObject:
@@ -40,11 +37,11 @@ def exact(name: str, stiffness: np.ndarray) -> TouchedObject:
 
 @pytest.mark.parametrize("name", [*CLASSES, *OTHERS])
 def test_every_kind_is_a_container_that_the_library_reads(name):
-    rng = np.random.default_rng(2)
     description = (CLASSES | OTHERS)[name]
-    body = wall_of(draw(description, rng, outside=0.3))
-    assert (body.meridian_m[:, 0] > 0).all()
-    assert (np.diff(body.meridian_m[:, 1]) >= 0).all()
+    for seed in range(0, 60, 2):
+        body = wall_of(draw(description, np.random.default_rng(seed), outside=0.3))
+        assert (body.meridian_m[:, 0] > 0).all()
+        assert (np.diff(body.meridian_m[:, 1]) >= 0).all()
     ours = wall_of(draw(description, np.random.default_rng(4)))
     member = draw(description, np.random.default_rng(4))
     found = mesh_container(ContainerDescription.model_validate({"name": "one", **member}), around=64)
@@ -91,8 +88,9 @@ def test_readings_are_the_truth_with_the_errors_of_the_condition():
     slope = (depth @ force) / (depth @ depth)
     assert slope == pytest.approx(2000, rel=0.02)
     assert np.std(force - 2000 * depth) == pytest.approx(np.hypot(0.1, 0.2), rel=0.1)  # 2000 N/m times 0.1 mm
-    gains = {unknown_object(seed, "nuisances").gain for seed in (28, 30, 32, 34, 36, 38)}
-    assert gains == {0.95, 1.05}
+    gains = [unknown_object(seed, "nuisances").gain for seed in (28, 30, 32, 34, 36, 38)]
+    assert np.abs(np.array(gains) - 1) == pytest.approx(0.05)
+    assert min(gains) < 1 < max(gains)
     assert known_object(26).name == "beaker"
     assert len(KINDS) == 20
 
@@ -108,17 +106,29 @@ def test_a_range_is_left_by_no_more_than_was_asked_for():
     assert 0.41 < out.mean() < 0.59
 
 
-def test_rows_count_what_the_classifier_says(classifier):
-    height = np.linspace(0, 1, 16)
-    pot = np.repeat((8e3 * (500 / 8e3) ** height)[:, None], 4, axis=1)
-    row = _shell_readings.known_row(classifier, exact("pot", pot), 2, use_width=True)
-    assert row["answer"] == row["tree"] == "pot"
+def test_a_slice_of_readings_and_of_unknown_objects(classifier, monkeypatch, tmp_path):
+    monkeypatch.setattr(shell_evidence, "train", lambda *_: classifier)
+    first, again = (
+        shell_evidence.recognition(
+            "readings", [0], tmp_path, journal=tmp_path / "rows.jsonl",
+            conditions=("in range",), widths=(True,),
+        )
+        for _ in range(2)
+    )  # fmt: skip
+    assert first == again
+    (row,) = first
+    assert row["class"] == "pot"
+    assert row["tree"] in {"pot", "milk"}
+    assert row["answer"] in {"pot", "milk", "unknown"}
     assert 1 <= row["touches"] <= 10
     assert set(row["peers"]) == {"RF", "GNB", "kNN", "LDA", "GP"}
-    assert row["peers"]["kNN"] == "pot"
-    stone = _shell_readings.unknown_row(classifier, exact("stone", np.full((16, 4), 3e5)), 2, use_width=True)
-    assert stone["kind"] == "stone"
-    assert stone["answer"] in {"pot", "milk", "unknown"}
+    # A milk bottle is wider than a pot on all of its body and narrower at its neck.
+    assert row["peers"]["LDA"] == "pot"
+    (strange,) = shell_evidence.recognition(
+        "unknown", [26], tmp_path, conditions=("in range",), widths=(False,)
+    )
+    assert strange["kind"] == "wooden block"
+    assert strange["answer"] in {"pot", "milk", "unknown"}
 
 
 def test_figures_of_readings():

@@ -127,7 +127,7 @@ OTHERS: dict[str, Description] = {
     ),
     "bell": _described("PP", _mm(0.5, 0.7), _mm(45, 52), [_section(_mm(60, 80), _mm(18, 22), bulge=_mm(8, 11))], **_CLOSED),
     "bellows": _described(
-        "LDPE", _mm(0.7, 0.9), _mm(28, 32), [_section(_mm(110, 125))],
+        "LDPE", _mm(0.7, 0.9), _mm(28, 32), [_section(_mm(115, 125))],
         rings=[{"z": [z / 1000] * 2, "depth": _mm(-3.5, -2.5), "width": _mm(16, 16)} for z in (20, 40, 60, 80, 100)], **_STIFF,
     ),
 }  # fmt: skip

@@ -1,7 +1,7 @@
 """Triangulated containers as people have them, whose stiffness is known; and meshes of what is no container.
 
-Bodies are those of :mod:`.shell_bodies`, with a wall of one thickness; the truth is their wall of revolution, clamped
-at the foot. Even seeds are open.
+Bodies are those of :mod:`.shell_bodies`, with a wall of one thickness; the truth is their wall of revolution, or of
+ellipses, clamped at the foot. Even seeds are open.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay
 
+from .oval_shells import Oval
 from .shell_bodies import MATERIALS, Description, draw, knots_m, levels_m, radius_at, wall_of
 from .shells import Revolution
 
@@ -87,16 +88,24 @@ def mesh_case(kind: str, seed: int) -> MeshCase:
     z = np.array(ASKED) * heights[-1]
     for kink in heights[1:-1]:
         z = np.where(np.abs(z - kink) < FROM_KINK_M, kink + FROM_KINK_M, z)
-    angle = rng.uniform(0, 2 * np.pi, len(z))
-    points = np.column_stack([radius_at(member, z) * np.cos(angle), radius_at(member, z) * np.sin(angle), z])
+    if isinstance(truth, Oval):
+        axis, flat = np.arange(len(z)) % 2, member["flat"][0]
+        angle = 0.5 * np.pi * axis
+        both = [truth.pinch_stiffness(z, k) for k in range(2)]
+        stiffness = np.where(axis, both[1], both[0])
+    else:
+        angle, flat = rng.uniform(0, 2 * np.pi, len(z)), 1.0
+        stiffness = truth.pinch_stiffness(z)
+    radius = radius_at(member, z)
+    points = np.column_stack([radius * np.cos(angle), flat * radius * np.sin(angle), z])
     one_wall = kind != "two-sided"
     return MeshCase(
-        kind, vertices, faces, member["wall"][0] if one_wall else None, points, truth.pinch_stiffness(z),
+        kind, vertices, faces, member["wall"][0] if one_wall else None, points, stiffness,
         truth.youngs_modulus_Pa, truth.poisson_ratio,
     )  # fmt: skip
 
 
-Made = tuple[np.ndarray, np.ndarray, Revolution]
+Made = tuple[np.ndarray, np.ndarray, Revolution | Oval]
 
 
 def _truth(member: Description) -> Revolution:
@@ -149,6 +158,16 @@ def _grid(
         last = (len(rings) - 1) * around + np.arange(around)
         vertices, faces = _fan(vertices, faces, last, rings[-1, 1], up=True)
     return vertices, faces, _truth(member)
+
+
+def _oval(member: Description, around: int, step: float) -> Made:
+    """The same, flattened along y."""
+    flat = member["flat"][0]
+    vertices, faces, _round = _grid(member, around, step)
+    wall = wall_of(member, step_m=0.002, ring_step_m=0.002)
+    levels = np.column_stack([wall.meridian_m[:, 0], flat * wall.meridian_m[:, 0], wall.meridian_m[:, 1]])
+    truth = Oval(levels, wall.wall_m, wall.youngs_modulus_Pa, wall.poisson_ratio)
+    return vertices * [1.0, flat, 1.0], faces, truth
 
 
 def _fine_cap(member: Description, around: int, step: float) -> Made:
@@ -243,6 +262,8 @@ KINDS: dict[str, tuple[Description, Callable[[Description, np.random.Generator],
     "decimated": (_WAISTED, lambda m, rng: _scattered(m, rng, 0.005, 0.0025)),
     "scanned": (_TUMBLER, lambda m, rng: _scattered(m, rng, 0.0018, 0.0018, SCAN_NOISE_M)),
     "two-sided": (_body((30, 36), ((80, 110), (34, 42), (0, 1)), wall=(0.9, 1.6)), _two_sided),
+    "oval": (_TUMBLER | {"flat": [0.55, 0.8]}, lambda m, rng: _oval(m, 128, 0.0022)),
+    "oval bottle with a cap": (_BOTTLE | {"flat": [0.6, 0.8]}, lambda m, rng: _oval(m, 128, 0.0022)),
 }
 
 

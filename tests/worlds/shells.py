@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solveh_banded
 
-__all__ = ["Pinch", "Revolution", "opposite", "side_stiffness"]
+__all__ = ["SHEAR", "Pinch", "Revolution", "opposite", "shape_functions", "side_stiffness"]
 
 #: Points of a cubic frustum on -1 .. 1, freedoms of a node.
 _NODES = np.array([-1.0, -1 / 3, 1 / 3, 1.0])
@@ -27,7 +27,7 @@ _GAUSS = np.polynomial.legendre.leggauss(3)
 _TURN = np.polynomial.legendre.leggauss(4)
 _ACROSS = np.polynomial.legendre.leggauss(2)
 #: Transverse shear is made stiff: under a point it would be infinite, and tips are wider than such walls are thick.
-_SHEAR = 50.0
+SHEAR = 50.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class Revolution:
         young, nu = self.youngs_modulus_Pa, self.poisson_ratio
         shear = young / (2 * (1 + nu))
         plane = young / (1 - nu * nu)
-        wall_only = np.diag([plane, plane, shear, _SHEAR * shear, _SHEAR * shear, 0.0])
+        wall_only = np.diag([plane, plane, shear, SHEAR * shear, SHEAR * shear, 0.0])
         wall_only[0, 1] = wall_only[1, 0] = nu * plane
         turn_only = np.diag([0.0, 0.0, 0.0, 0.0, 0.0, shear])
         parts = [np.zeros((len(length), 4 * _DOF, 4 * _DOF)) for _ in range(3)]
@@ -91,7 +91,7 @@ class Revolution:
         ]
         for along, weights, y, across, elastic in rules:
             for x, weight in zip(along, weights, strict=True):
-                value, slope = _shape(x)
+                value, slope = shape_functions(x)
                 zeta = 0.5 * y * wall
                 middle = points[:-1, 0] + 0.5 * (1 + x) * (points[1:, 0] - points[:-1, 0])
                 radius = np.maximum(middle + zeta * normal[:, 0], 1e-9)
@@ -144,7 +144,7 @@ class Revolution:
             raise ValueError(f"no wall at {height_m} m")
         radius = points[some, 0] + fraction[some] * (points[some + 1, 0] - points[some, 0])
         element = int(some[np.argmax(radius)])
-        value, _slope = _shape(2 * float(fraction[element]) - 1)
+        value, _slope = shape_functions(2 * float(fraction[element]) - 1)
         out = np.zeros((self.size, 3))
         for node in range(4):
             for k in range(3):
@@ -214,7 +214,7 @@ class Revolution:
         out = np.zeros(self.size)
         first = 3 * _DOF * np.arange(len(length))
         for x, weight in zip(*_GAUSS, strict=True):
-            value, _slope = _shape(x)
+            value, _slope = shape_functions(x)
             radius = points[:-1, 0] + 0.5 * (1 + x) * (points[1:, 0] - points[:-1, 0])
             ring = 2 * np.pi * radius * 0.5 * weight * length
             for node in range(4):
@@ -235,7 +235,7 @@ def side_stiffness(compliance: np.ndarray) -> np.ndarray:
     return out
 
 
-def _shape(x: float) -> tuple[np.ndarray, np.ndarray]:
+def shape_functions(x: float) -> tuple[np.ndarray, np.ndarray]:
     """Cubic Lagrange functions of four nodes and their slopes at x of -1 .. 1."""
     value, slope = np.ones(4), np.zeros(4)
     for i in range(4):
