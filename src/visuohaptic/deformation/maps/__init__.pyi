@@ -32,7 +32,7 @@ from .map_file import colours as colours
 from .map_file import load_map as load_map
 from .map_file import plot_map as plot_map
 from .map_file import save_map as save_map
-from .squeeze import Squeeze as Squeeze
+from .squeeze import SqueezeResult as SqueezeResult
 from .squeeze import plot_squeeze as plot_squeeze
 from .squeeze import save_squeeze as save_squeeze
 from .squeeze import squeeze as squeeze

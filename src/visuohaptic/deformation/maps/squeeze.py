@@ -17,7 +17,7 @@ from ..shells.stiffness_map import opposing_points
 from .confidence_band import object_stiffness
 from .grasp_curves import GraspCurve, PinchPlane, nearest_vertex, side_vertex
 
-__all__ = ["Squeeze", "plot_squeeze", "save_squeeze", "squeeze"]
+__all__ = ["SqueezeResult", "plot_squeeze", "save_squeeze", "squeeze"]
 
 #: A secant stiffness that differs by more from the one at rest is not linear.
 LINEAR_FRACTION = 0.1
@@ -27,7 +27,7 @@ _COLUMNS = ("deformation_m", "force_N", "first_m", "second_m", "gauge_Pa", "stre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Squeeze:
+class SqueezeResult:
     """A force-deformation curve and what to know about it; NaN where something does not occur within it."""
 
     curve: GraspCurve
@@ -71,7 +71,7 @@ def squeeze(
     deformation_m: float | None = None,
     points: int = POINTS,
     contents: Contents | None = None,
-) -> Squeeze:
+) -> SqueezeResult:
     """Pinch a container up to a force or a deformation.
 
     Parameters
@@ -93,7 +93,7 @@ def squeeze(
 
     Returns
     -------
-    Squeeze
+    SqueezeResult
         Forces are resolved to the spacing of the points, yield between them.
 
     Raises
@@ -130,7 +130,7 @@ def squeeze(
     strength = YIELD_Pa.get(container.material.name, float("nan"))
     secant = np.abs(curve.force_N / (stiffness * curve.deformation_m) - 1) <= LINEAR_FRACTION
     straight = len(secant) if secant.all() else int(np.argmin(secant))
-    return Squeeze(
+    return SqueezeResult(
         curve,
         stiffness,
         sigma,
@@ -159,7 +159,7 @@ def _limit_force(curve: GraspCurve) -> float:
     return float(force[: lost[0] + 1].max()) if len(lost) else float("nan")
 
 
-def save_squeeze(path: Path | str, found: Squeeze) -> None:
+def save_squeeze(path: Path | str, found: SqueezeResult) -> None:
     """Write the curve as CSV, from rest on.
 
     Parameters
@@ -175,7 +175,7 @@ def save_squeeze(path: Path | str, found: Squeeze) -> None:
     write_text(path, "\n".join(rows) + "\n")
 
 
-def plot_squeeze(path: Path | str, found: Squeeze, title: str = "") -> None:
+def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> None:
     """Force against deformation, with the stiffness at rest and its standard deviation.
 
     Parameters

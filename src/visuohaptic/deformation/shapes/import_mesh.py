@@ -58,6 +58,10 @@ class MeshConvention:
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"  #: axis that points up
     remesh: Literal["auto", "cast", "never"] = "auto"  #: repair, sample anew on rings, or neither
 
+    def __post_init__(self) -> None:
+        if self.remesh not in {"auto", "cast", "never"}:
+            raise InputError("remesh", f"found {self.remesh!r}, expected auto, cast or never")
+
 
 def import_container(
     path: Path | str,
@@ -94,8 +98,6 @@ def import_container(
     if around % 4 or not 16 <= around <= 1024:
         raise InputError("around", f"found {around}, expected a multiple of 4 from 16 to 1024")
     remesh = convention.remesh
-    if remesh not in {"auto", "cast", "never"}:
-        raise InputError("remesh", f"found {remesh!r}, expected auto, cast or never")
     raw = load_mesh(path)
     points = _turned_up(raw.vertices, convention.up)
     scale, notes = _scale(points[raw.faces.ravel()], convention.unit, where)

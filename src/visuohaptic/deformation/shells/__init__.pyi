@@ -19,6 +19,7 @@ from .shell_material import YIELD_Pa as YIELD_Pa
 from .shell_material import material as material
 from .shell_material import material_constants as material_constants
 from .stiffness_map import DualTips as DualTips
+from .stiffness_map import antipodal_points as antipodal_points
 from .stiffness_map import dual_tip_compliance as dual_tip_compliance
 from .stiffness_map import dual_tip_map as dual_tip_map
 from .stiffness_map import opposing_points as opposing_points
