@@ -124,7 +124,9 @@ def test_sides_share_the_force():
     )
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "300,000 triangles, grooves"])
+@pytest.mark.parametrize(
+    "kind", [k for k in KINDS if k not in {"300,000 triangles, grooves", "oval bottle with a cap"}]
+)
 def test_meshes_are_the_bodies_whose_stiffness_is_stated(kind):
     case = mesh_case(kind, 2)
     mesh = trimesh.Trimesh(case.vertices_m, case.faces)

@@ -94,13 +94,17 @@ class Oval:
         band[0, held] += (1e6 if self.foot else 1e-6) * band[0].max()
         return band
 
+    @cached_property
+    def _fewer(self) -> Oval:
+        return replace(self, terms=2 * self.terms // 3)
+
     def pinch_stiffness(self, heights_m: Sequence[float], axis: int) -> np.ndarray:
         """Force of a tip by its displacement [N/m] under tips along x (0) or y (1), one for each height.
 
         The terms of a point's displacement fall like their third power and what is left out like the second: it is
         extrapolated from two thirds of the terms.
         """
-        fewer = replace(self, terms=2 * self.terms // 3)
+        fewer = self._fewer
         most, less = self._compliance(heights_m, axis), fewer._compliance(heights_m, axis)
         rest = self.terms**-2.0 / (fewer.terms**-2.0 - self.terms**-2.0)
         stiffness: np.ndarray = 1 / (most + rest * (most - less))
