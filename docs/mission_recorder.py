@@ -14,7 +14,7 @@ from visuohaptic.core import ForceProfile, HapticTag, Pose, to_dict
 from visuohaptic.core.files import atomic_path
 
 #: Every n-th state of the platform is kept, its pictures this wide [px].
-_EVERY, _WIDTH_PX, _QUALITY = 8, 480, 45
+_EVERY, _WIDTH_PX, _QUALITY = 8, 480, 50
 
 
 class MissionRecorder:
@@ -74,7 +74,7 @@ class MissionRecorder:
             return
         height = round(_WIDTH_PX * frame_bgr.shape[0] / frame_bgr.shape[1])
         small = cv2.resize(frame_bgr, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
-        self.pictures.append(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
+        self.pictures.append(cv2.imencode(".webp", small, [cv2.IMWRITE_WEBP_QUALITY, _QUALITY])[1].tobytes())
         place = None if T_world_foam is None else np.round(T_world_foam.matrix, 4).tolist()
         self.events.append(["update", t_s, _rounded(to_dict(profile)), truth_N, place, note])
 
@@ -84,7 +84,7 @@ class MissionRecorder:
             archive.writestr("events.json", json.dumps(self.events, separators=(",", ":")))
             archive.writestr("report.html", Path(report).read_bytes())
             for number, picture in enumerate(self.pictures):
-                archive.writestr(f"{number:04d}.jpg", picture)
+                archive.writestr(f"{number:04d}.webp", picture)
 
 
 def _rounded(value: Any) -> Any:

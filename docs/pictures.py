@@ -54,7 +54,7 @@ def push() -> Path:
 
     with zipfile.ZipFile(RECORDED) as archive:
         events = json.loads(archive.read("events.json"))
-        pictures = iter(sorted(name for name in archive.namelist() if name.endswith(".jpg")))
+        pictures = iter(sorted(name for name in archive.namelist() if name.endswith(".webp")))
         states, at_object = [], False
         for event in events:
             if event[0] == "line" and not event[1].startswith("   "):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ def profile(force_N, reason=Reason.OK):
 
 
 def test_the_shipped_mission_tells_the_whole_story(tmp_path):
-    assert RECORDED.stat().st_size < 2_000_000
+    assert RECORDED.stat().st_size < 1_000_000
     page, said = Page(), []
     report = replay(tmp_path, on_message=said.append, page=page, pause_s=0.0)
     assert said[-1] == "all 9 chapters done"
@@ -92,6 +93,13 @@ def test_what_is_recorded_is_replayed(tmp_path):
 def test_another_file_is_no_recorded_mission(tmp_path):
     (tmp_path / "a.zip").write_text("no")
     with pytest.raises(InputError, match="is not a recorded mission"):
+        replay(tmp_path, on_message=print, recording=tmp_path / "a.zip")
+
+
+def test_a_bomb_is_refused_by_what_it_declares(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("report.html", bytes(80 * 2**20))
+    with pytest.raises(InputError, match="unpacks to 83886080 bytes"):
         replay(tmp_path, on_message=print, recording=tmp_path / "a.zip")
 
 

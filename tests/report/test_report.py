@@ -64,7 +64,7 @@ def test_nothing_is_loaded_from_outside():
     page = parsed(report)
     assert page.addresses
     assert all(
-        address.startswith(("#", "data:image/png;base64,", "data:image/jpeg;base64,"))
+        address.startswith(("#", "data:image/png;base64,", "data:image/webp;base64,"))
         for address in page.addresses
     )
     assert not re.search(r"url\((?!#)", report.html())

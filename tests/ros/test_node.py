@@ -137,7 +137,7 @@ def test_no_router_is_said_in_one_line(endpoint: str) -> None:
     ("options", "words"),
     [
         ({"connect": ("nowhere",)}, "is not a zenoh configuration"),
-        ({"zenoh_config": Path("absent.json5")}, "absent.json5: there is no such file"),
+        ({"zenoh_config": Path("absent.json5")}, "absent.json5: does not exist"),
         ({"domain": 233}, "expected 0 to 232"),
         ({"namespace": "a"}, "found 'a!'"),
     ],

@@ -1,7 +1,7 @@
 """A recorded mission: what the demo said and showed, small enough to be shipped, replayed in seconds.
 
 The file is a ZIP of ``events.json`` (lines and states in their order), ``report.html`` and the camera's
-pictures as JPEG. Nothing is computed when it is replayed, so that it needs no extra and no kernel.
+pictures as WebP. Nothing is computed when it is replayed, so that it needs no extra and no kernel.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ __all__ = ["RECORDED", "replay"]
 
 #: The mission of seed 2 that comes with the package; ``python docs/pictures.py mission`` records it again.
 RECORDED = Path(__file__).with_name("mission.zip")
+#: A larger recording than this is not read into memory [bytes].
+MAX_BYTES = 64 * 2**20
 #: What a line said of the recording's own computing time.
 _TIME_LEFT = re.compile(r" +\((?:about )?\d+ s(?: left)?\)$")
 
@@ -64,15 +66,17 @@ def replay(
     Raises
     ------
     InputError
-        The file is no recorded mission.
+        The file is no recorded mission, or larger than 64 MiB when unpacked.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with zipfile.ZipFile(recording) as archive:
+            if (size := sum(entry.file_size for entry in archive.infolist())) > MAX_BYTES:
+                raise ValueError(f"unpacks to {size} bytes, expected at most {MAX_BYTES}")
             write_text(folder / "report.html", archive.read("report.html").decode())
             events = json.loads(archive.read("events.json"))
-            pictures = (archive.read(name) for name in sorted(archive.namelist()) if name.endswith(".jpg"))
+            pictures = (archive.read(name) for name in sorted(archive.namelist()) if name.endswith(".webp"))
             for event in events:
                 picture = next(pictures) if event[0] == "update" else None
                 if event[0] == "line":

@@ -82,7 +82,7 @@ def open_session(options: RosOptions) -> Any:
 def _config(options: RosOptions, zenoh: Any) -> Any:
     if options.zenoh_config is not None:
         if not options.zenoh_config.is_file():
-            raise InputError(options.zenoh_config, "there is no such file")
+            raise InputError(options.zenoh_config, "does not exist")
         return zenoh.Config.from_file(options.zenoh_config)
     fields = {
         "mode": "peer",

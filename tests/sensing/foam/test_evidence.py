@@ -35,8 +35,11 @@ def test_edges_are_where_the_tables_say_within_a_fiftieth_of_a_pixel() -> None:
     light = world.light_of(Moment())[:, :, 0]
     y = world.inverse[1, 0] * np.arange(world.columns) + world.inverse[1, 2]
     inside = np.abs(y) < 0.5 * world.foam.length_m - 2 * world.px_m
+
+    def row_of(x_m):
+        return (x_m - world.inverse[0, 2]) / world.inverse[0, 1]
+
     # From the middle of the strip to the top of the image: floor above, foam below.
-    row_of = lambda x: (x - world.inverse[0, 2]) / world.inverse[0, 1]  # noqa: E731
     middle = int(row_of(0.5 * world.foam.width_m))
     found = edge_rows(light[:middle, inside], floor, bright)
     assert np.abs(found - row_of(world.foam.width_m)).max() < 0.02
@@ -82,10 +85,9 @@ def test_a_shadow_takes_the_fraction_of_grey_and_a_penumbra_its_width(gamma) -> 
 
 
 def test_point_spreads_have_the_moments_of_their_names() -> None:
-    axis = lambda k: np.arange(len(k)) - len(k) // 2  # noqa: E731
-
     def spread_px2(kernel):
-        return float(kernel.sum(0) @ axis(kernel) ** 2), float(kernel.sum(1) @ axis(kernel) ** 2)
+        squares = (np.arange(len(kernel)) - len(kernel) // 2) ** 2
+        return float(kernel.sum(0) @ squares), float(kernel.sum(1) @ squares)
 
     lens = spread_px2(point_spread(0.7))
     box = spread_px2(point_spread(0.7, motion_px=7.0, angle_rad=0.0))
