@@ -278,14 +278,16 @@ def run_simulation() -> None:
 
 
 def run_containers() -> None:
-    """Find the wall of a tube, and look whether it touches itself."""
+    """Find the wall of a tube, simplify it, and look whether it touches itself."""
     from visuohaptic.deformation.nonlinear import SelfContactGuard
     from visuohaptic.deformation.shapes import ContainerDescription, mesh_container
     from visuohaptic.deformation.shapes.resample import find_wall
+    from visuohaptic.io.meshes import collapse_edges
 
     wall = {"base": {"radius": "35 mm"}, "sections": [{"height": "150 mm"}], "wall": "0.5 mm"}
     tube = mesh_container(ContainerDescription.model_validate(wall), around=24)
     find_wall(tube.mesh.vertices_m, tube.mesh.faces, "tube")
+    collapse_edges(tube.mesh.vertices_m, tube.mesh.faces, 0.02, 1e-4)
     guard = SelfContactGuard(tube)
     points_m = tube.mesh.vertices_m.copy()
     points_m[:, 0] *= 1e-3

@@ -542,6 +542,12 @@ def _stiffness(folder: Path, results: list[Any]) -> None:
     assert 10 < np.median(free) < 1e5  # a finger dents a PET bottle by millimetres
 
 
+def _squeeze(folder: Path, results: list[Any]) -> None:
+    (found,) = results
+    assert found["force_N"] == pytest.approx(np.linspace(1.25, 10, 8).tolist(), rel=1e-3)
+    assert len(rows(folder / "curve.csv")) == 9
+
+
 def _grasp(folder: Path, results: list[Any]) -> None:
     (found,) = results
     assert found["grasps"][0]["first_m"][2] > 0.09  # at the stiff rim
@@ -620,6 +626,7 @@ STORIES: dict[str, Story] = {
     "map graph": Story(_map_graph, _office),
     "plan": Story(_plan, _office),
     "stiffness": Story(_stiffness),
+    "squeeze": Story(_squeeze),
     "grasp": Story(_grasp),
     "reconstruct": Story(_reconstruct, _glass),
     "complete": Story(_complete, _holed),

@@ -83,7 +83,20 @@ def curve(force: list[float], *, stable: bool = True, reason: str = "") -> Grasp
     d, f = np.array(WANTED_m[: len(force)]), np.array(force)
     none = np.zeros(3)
     return GraspCurve(
-        f, d, d, d, np.zeros(len(f)), np.full(len(f), stable), none, none, len(f) == 6, reason, 1, 1, 1
+        f,
+        d,
+        d,
+        d,
+        np.zeros(len(f)),
+        np.full(len(f), stable),
+        np.zeros(len(f)),
+        none,
+        none,
+        len(f) == 6,
+        reason,
+        1,
+        1,
+        1,
     )
 
 

@@ -15,13 +15,15 @@ from scipy.spatial import cKDTree
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps.confidence_band import nearest_value
 from visuohaptic.deformation.shapes import (
+    MeshConvention,
     ShellObject,
     WallProperties,
+    clamped_foot,
     import_container,
-    inspect_mesh,
     why_not_as_it_is,
 )
 from visuohaptic.deformation.shells import RevolutionShell, dual_tip_map, opposing_points, pinch_stiffness
+from visuohaptic.io.meshes import inspect_mesh
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -96,7 +98,9 @@ def test_a_clamped_foot_of_slivers_changes_nothing(
     for number, mesh in enumerate(meshes):
         mesh.export(tmp_path / f"{number}.ply")
         container = import_container(
-            tmp_path / f"{number}.ply", wall=WallProperties(thickness_m=WALL_m), remesh=remesh
+            tmp_path / f"{number}.ply",
+            wall=WallProperties(thickness_m=WALL_m),
+            convention=MeshConvention(remesh=remesh),
         )
         away, _ = cKDTree(container.mesh.vertices_m).query(mesh.vertices)
         # A PLY file has single precision: 4e-9 m at 0.11 m.
@@ -118,15 +122,107 @@ def test_a_grooved_pot_with_a_foot_of_slivers_is_as_stiff_as_the_series(tmp_path
     np.testing.assert_allclose(stiffness_at(container, (0.03, 0.055, 0.08)), expected, rtol=0.05)
 
 
+def test_a_mesh_of_many_triangles_is_simplified_and_keeps_its_groove(tmp_path: Path) -> None:
+    """200,000 triangles; rings 2.3 mm apart would lose a tenth of the groove, and all the rim's height."""
+    height = np.linspace(0, 0.11, 250)
+    dent = 0.001 * np.exp(-(((height - 0.055) / 0.0015) ** 2))
+    points, faces = revolved(RADIUS_m - dent, height, 400)
+    trimesh.Trimesh(points, faces, process=False).export(tmp_path / "fine.stl")
+    container = import_container(tmp_path / "fine.stl", wall=WallProperties(thickness_m=WALL_m))
+    assert any("triangles became" in note for note in container.notes)
+    assert len(container.mesh.faces) < 50_000
+    found = container.mesh.vertices_m
+    assert found[:, 2].max() == pytest.approx(0.11, abs=1e-6)
+    radius = np.hypot(found[:, 0], found[:, 1])
+    # The surface moves by a fortieth of the wall at most, as a root mean square over the planes that were replaced.
+    away = radius - np.interp(found[:, 2], height, RADIUS_m - dent)
+    assert np.abs(away).max() < 3 * 0.025 * WALL_m
+    assert radius.min() == pytest.approx(RADIUS_m - 0.001, abs=3 * 0.025 * WALL_m)
+    fine = np.linspace(0, 0.11, 881)
+    shell = RevolutionShell(RADIUS_m - 0.001 * np.exp(-(((fine - 0.055) / 0.0015) ** 2)), fine, WALL_m)
+    expected = pinch_stiffness(shell, container.material)
+    used = (found[:, 2] > 0.02) & (found[:, 2] < 0.09)
+    stiffness = dual_tip_map(container.model(), opposing_points(container.mesh, np.flatnonzero(used)))
+    # Element sizes of 2 mm: 1 % each, unstructured; the median of all is the mesh's own error.
+    error = stiffness / np.interp(found[used, 2], fine, expected) - 1
+    assert abs(float(np.median(error))) < 0.02
+    assert np.percentile(np.abs(error), 90) < 0.05
+
+
+@pytest.mark.parametrize("sections", [32, 64])
+def test_a_coarse_cylinder_is_as_stiff_as_a_round_one(sections: int, tmp_path: Path) -> None:
+    """One row of facets over the whole height, and caps that are fans."""
+    mesh = trimesh.creation.cylinder(radius=RADIUS_m, height=0.15, sections=sections)
+    mesh.export(tmp_path / "can.stl")
+    container = import_container(tmp_path / "can.stl", wall=WallProperties(thickness_m=WALL_m), open_top=True)
+    shell = RevolutionShell(np.full(601, RADIUS_m), np.linspace(0, 0.15, 601), WALL_m)
+    expected = pinch_stiffness(shell, container.material)[300]
+    points = container.mesh.vertices_m
+    middle = np.flatnonzero(np.abs(points[:, 2] - (points[:, 2].min() + 0.075)) < 0.003)
+    found = np.median(dual_tip_map(container.model(), opposing_points(container.mesh, middle)))
+    # Cells of 4 mm: 2 %; the facets themselves, of 7 mm, would be some 10 % too stiff or too soft.
+    assert found == pytest.approx(expected, rel=0.03)
+
+
+def test_sampling_anew_is_asked_for_and_priced(tmp_path: Path) -> None:
+    pot(groove_m=0.0015, foot=True, top=False).export(tmp_path / "pot.ply")
+    wall = WallProperties(thickness_m=WALL_m)
+    given = import_container(tmp_path / "pot.ply", wall=wall)
+    cast = import_container(tmp_path / "pot.ply", wall=wall, convention=MeshConvention(remesh="cast"))
+    assert not any("sampling anew" in note for note in given.notes)
+    note = next(note for note in cast.notes if "sampling anew" in note)
+    price = float(note.split("up to ")[1].split(" %")[0]) / 100
+    heights = (0.03, 0.055, 0.08)
+    difference = stiffness_at(cast, heights) / stiffness_at(given, heights) - 1
+    # Both meshes have errors of about a percent of their own.
+    assert np.abs(difference).max() < price + 0.02
+
+
+def test_what_cannot_be_repaired_names_the_way_out(tmp_path: Path) -> None:
+    mesh = pot(groove_m=0.0, foot=False, top=False)
+    centre = mesh.triangles_center
+    cut = np.abs(centre[:, 2] - 0.06) < 0.004
+    trimesh.Trimesh(mesh.vertices, mesh.faces[~cut], process=False).export(tmp_path / "two.ply")
+    with pytest.raises(InputError, match=r"2 parts that are not joined; mend it, .* with --remesh cast"):
+        import_container(tmp_path / "two.ply")
+    assert import_container(tmp_path / "two.ply", convention=MeshConvention(remesh="cast")).height_m > 0.1
+
+
+def test_a_punt_is_joined_to_the_wall_by_the_foot(tmp_path: Path) -> None:
+    """Two rings of the foot are clamped: what carries load is the wall and the raised middle, apart from each other."""
+    height = np.concatenate([[0, 0.0001, 0.0002], np.linspace(0.003, 0.11, 44)])
+    points, faces = revolved(
+        np.full(47, RADIUS_m) - 0.004 * (height < 0.0003) * (0.0003 - height) / 3e-4, height
+    )
+    k = np.arange(96)
+    fan = np.stack([np.roll(k, -1), k, np.full(96, len(points))], axis=1)
+    points = np.concatenate([points, [[0, 0, 0.006]]])
+    trimesh.Trimesh(points, np.concatenate([faces, fan]), process=False).export(tmp_path / "punt.ply")
+    container = import_container(tmp_path / "punt.ply", wall=WallProperties(thickness_m=WALL_m))
+    assert len(container.mesh.vertices_m) == len(points)
+
+
+def test_a_hole_is_closed_as_round_as_the_wall(tmp_path: Path) -> None:
+    mesh = pot(groove_m=0.0, foot=False, top=False)
+    away = np.linalg.norm(mesh.triangles_center - [RADIUS_m, 0, 0.07], axis=1)
+    trimesh.Trimesh(mesh.vertices, mesh.faces[away > 0.007], process=False).export(tmp_path / "hole.ply")
+    container = import_container(tmp_path / "hole.ply", wall=WallProperties(thickness_m=WALL_m))
+    assert any("1 holes of up to" in note for note in container.notes)
+    points = container.mesh.vertices_m
+    filled = np.linalg.norm(points - [RADIUS_m, 0, 0.07], axis=1) < 0.007
+    assert np.count_nonzero(filled) > 8
+    # The flat chord of this hole is 0.7 mm inside the wall.
+    assert np.abs(np.hypot(*points[filled, :2].T) - RADIUS_m).max() < 0.0002
+
+
 def test_right_angled_needles_are_used_and_right(tmp_path: Path) -> None:
     """Needles of 9 degrees: what spoils a triangle is a large angle, not a small one."""
     points, faces = revolved(np.full(140, RADIUS_m), np.linspace(0, 0.05, 140))
     trimesh.Trimesh(points, faces, process=False).export(tmp_path / "needles.ply")
     container = import_container(tmp_path / "needles.ply", wall=WallProperties(thickness_m=WALL_m))
     assert len(container.mesh.vertices_m) == len(points)
-    # The first ring above the base is within a hundredth of the height and is clamped as well.
-    shell = RevolutionShell(np.full(139, RADIUS_m), np.linspace(0.05 / 139, 0.05, 139), WALL_m)
-    expected = pinch_stiffness(shell, container.material)[69]
+    shell = RevolutionShell(np.full(140, RADIUS_m), np.linspace(0, 0.05, 140), WALL_m)
+    expected = pinch_stiffness(shell, container.material)[70]
     # Right-angled cells of 96 facets round: 1 to 2 %.
     assert stiffness_at(container, (0.05 * 70 / 139,))[0] == pytest.approx(expected, rel=0.03)
 
@@ -253,3 +349,109 @@ def test_the_walls_of_real_meshes_are_measured(data: Path) -> None:
     assert any("as thick as measured: 1.95 mm" in note for note in glass.notes)
     assert np.max(glass.mesh.thickness_m) == pytest.approx(0.0031, rel=0.03)
     assert np.min(glass.mesh.thickness_m) == pytest.approx(0.00085, rel=0.05)
+
+
+def test_an_uneven_wall_is_measured_round_it(tmp_path: Path) -> None:
+    """The bore is 0.5 mm off the middle of a tube of 2 mm: 1.5 to 2.5 mm."""
+    height = np.linspace(0, 0.15, 60)
+    outer, faces = revolved(np.full(60, RADIUS_m + 0.001), height)
+    inner, _ = revolved(np.full(60, RADIUS_m - 0.001), height)
+    inner[:, 0] += 0.0005
+    sides = [
+        trimesh.Trimesh(outer, faces, process=False),
+        trimesh.Trimesh(inner, faces[:, ::-1], process=False),
+    ]
+    trimesh.util.concatenate(sides).export(tmp_path / "bored.ply")
+    container = import_container(tmp_path / "bored.ply")
+    middle = container.mesh.vertices_m[container.mesh.faces].mean(axis=1) - [*container.axis_point_m, 0]
+    cosine = middle[:, 0] / np.hypot(middle[:, 0], middle[:, 1])
+    # Of first order in the offset; the second is 0.5^2 / 35 / 2 = 4e-3 mm, facets 1e-3.
+    np.testing.assert_allclose(container.mesh.thickness_m, 0.002 - 0.0005 * cosine, atol=2e-5)
+    assert container.wall_spread < 0.01
+
+
+def ball_on_a_stem(kind: str) -> trimesh.Trimesh:
+    """Bodies of revolution, closed by fans; a bulb, and bottles with a cap, and with a small one."""
+    profiles = {
+        "bulb": [(0.0135, 0.0), (0.0135, 0.045)]
+        + [(0.032 * np.sin(t), 0.075 - 0.032 * np.cos(t)) for t in np.linspace(0.45, np.pi - 0.02, 60)],
+        "bottle": [(0.03, 0.0), (0.03, 0.12), (0.012, 0.16), (0.012, 0.18)],
+        "oil bottle": [(0.03, 0.0), (0.03, 0.12), (0.008, 0.16), (0.008, 0.2)],
+        "mushroom": [(0.02, 0.0), (0.02, 0.08), (0.05, 0.0802), (0.05, 0.12)],
+    }
+    corners = np.array(profiles[kind])
+    along = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    fine = np.linspace(0, along[-1], 80)
+    points, faces = revolved(np.interp(fine, along, corners[:, 0]), np.interp(fine, along, corners[:, 1]), 64)
+    ring, last, ends = np.arange(64), len(points) - 64 + np.arange(64), len(points)
+    points = np.concatenate([points, [[0, 0, 0]], [[0, 0, points[-1, 2]]]])
+    fans = [
+        np.stack([np.roll(ring, -1), ring, np.full(64, ends)], axis=1),
+        np.stack([last, np.roll(last, -1), np.full(64, ends + 1)], axis=1),
+    ]
+    return trimesh.Trimesh(points, np.concatenate([faces, *fans]), process=False)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [("bulb", "neither a mouth nor a lid"), ("mushroom", "overhangs"), ("bottle", ""), ("oil bottle", "")],
+)
+def test_what_is_closed_needs_a_lid_and_no_ledge(kind: str, said: str, tmp_path: Path) -> None:
+    ball_on_a_stem(kind).export(tmp_path / "it.ply")
+    if not said:
+        assert import_container(tmp_path / "it.ply").height_m > 0.15
+        return
+    with pytest.raises(InputError, match=f"no thin-walled container: .*{said}"):
+        import_container(tmp_path / "it.ply")
+
+
+def test_a_thick_wall_is_no_thin_walled_container(tmp_path: Path) -> None:
+    height = np.linspace(0, 0.12, 60)
+    loop = np.concatenate([np.full(60, 0.037), np.full(60, 0.023)]), np.concatenate([height, height[::-1]])
+    trimesh.Trimesh(*revolved(*loop), process=False).export(tmp_path / "vase.ply")
+    with pytest.raises(InputError, match=r"its wall is 14 mm, 47 % of its radius: no thin-walled"):
+        import_container(tmp_path / "vase.ply")
+
+
+def test_a_long_handle_is_no_container(tmp_path: Path) -> None:
+    pan = trimesh.Trimesh(*revolved(np.full(40, 0.08), np.linspace(0, 0.06, 40)), process=False)
+    handle = trimesh.creation.box((0.14, 0.02, 0.006))
+    handle.apply_translation([0.145, 0, 0.05])
+    trimesh.util.concatenate([pan, handle]).export(tmp_path / "pan.ply")
+    with pytest.raises(InputError, match=r"it reaches 2\d\d mm from its axis, its wall 80 mm"):
+        import_container(tmp_path / "pan.ply")
+
+
+def test_a_pot_on_legs_is_no_container(tmp_path: Path) -> None:
+    body = pot(groove_m=0.0, foot=True, top=False)
+    legs = []
+    for turn in (0, 2.1, 4.2):
+        leg = trimesh.creation.box((0.012, 0.012, 0.03))
+        leg.apply_translation([0.026 * np.cos(turn), 0.026 * np.sin(turn), -0.015])
+        legs.append(leg)
+    trimesh.util.concatenate([body, *legs]).export(tmp_path / "stool.ply")
+    with pytest.raises(InputError, match=r"it stands on legs: the lowest 2\d %"):
+        import_container(tmp_path / "stool.ply")
+
+
+def test_only_the_foot_is_clamped_and_not_its_chamfer(tmp_path: Path) -> None:
+    """A ring within the lowest hundredth of the height carries load: that of the series from the foot up."""
+    height = np.concatenate([[0, 0.0009, 0.002, 0.004], np.linspace(0.0065, 0.1, 40)])
+    radius = np.minimum(RADIUS_m, RADIUS_m - 0.008 + 2 * height)
+    points, faces = revolved(radius, height)
+    trimesh.Trimesh(points, faces, process=False).export(tmp_path / "tub.ply")
+    container = import_container(tmp_path / "tub.ply", wall=WallProperties(thickness_m=WALL_m))
+    assert np.count_nonzero(container.fixed) == 96
+    fine = np.linspace(0, 0.1, 801)
+    shell = RevolutionShell(np.minimum(RADIUS_m, RADIUS_m - 0.008 + 2 * fine), fine, WALL_m)
+    expected = pinch_stiffness(shell, container.material)[[320, 640]]
+    # Cells of 2.4 mm: 2 %; with the second ring clamped it is a tenth more.
+    np.testing.assert_allclose(stiffness_at(container, (0.04, 0.08)), expected, rtol=0.04)
+
+
+def test_an_uneven_foot_is_clamped_all_round() -> None:
+    points, _faces = revolved(np.full(60, RADIUS_m), np.linspace(0, 0.1, 60))
+    points[:, 2] += np.where(
+        points[:, 2] < 1e-9, 4e-4 * (1 + np.cos(np.arctan2(points[:, 1], points[:, 0]))), 0
+    )
+    assert clamped_foot(points).sum() >= 96

@@ -18,7 +18,7 @@ def test_rays_across_the_axis_against_every_triangle():
     points = mesh.vertices_m * [1.3, 0.8, 1] + 0.001 * rng.normal(size=mesh.vertices_m.shape)
     axis = np.array([0.002, -0.001])
     first = np.arange(13, 110, 7)
-    face, weights, direction = pinch.across(points, mesh.faces, first, axis)
+    face, weights, direction = pinch.across(points, mesh.faces, first, np.tile(axis, (len(first), 1)))
     for k, vertex in enumerate(first):
         to_axis = np.r_[axis - points[vertex, :2], 0]
         ray = to_axis / np.linalg.norm(to_axis)

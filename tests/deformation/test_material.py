@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from visuohaptic.core import InputError, Material
-from visuohaptic.deformation.shells import MATERIALS, IsotropicMaterial, material
+from visuohaptic.deformation.shells import MATERIALS, IsotropicMaterial, YIELD_Pa, material
 
 
 @pytest.mark.parametrize(
@@ -47,3 +47,10 @@ def test_what_is_missing_or_impossible_is_told():
         IsotropicMaterial(1e9, 0.5)
     with pytest.raises(InputError, match="expected > 0"):
         IsotropicMaterial(-1.0, 0.3)
+
+
+def test_every_yield_strength_is_of_a_material() -> None:
+    assert set(YIELD_Pa) == set(MATERIALS) - {"rubber"}
+    # A wall bears a strain of 0.05 to 10 %.
+    for name, strength in YIELD_Pa.items():
+        assert 5e-4 < strength / material(name).youngs_modulus_Pa.value < 0.1

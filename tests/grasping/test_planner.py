@@ -7,19 +7,24 @@ import pytest
 
 from visuohaptic.core import InputError, StiffnessMap
 from visuohaptic.deformation.shapes import load_object
-from visuohaptic.deformation.shells import dual_tip_map, opposing_points
+from visuohaptic.deformation.shells import ShellMesh, antipodal_points, dual_tip_map, opposing_points
 from visuohaptic.grasping import (
+    ApproachSpace,
     GraspTask,
     GripperModel,
+    Handling,
     Load,
     ScoreParameters,
     Verdict,
     confirm_grasp,
+    find_approach,
     grasp_scores,
     multi_contact,
     plan_grasps,
     plan_map,
+    required_force_N,
     spill_of,
+    success_probability,
 )
 
 from .objects import box_map, container, tube_map
@@ -27,7 +32,10 @@ from .objects import box_map, container, tube_map
 
 def test_the_reinforced_rim_is_the_place_and_the_middle_is_not():
     plan = plan_grasps(load_object("cup-rim", around=32), GraspTask(force_N=20.0), count=3)
-    assert all(grasp.first_m[2] > 0.09 for grasp in plan.grasps)
+    assert plan.grasps[0].first_m[2] > 0.09
+    # The rest are no turned copies of it: each is at another height.
+    heights = np.sort([grasp.first_m[2] for grasp in plan.grasps])
+    assert (np.diff(heights) >= 0.02).all()
     points = plan.surface.vertices_m
     middle = np.abs(points[:, 2] - 0.05) < 0.005
     assert (plan.scores.pair[middle] < 0.5).all()
@@ -194,3 +202,104 @@ def test_parameters_are_checked():
     assert grasp_scores(
         tube_map(0.03, 0.05, 1e4, around=16), 1.0, ScoreParameters(contact_weight=0.0)
     ).total.max() == pytest.approx(0)
+
+
+def test_pairs_follow_the_wall_of_a_shifted_square():
+    """A square tube beside the axis: its walls are pinched at right angles everywhere, not through the axis."""
+    corner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 0.03
+    along = np.linspace(0, 4, 97)[:-1]
+    outline = np.stack([np.interp(along, np.arange(5), corner[:, k]) for k in (0, 1)], axis=1)
+    outline[:, 0] += 0.01
+    levels = np.linspace(0, 0.1, 25)
+    points = np.concatenate([np.column_stack([outline, np.full(96, z)]) for z in levels])
+    k = np.arange(96)
+    faces = np.concatenate(
+        [
+            np.stack([a, b, b + 96], 1)
+            for row in range(24)
+            for a, b in ((row * 96 + k, row * 96 + (k + 1) % 96),)
+        ]
+        + [
+            np.stack([a, b + 96, a + 96], 1)
+            for row in range(24)
+            for a, b in ((row * 96 + k, row * 96 + (k + 1) % 96),)
+        ]
+    )
+    mesh = ShellMesh(points, faces, 5e-4)
+    tips = antipodal_points(mesh, max_slant_rad=np.arctan(0.5))
+    flat = np.abs(np.abs(outline - [0.01, 0.0]).min(axis=1)) < 0.025
+    some = np.flatnonzero(np.tile(flat, 25))
+    assert tips.valid[some].all()
+    np.testing.assert_allclose(np.abs(tips.direction[some]).max(axis=1), 1.0, atol=1e-9)
+    far = np.einsum("mk,mki->mi", tips.weights[some], points[tips.second[some]])
+    np.testing.assert_allclose(np.linalg.norm(far - points[some], axis=1), 0.06, rtol=1e-6)
+
+
+def test_the_probability_is_that_of_drawn_frictions_and_masses():
+    gripper = GripperModel(friction=0.5, friction_spread=0.2)
+    load = Load(0.3, (0.0, 0.0, 0.05), mass_spread=0.1)
+    first, second = np.array([[0.03, 0, 0.05]]), np.array([[-0.03, 0, 0.05]])
+    slant = np.array([0.1])
+    handling = Handling(safety=1.5, tilt_rad=0.0)
+    needed = required_force_N(load, first, second, slant, gripper, handling)
+    rng = np.random.default_rng(0)
+    friction = 0.5 * np.exp(0.2 * rng.normal(size=200_000))
+    mass = 0.3 * np.exp(0.1 * rng.normal(size=200_000))
+    # Half of the weight at each finger, by the friction that the slant leaves.
+    weight = mass * (9.81 + handling.acceleration_m_per_s2) / 2
+    for force in (3.0, 4.0, 6.0):
+        holds = np.mean(force * (friction * np.cos(0.1) - np.sin(0.1)) > weight)
+        said = success_probability(np.array([force]), needed, slant, load, gripper, handling)[0]
+        # The logarithm of mu cos - sin is taken as normal: a few percent.
+        assert said == pytest.approx(holds, abs=0.03)
+
+
+def boxed(centre: tuple[float, float, float], half: float) -> np.ndarray:
+    """Points that fill a cube."""
+    axis = np.linspace(-half, half, 9)
+    return np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3) + centre
+
+
+def test_the_gripper_comes_where_it_is_free():
+    found = tube_map(0.03, 0.12, 1e4, around=96)
+    gripper = GripperModel(finger_length_m=0.08)
+    first, second = np.array([0.03, 0.0, 0.07]), np.array([-0.03, 0.0, 0.07])
+    way = find_approach(ApproachSpace.of(found), first, second, gripper)
+    assert way.elevation_rad == 0.0
+    pose = way.T_object_gripper
+    np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-12)
+    assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
+    np.testing.assert_allclose(pose[:3, 0], [-1, 0, 0], atol=1e-12)  # from the first finger to the second
+    np.testing.assert_allclose(pose[:3, 3], [0, 0, 0.07], atol=1e-12)
+    assert way.open_width_m > 0.06
+    # Something stands in the way on one side: the other is taken; on both sides: from higher.
+    side = pose[:3, 2]
+    beside = [boxed(tuple(np.array([0, 0, 0.07]) - sign * 0.12 * side), 0.02) for sign in (1, -1)]
+    other = find_approach(ApproachSpace.of(found, beside[0]), first, second, gripper)
+    np.testing.assert_allclose(other.T_object_gripper[:3, 2], -side, atol=1e-12)
+    higher = find_approach(ApproachSpace.of(found, np.concatenate(beside)), first, second, gripper)
+    assert higher.elevation_rad > 0.4
+
+
+def test_close_to_the_table_the_palm_comes_from_higher_or_not_at_all():
+    found = tube_map(0.03, 0.05, 1e4, around=96)
+    first, second = np.array([0.03, 0.0, 0.02]), np.array([-0.03, 0.0, 0.02])
+    way = find_approach(ApproachSpace.of(found), first, second, GripperModel(finger_length_m=0.08))
+    # The palm is 6 cm thick: level with its middle at 2 cm it would be in the table.
+    assert way.elevation_rad > 0.4
+    # Fingers shorter than the tube is thick or high: the palm is in the wall from everywhere.
+    assert find_approach(ApproachSpace.of(found), first, second, GripperModel(finger_length_m=0.02)) is None
+    plan = plan_map(found, GraspTask(force_N=5.0, gripper=GripperModel(finger_length_m=0.005)))
+    assert not plan.grasps
+    assert "no way free" in plan.reason
+
+
+def test_less_work_where_it_is_stiffer():
+    load = Load(0.2, (0.0, 0.0, 0.05))
+    soft, stiff = (
+        plan_map(tube_map(0.03, 0.1, k, around=48), GraspTask(load=load), count=1).grasps[0]
+        for k in (4e3, 8e3)
+    )
+    # Two sides, each half the force times its way F / k.
+    assert soft.work_J == pytest.approx(soft.needed_N**2 / 4e3)
+    assert stiff.work_J == pytest.approx(soft.work_J / 2, rel=1e-6)

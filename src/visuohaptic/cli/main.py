@@ -55,6 +55,7 @@ _TABLE = (
     ("planning", "map graph", "compute distance, cost, skeleton graph and regions of a map"),
     ("planning", "plan", "plan navigation among movable obstacles: where to drive, what to push"),
     ("planning", "stiffness", "compute the stiffness of a container at every surface point"),
+    ("planning", "squeeze", "compute force against deformation of one pinch on a container"),
     ("planning", "grasp", "plan grasps on deformable containers"),
     ("geometry", "reconstruct", "fuse a depth sequence into a surface, and detect transparent parts"),
     (

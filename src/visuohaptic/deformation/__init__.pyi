@@ -22,6 +22,10 @@ from .maps.grasp_patterns import couple as couple
 from .maps.map_file import load_map as load_map
 from .maps.map_file import plot_map as plot_map
 from .maps.map_file import save_map as save_map
+from .maps.squeeze import SqueezeResult as SqueezeResult
+from .maps.squeeze import squeeze as squeeze
+from .maps.thickness_map import load_thickness_map as load_thickness_map
+from .maps.thickness_map import with_thickness_map as with_thickness_map
 from .nonlinear.contents import Contents as Contents
 from .nonlinear.contents import closed_compliance as closed_compliance
 from .nonlinear.contents import contained_curve as contained_curve

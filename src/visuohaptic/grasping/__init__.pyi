@@ -1,3 +1,6 @@
+from .approach import ApproachSpace as ApproachSpace
+from .approach import GripperApproach as GripperApproach
+from .approach import find_approach as find_approach
 from .confirm import Confirmation as Confirmation
 from .confirm import confirm_grasp as confirm_grasp
 from .confirm import pinch_at as pinch_at
@@ -11,6 +14,7 @@ from .force import Handling as Handling
 from .force import Load as Load
 from .force import object_load as object_load
 from .force import required_force_N as required_force_N
+from .force import success_probability as success_probability
 from .force import wall_density_kg_per_m3 as wall_density_kg_per_m3
 from .grasp_task import GraspTask as GraspTask
 from .match import DeformedShape as DeformedShape

@@ -66,7 +66,7 @@ def pinch_at(container: ShellObject, vertex: int) -> DualTips:
 
 def confirm_grasp(
     container: ShellObject,
-    vertex: int,
+    pinched: int | DualTips,
     force_N: float,
     *,
     contents: Contents | None = None,
@@ -79,8 +79,10 @@ def confirm_grasp(
 
     Parameters
     ----------
-    container, vertex
-        Object and first finger.
+    container
+        Parametric or imported container.
+    pinched
+        Vertex of the first finger, opposite which the second is, or one pair of contacts.
     force_N
         Of each finger.
     contents
@@ -97,7 +99,7 @@ def confirm_grasp(
     if not 0 < force_N < float("inf"):
         raise InputError("confirm_grasp", f"found {force_N} N, expected > 0", field="force_N")
     model = model or container.model()
-    tips = pinch_at(container, vertex)
+    tips = pinched if isinstance(pinched, DualTips) else pinch_at(container, pinched)
     stiffness = 2.0 / max(float(dual_tip_compliance(model, tips)[0]), 1e-12)
     # A stiff place reaches the force long before the bound; a soft one may soften further.
     for far in (2.0 * force_N / stiffness, REACH * max_deformation_m):

@@ -21,7 +21,15 @@ from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import enclosed_volume
 from ..deformation.shells.shell_material import MATERIALS
 
-__all__ = ["GripperModel", "Handling", "Load", "object_load", "required_force_N", "wall_density_kg_per_m3"]
+__all__ = [
+    "GripperModel",
+    "Handling",
+    "Load",
+    "object_load",
+    "required_force_N",
+    "success_probability",
+    "wall_density_kg_per_m3",
+]
 
 GRAVITY_m_per_s2 = 9.81
 #: Moments below this are rounding [N m].
@@ -37,6 +45,14 @@ class GripperModel:
     max_force_N: float = field(default=60.0, metadata=POSITIVE)  #: of one finger
     #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
     friction: float = field(default=0.6, metadata=POSITIVE)
+    friction_spread: float = field(default=0.15, metadata=within(0, 1))  #: relative standard deviation of mu
+    finger_length_m: float = field(
+        default=0.06, metadata=POSITIVE
+    )  #: from the palm to the middle of the patch
+    finger_thickness_m: float = field(default=0.012, metadata=POSITIVE)  #: along the closing direction
+    palm_thickness_m: float = field(
+        default=0.06, metadata=POSITIVE
+    )  #: across the closing direction, and in depth
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -63,6 +79,7 @@ class Load:
     mass_kg: float = field(metadata=POSITIVE)
     #: centre of mass in the object's frame
     centre_m: tuple[float, float, float] = field(metadata=at_least(-np.inf))
+    mass_spread: float = field(default=0.0, metadata=within(0, 1))  #: relative standard deviation of the mass
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -122,6 +139,7 @@ def object_load(
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     wall = wall_kg_per_m3 * area * np.asarray(mesh.fraction) * np.asarray(mesh.thickness_m)
     mass, moment = float(wall.sum()), wall @ corners.mean(axis=1)
+    wall_mass = mass
     if fill > 0:
         level = mesh.vertices_m[:, 2].min() + liquid_level_m(container, fill)
         cut = mesh.vertices_m.copy()
@@ -143,7 +161,8 @@ def object_load(
         mass += liquid
         moment = moment + liquid * first / volume
     centre = moment / mass
-    return Load(mass, (float(centre[0]), float(centre[1]), float(centre[2])))
+    place = (float(centre[0]), float(centre[1]), float(centre[2]))
+    return Load(mass, place, min(1.0, container.wall_spread * wall_mass / mass))
 
 
 def required_force_N(
@@ -194,3 +213,41 @@ def required_force_N(
         left = gripper.friction * np.cos(slant_rad) - np.sin(slant_rad)
         force = handling.safety * np.hypot(tangential_N, twist_N) / left
     return np.where((left > 0) & np.isfinite(force), force, np.inf)
+
+
+def success_probability(
+    force_N: Float[np.ndarray, "m"],
+    needed_N: Float[np.ndarray, "m"],
+    slant_rad: Float[np.ndarray, "m"],
+    load: Load,
+    gripper: GripperModel,
+    handling: Handling | None = None,
+) -> Float[np.ndarray, "m"]:
+    """Probability that a load does not slip, with friction and mass log-normal.
+
+    Parameters
+    ----------
+    force_N
+        Of each finger.
+    needed_N
+        As :func:`required_force_N` has it, the factor of safety included.
+    slant_rad
+        Angle between force and inward normal.
+    load, gripper
+        With the relative standard deviations of mass and friction.
+    handling
+        With the factor of safety, which is taken off again.
+
+    Notes
+    -----
+    The force needed goes with ``m / (mu cos - sin)``: its logarithm has the standard deviation
+    ``hypot(s_m, s_mu mu cos / (mu cos - sin))``.
+    """
+    from scipy.special import ndtr
+
+    handling = handling or Handling()
+    hold = gripper.friction * np.cos(slant_rad)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.hypot(load.mass_spread, gripper.friction_spread * hold / (hold - np.sin(slant_rad)))
+        margin = np.log(force_N * handling.safety / needed_N) / np.maximum(spread, 1e-9)
+    return np.where(np.isfinite(needed_N) & (hold > np.sin(slant_rad)), ndtr(margin), 0.0)

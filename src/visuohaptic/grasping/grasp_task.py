@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from ..core.ranges import POSITIVE, check_ranges, within
 from .force import GripperModel, Handling, Load
@@ -33,6 +34,8 @@ class GraspTask:
     #: Probability with which the deformation stays below its bound; at 0.5 the map's best value counts.
     confidence: float = field(default=0.95, metadata=within(0.5, 1 - 1e-9))
     load: Load | None = None  #: instead of the one from wall and fill
+    #: Pairs of contacts: along the wall's normal wherever that leads, or through the height axis (Alt 2016).
+    pairs: Literal["antipodal", "axis"] = "antipodal"
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -10,16 +10,17 @@ from jaxtyping import Float, Int
 
 from ..core.errors import InputError
 from ..core.objects import StiffnessMap
-from ..deformation.maps.confidence_band import object_map
+from ..deformation.maps.confidence_band import object_map, object_stiffness
 from ..deformation.maps.grasp_patterns import GraspCoupling, couple
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_approach
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shapes.symmetry_reduction import detect_symmetry
 from ..deformation.shells.shell import ShellModel
-from ..deformation.shells.stiffness_map import DualTips, opposing_points
+from ..deformation.shells.stiffness_map import DualTips, antipodal_points, opposing_points
+from .approach import ApproachSpace, GripperApproach, find_approach
 from .confirm import Confirmation, confirm_grasp
 from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, spill_of
-from .force import Load, object_load
+from .force import Load, object_load, success_probability
 from .grasp_task import GraspTask
 from .score import GraspScores, grasp_scores
 
@@ -29,6 +30,8 @@ __all__ = ["Grasp", "GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
 ArmCost = Callable[["Grasp"], float]
 #: A grasp closer to a better one than this many neighbourhoods is the same grasp.
 APART = 2.0
+#: A grasp as wide and as stiff as another at its height, to these fractions, is that one turned about the height axis.
+SAME_WIDTH, SAME_STIFFNESS = 0.05, 0.2
 #: Grasps that the simulation refuses before the search is given up.
 MAX_REFUSED = 6
 
@@ -51,7 +54,10 @@ class Grasp:
     deformation_sigma_m: float
     width_m: float  #: distance of the fingers
     steadiness: float  #: smallest S_G within the neighbourhood, where a badly aligned arm would end
+    success: float  #: probability that it neither slips nor deforms too much; NaN where no load is known
+    work_J: float  #: least work of both fingers that holds the load (Xu et al. 2020), by the linear stiffness
     arm_cost: float = 0.0
+    approach: GripperApproach | None = None  #: a free way there
     confirmation: Confirmation | None = None
 
 
@@ -73,6 +79,8 @@ class GraspPlan:
         """Why there is no grasp; empty when there is one."""
         if self.grasps:
             return ""
+        if self.notes and not self.rejected:
+            return self.notes[0]
         if self.rejected and self.rejected[0].confirmation is not None:
             return f"the best on the map fails in the simulation: {self.rejected[0].confirmation.reason}"
         used = np.unique(self.surface.faces)
@@ -95,6 +103,7 @@ def plan_grasps(
     confirm: bool = False,
     arm_cost: ArmCost | None = None,
     surface: StiffnessMap | None = None,
+    scene_m: Float[np.ndarray, "s 3"] | None = None,
 ) -> GraspPlan:
     """Ranked grasps of a container.
 
@@ -112,7 +121,9 @@ def plan_grasps(
     arm_cost
         Order of the goals; by score without it. An infinite cost drops the goal.
     surface
-        Its map in the task's state, where it is there already.
+        Its map in the task's state, where it is there already; of pairs through the height axis.
+    scene_m
+        Points of what stands beside it, in its frame [m], which the gripper must not touch.
 
     Examples
     --------
@@ -123,15 +134,15 @@ def plan_grasps(
     """
     task = task or GraspTask()
     contents = Contents(fill=task.fill) if task.closed else None
+    tips = None
+    if surface is None and task.pairs == "antipodal" and not detect_symmetry(container).round:
+        tips = antipodal_points(container.mesh, max_slant_rad=float(np.arctan(task.gripper.friction)))
+        values = object_stiffness(container, tips, contents)
+        surface = StiffnessMap(container.mesh.vertices_m, container.surface_faces, *values)
     surface = surface or object_map(container, contents)
     load = task.load or object_load(container, task.fill, liquid_kg_per_m3=task.liquid_kg_per_m3)
     model = container.model() if confirm or (task.fill > 0 and not task.closed) else None
     headspace = None if task.closed or not task.fill else (1 - task.fill) * container.volume_m3
-
-    def spill(scores: GraspScores) -> Spill | None:
-        if model is None or headspace is None:
-            return None
-        return spill_of(container, model, scores, task.fill)
 
     even = confirm and detect_symmetry(container).round
     known: dict[tuple[float, float], Confirmation] = {}
@@ -143,7 +154,7 @@ def plan_grasps(
             return known[place] if known[place].holds else None
         known[place] = confirm_grasp(
             container,
-            grasp.vertex,
+            grasp.vertex if tips is None else _pair(tips, grasp.vertex),
             grasp.force_N,
             contents=contents,
             headspace_m3=headspace,
@@ -153,8 +164,20 @@ def plan_grasps(
         )
         return known[place]
 
-    return _plan(
-        surface, task, load, container.axis_point_m, spill, count, arm_cost, check if confirm else None
+    def rate(force: float | np.ndarray) -> tuple[GraspScores, Spill | None]:
+        scores = grasp_scores(surface, force, task.parameters, axis_point_m=container.axis_point_m, tips=tips)
+        if model is None or headspace is None:
+            return scores, None
+        return scores, spill_of(container, model, scores, task.fill)
+
+    space = ApproachSpace.of(surface, scene_m)
+    return _plan(surface, task, load, rate, count, arm_cost, check if confirm else None, space)
+
+
+def _pair(tips: DualTips, vertex: int) -> DualTips:
+    some = [vertex]
+    return DualTips(
+        tips.first[some], tips.second[some], tips.weights[some], tips.direction[some], tips.valid[some]
     )
 
 
@@ -187,41 +210,57 @@ def plan_map(
         )
     if task.fill and not task.closed:
         raise InputError("plan_map", "a map does not say when it spills", remedy="give the object instead")
-    return _plan(surface, task, task.load, None, lambda scores: None, count, arm_cost, None)
+    return _plan(
+        surface,
+        task,
+        task.load,
+        lambda force: (grasp_scores(surface, force, task.parameters), None),
+        count,
+        arm_cost,
+        None,
+        ApproachSpace.of(surface),
+    )
 
 
 def _plan(
     surface: StiffnessMap,
     task: GraspTask,
     load: Load | None,
-    axis_point_m: tuple[float, float] | None,
-    spill: Callable[[GraspScores], Spill | None],
+    rate: Callable[[float | np.ndarray], tuple[GraspScores, Spill | None]],
     count: int,
     arm_cost: ArmCost | None,
     check: Callable[[Grasp], Confirmation | None] | None,
+    space: ApproachSpace,
 ) -> GraspPlan:
     if count < 1:
         raise InputError("plan_grasps", f"found {count}, expected at least 1", field="count")
     force: float | np.ndarray = 1.0 if task.force_N is None else task.force_N
-    scores = grasp_scores(surface, force, task.parameters, axis_point_m=axis_point_m)
-
-    found = feasibility_map(surface, scores, force, task, load=load, spill=spill(scores))
+    scores, spill = rate(force)
+    found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     if task.force_N is None:
         # The least force that holds at each place; the scores follow it.
         force = np.clip(found.needed_N, 1e-3, 1e6)
-        scores = grasp_scores(surface, force, task.parameters, axis_point_m=axis_point_m)
-        found = feasibility_map(surface, scores, force, task, load=load, spill=spill(scores))
+        scores, spill = rate(force)
+        found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     goals = [
         replace(goal, arm_cost=cost)
-        for goal in _goals(surface, scores, found, task)
+        for goal in _goals(surface, scores, found, task, load)
         if np.isfinite(cost := 0.0 if arm_cost is None else float(arm_cost(goal)))
     ]
     goals.sort(key=lambda goal: (goal.arm_cost, -goal.score))
     kept: list[Grasp] = []
     rejected: list[Grasp] = []
+    blocked = 0
     for goal in goals:
         if len(kept) == count or len(rejected) > MAX_REFUSED:
             break
+        if arm_cost is None and any(_turned(goal, other, task) for other in (*kept, *rejected)):
+            continue
+        approach = find_approach(space, goal.first_m, goal.second_m, task.gripper)
+        if approach is None:
+            blocked += 1
+            continue
+        goal = replace(goal, approach=approach)
         if check is None:
             kept.append(goal)
             continue
@@ -229,10 +268,22 @@ def _plan(
         if said is None:
             continue
         (kept if said.holds else rejected).append(replace(goal, confirmation=said))
-    return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load)
+    notes = (f"{blocked} places have no way free of object, scene and table",) if blocked else ()
+    return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load, notes)
 
 
-def _goals(surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, task: GraspTask) -> list[Grasp]:
+def _turned(one: Grasp, other: Grasp, task: GraspTask) -> bool:
+    """Whether a grasp is another one turned about the height axis: as high, as wide and as stiff."""
+    near = abs(one.first_m[2] - other.first_m[2]) < APART * task.parameters.neighbourhood_m
+    alike = abs(np.log(one.width_m / other.width_m)) < SAME_WIDTH
+    bent = abs(one.deformation_m / one.force_N - other.deformation_m / other.force_N)
+    soft = bent < SAME_STIFFNESS * max(one.deformation_m / one.force_N, 1e-12)
+    return bool(near and alike and soft)
+
+
+def _goals(
+    surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, task: GraspTask, load: Load | None
+) -> list[Grasp]:
     """Best vertices that are apart from each other; both ends of a pinch are one grasp."""
     from scipy.spatial import cKDTree
 
@@ -255,6 +306,11 @@ def _goals(surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, ta
         k = float(surface.stiffness_N_per_m[vertex])
         sigma = float(np.nan_to_num(surface.stiffness_sigma_N_per_m[vertex]))
         deformation = float(scores.deformation_m[vertex])
+        spread = sigma / k if np.isfinite(k) else 0.0
+        success = (
+            float("nan") if load is None else _success(vertex, scores, found, task, load, deformation, spread)
+        )
+        needed = float(found.needed_N[vertex])
         parts = {
             name: float(getattr(scores, name)[vertex])
             for name in ("contact", "curvature", "height", "deformation")
@@ -268,16 +324,39 @@ def _goals(surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, ta
                 float(score[vertex]),
                 parts,
                 float(found.force_N[vertex]),
-                float(found.needed_N[vertex]),
+                needed,
                 float(found.deformation_limit_N[vertex]),
                 float(found.spill_limit_N[vertex]),
                 deformation,
-                deformation * sigma / k if np.isfinite(k) else 0.0,
+                deformation * spread,
                 float(found.width_m[vertex]),
                 float(score[near].min()),
+                success,
+                needed**2 / k,  # each of two sides: half the force times its way
             )
         )
     return out
+
+
+def _success(
+    vertex: int,
+    scores: GraspScores,
+    found: FeasibilityMap,
+    task: GraspTask,
+    load: Load,
+    deformation_m: float,
+    spread: float,
+) -> float:
+    """Probability that a grasp holds its load, times that of staying below the bound of the deformation."""
+    from scipy.special import ndtr
+
+    cosine = np.minimum(scores.perpendicular, scores.opposite(scores.perpendicular))[[vertex]]
+    slant = np.arccos(np.clip(cosine, -1, 1))
+    holds = success_probability(
+        found.force_N[[vertex]], found.needed_N[[vertex]], slant, load, task.gripper, task.handling
+    )
+    margin = np.log(task.parameters.max_deformation_m / max(deformation_m, 1e-12))
+    return float(holds[0] * (ndtr(margin / spread) if spread > 0 else margin > 0))
 
 
 def multi_contact(
@@ -307,7 +386,7 @@ def multi_contact(
     coupling = couple(model, tips).compliance
     if closed:
         coupling = coupling - _gas(container, model, tips, fill)
-    # Approach of the two tips of a pinch to deformation of one side, as in a stiffness map.
+    # GripperApproach of the two tips of a pinch to deformation of one side, as in a stiffness map.
     return GraspCoupling(0.5 * coupling)
 
 

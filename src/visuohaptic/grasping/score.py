@@ -95,6 +95,7 @@ def grasp_scores(
     parameters: ScoreParameters | None = None,
     *,
     axis_point_m: tuple[float, float] | None = None,
+    tips: DualTips | None = None,
 ) -> GraspScores:
     """Score every vertex of a stiffness map.
 
@@ -108,6 +109,8 @@ def grasp_scores(
         Those of the text by default.
     axis_point_m
         x and y of the height axis; the middle of the bounding box by default.
+    tips
+        Pairs of contacts that the map is of; across the height axis by default.
     """
     force = np.broadcast_to(np.asarray(force_N, dtype=float), surface.stiffness_N_per_m.shape)
     if not (force > 0).all():
@@ -115,7 +118,7 @@ def grasp_scores(
     p = parameters or ScoreParameters()
     faces = outward_faces(surface)
     mesh = ShellMesh(surface.vertices_m, faces, 1e-3)
-    tips = opposing_points(mesh, axis_point_m=axis_point_m)
+    tips = tips or opposing_points(mesh, axis_point_m=axis_point_m)
     normal = vertex_normals(mesh.vertices_m, mesh.faces)
     perpendicular, overlap = _contact(mesh, normal, tips.direction, p.neighbourhood_m)
     bend = _smallest_quadratic(mesh, normal, p.neighbourhood_m)

@@ -21,6 +21,7 @@ from .grasp_curves import DEFORMATIONS_m as DEFORMATIONS_m
 from .grasp_curves import GraspCurve as GraspCurve
 from .grasp_curves import PinchPlane as PinchPlane
 from .grasp_curves import grasp_curve as grasp_curve
+from .grasp_curves import nearest_vertex as nearest_vertex
 from .grasp_curves import side_vertex as side_vertex
 from .grasp_patterns import GraspCoupling as GraspCoupling
 from .grasp_patterns import contact_loads as contact_loads
@@ -31,3 +32,9 @@ from .map_file import colours as colours
 from .map_file import load_map as load_map
 from .map_file import plot_map as plot_map
 from .map_file import save_map as save_map
+from .squeeze import SqueezeResult as SqueezeResult
+from .squeeze import plot_squeeze as plot_squeeze
+from .squeeze import save_squeeze as save_squeeze
+from .squeeze import squeeze as squeeze
+from .thickness_map import load_thickness_map as load_thickness_map
+from .thickness_map import with_thickness_map as with_thickness_map

@@ -23,8 +23,9 @@ from ..shapes.mesher import ShellObject
 from ..shapes.symmetry_reduction import SymmetricPart, symmetric_part
 from ..shells.corotational import CorotationalShell, PressureLaw, Tangent
 from ..shells.stiffness_map import DualTips, opposing_points, tip_loads
+from ..shells.surface_stress import surface_stress
 
-__all__ = ["DEFORMATIONS_m", "GraspCurve", "PinchPlane", "grasp_curve", "side_vertex"]
+__all__ = ["DEFORMATIONS_m", "GraspCurve", "PinchPlane", "grasp_curve", "nearest_vertex", "side_vertex"]
 
 #: Mean deformations of both tips at which a curve is computed by default [m].
 DEFORMATIONS_m = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008)
@@ -42,6 +43,7 @@ class GraspCurve:
     second_m: Float[np.ndarray, "k"]  #: of the tip opposite
     gauge_Pa: Float[np.ndarray, "k"]  #: pressure of what is enclosed; 0 when open
     stable: Bool[np.ndarray, "k"]  #: the state holds itself at this force
+    stress_Pa: Float[np.ndarray, "k"]  #: largest von Mises stress, see :func:`.surface_stress`
     point_m: Float[np.ndarray, "3"]  #: of the first tip, at rest
     opposite_m: Float[np.ndarray, "3"]  #: of the second
     complete: bool  #: every requested point was reached
@@ -223,9 +225,10 @@ class PinchPlane:
                 break
             gauge = shell.pressure(shell.volume(point.state))[0] if shell.pressure else 0.0
             own = self._tips_moved(points - rest, tips)
-            rows.append((point.load, point.control_m, *own, gauge, point.stable))
-        table = np.array(rows, dtype=float).reshape(-1, 6).T
-        force, mean, first, second, gauges, stable = table
+            stress = float(surface_stress(self.container.mesh, self.container.material, points).max())
+            rows.append((point.load, point.control_m, *own, gauge, point.stable, stress))
+        table = np.array(rows, dtype=float).reshape(-1, 7).T
+        force, mean, first, second, gauges, stable, stresses = table
         return GraspCurve(
             force,
             mean,
@@ -233,6 +236,7 @@ class PinchPlane:
             second,
             gauges,
             stable > 0,
+            stresses,
             original[vertex],
             tips.weights[0] @ original[tips.second[0]],
             path.complete and len(rows) == len(path.points),
@@ -281,7 +285,7 @@ def grasp_curve(
     >>> found.copies, found.complete
     (4, True)
     """
-    vertex = side_vertex(container, side, height_m) if point_m is None else _nearest(container, point_m)
+    vertex = side_vertex(container, side, height_m) if point_m is None else nearest_vertex(container, point_m)
     away = container.mesh.vertices_m[vertex, :2] - np.array(container.axis_point_m)
     plane = PinchPlane(container, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
     return plane.curve(vertex, deformation_m=deformation_m, force_N=force_N, contents=contents)
@@ -321,7 +325,21 @@ def side_vertex(container: ShellObject, side: str = "x+", height_m: float | None
     return int(used[np.argmin(score)])
 
 
-def _nearest(container: ShellObject, point_m: Sequence[float]) -> int:
+def nearest_vertex(container: ShellObject, point_m: Sequence[float]) -> int:
+    """The vertex of the wall that is nearest to a point.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    point_m
+        In the frame of its mesh [m].
+
+    Raises
+    ------
+    InputError
+        Not three finite numbers.
+    """
     point = np.asarray(point_m, dtype=float)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise InputError("grasp_curve", f"found {point_m}, expected three finite numbers", field="point_m")

@@ -6,21 +6,34 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
-from .mesh_state import MeshState
+from ...core.geometry import area_vectors
+from ...io.meshes.mesh_state import MeshState, face_parts, inspect_mesh
 from .resample import Wall
 
-__all__ = ["check_represented", "has_top", "represented_fraction"]
+__all__ = ["check_container", "check_represented", "has_top", "represented_fraction", "represented_parts"]
 
 #: Points spread over the mesh: a fraction of one half is known to 0.5 / sqrt(10 000) = 0.5 %.
 SAMPLES = 10_000
 #: Heights and angles of the wall's points.
 LEVELS, ANGLES = 200, 96
+#: A container stands on this much of its height at most without a wall all round, and a handle is at most as long as
+#: the container is wide and a half.
+LEGS, LONGEST_REACH = 0.1, 2.5
+#: A ledge is this fraction of the radius within a two-hundredth of the height, in that fraction of the directions.
+LEDGE = 0.25
+#: A lid is level to 10 degrees within the uppermost tenth; a ball has ``pi (r sin 10)^2`` of that.
+LEVEL_rad, TOP = np.radians(10.0), 0.1
 
 
 def represented_fraction(
-    vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], wall: Wall, *, closed: bool
-) -> float:
-    """Fraction of the area of a mesh that is wall, foot or lid of a container.
+    vertices_m: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    wall: Wall,
+    *,
+    closed: bool,
+    parts: Int[np.ndarray, "f"] | None = None,
+) -> Float[np.ndarray, "p"]:
+    """Fraction of the area of each part of a mesh that is wall, foot or lid of a container.
 
     Parameters
     ----------
@@ -32,6 +45,8 @@ def represented_fraction(
         The star-shaped wall found in it.
     closed
         There is a lid at the upper end of the wall.
+    parts
+        Number of the part that each triangle is of, from 0; all are one by default.
 
     Notes
     -----
@@ -42,7 +57,8 @@ def represented_fraction(
     """
     from scipy.spatial import cKDTree
 
-    points = _spread(vertices_m, faces) - np.array([*wall.axis_point_m, 0.0])
+    place_m, face = _spread(vertices_m, faces)
+    points = place_m - np.array([*wall.axis_point_m, 0.0])
     heights = np.linspace(wall.low_m, wall.high_m, LEVELS)
     radius = wall.radius_m(heights, ANGLES)
     angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
@@ -66,11 +82,12 @@ def represented_fraction(
         ends.append((-1, points[:, 2] >= wall.high_m - half[-1].max()))
     for row, beyond in ends:
         found |= beyond & (reach <= (radius[row] + half[row])[column])
-    return float(found.mean())
+    part = np.zeros(len(face), dtype=np.int64) if parts is None else parts[face]
+    return np.bincount(part, found) / np.maximum(np.bincount(part), 1)
 
 
-def _spread(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    """Points of equal fractions of the area, in each triangle by a sequence of low discrepancy."""
+def _spread(vertices: np.ndarray, faces: np.ndarray) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
+    """Points of equal fractions of the area, in each triangle by a sequence of low discrepancy, and the triangles."""
     corner, first, second = (vertices[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(first - corner, second - corner), axis=1)
     place = (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -79,7 +96,7 @@ def _spread(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "n 3"]
     u, v = np.modf(np.arange(1, SAMPLES + 1)[:, None] / 1.324717957244746 ** np.array([1, 2]))[0].T
     folded = u + v > 1
     u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
-    return corner[face] + u[:, None] * (first - corner)[face] + v[:, None] * (second - corner)[face]
+    return corner[face] + u[:, None] * (first - corner)[face] + v[:, None] * (second - corner)[face], face
 
 
 def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
@@ -99,7 +116,7 @@ def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
     InputError
         It is less than half: most of what can be touched is not in the model.
     """
-    fraction = represented_fraction(state.vertices, state.faces, wall, closed=closed)
+    fraction = float(represented_fraction(state.vertices, state.faces, wall, closed=closed)[0])
     if fraction < 0.5:
         raise InputError(
             wall.where,
@@ -109,6 +126,97 @@ def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
             remedy="leave out what is not the container, or turn it with --up so that z is the height axis",
         )
     return f"{100 * fraction:.0f} % of the surface of the mesh is wall, foot or lid of the container"
+
+
+def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
+    """Refuse what is no container although rays from an axis meet it all round.
+
+    Parameters
+    ----------
+    state
+        The imported mesh.
+    wall
+        The wall found in it.
+    closed
+        It is closed at the upper end.
+
+    Raises
+    ------
+    InputError
+        It stands on legs or reaches far beyond its wall. Of one surface without a mouth: its top is as round as a
+        ball, or it overhangs like a tool. One surface says nothing of what is inside, so that it must look like a
+        container: a lid, and a wall without ledges.
+    """
+    points = state.vertices[np.unique(state.faces)]
+    height = float(np.ptp(points[:, 2]))
+    heights = np.linspace(wall.low_m, wall.high_m, LEVELS)
+    radius = wall.radius_m(heights, ANGLES)
+    widest = float(radius.max())
+    reach = float(np.hypot(*(points[:, :2] - np.array(wall.axis_point_m)).T).max())
+    reason = ""
+    if reach > LONGEST_REACH * widest:
+        reason = f"it reaches {1e3 * reach:.0f} mm from its axis, its wall {1e3 * widest:.0f} mm"
+    elif not wall.double:
+        cut = float((wall.low_m - points[:, 2].min()) / height)
+        ends = int(TOP * LEVELS)  # foot and lid may be sunk
+        overhang = (np.diff(radius[ends:-ends], axis=0) > LEDGE * widest).any(axis=0).mean()
+        if cut > LEGS:
+            reason = (
+                f"it stands on legs: the lowest {100 * cut:.0f} % of its height are not closed round the axis"
+            )
+        elif closed and overhang > LEDGE:
+            reason = f"it is closed and overhangs, like a tool, in {100 * overhang:.0f} % of the directions"
+        elif closed and (level := _level_area(state, height)) < 2 * np.pi * (np.sin(LEVEL_rad) * widest) ** 2:
+            reason = f"it has neither a mouth nor a lid: of its top {1e6 * level:.0f} mm2 are level, like those of a ball"
+    if reason:
+        raise InputError(
+            wall.where,
+            f"is no thin-walled container: {reason}",
+            field="mesh",
+            remedy="leave out what is not the container, or cut its mouth open",
+        )
+
+
+def _level_area(state: MeshState, height: float) -> float:
+    """Area of the top that is level [m^2]."""
+    faces = state.faces
+    area = area_vectors(state.vertices, faces)
+    size = np.linalg.norm(area, axis=1)
+    top = state.vertices[faces, 2].min(axis=1) > state.vertices[faces, 2].max() - TOP * height
+    level = np.abs(area[:, 2]) > np.cos(LEVEL_rad) * size
+    return float(size[top & level].sum())
+
+
+def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[MeshState, list[str]]:
+    """A mesh without the parts that are not joined to it and are no container, like a handle.
+
+    Parameters
+    ----------
+    state
+        The imported mesh.
+    wall
+        The wall found in it.
+    closed
+        There is a lid at the upper end of the wall.
+
+    Returns
+    -------
+    tuple
+        The mesh, and what was left out, for people.
+    """
+    number = face_parts(state.faces)
+    if not number.any():
+        return state, []
+    fraction = represented_fraction(state.vertices, state.faces, wall, closed=closed, parts=number)
+    kept = fraction[number] >= 0.5
+    if kept.all() or not kept.any():
+        return state, []
+    middle = state.vertices[state.faces[~kept]].mean(axis=(0, 1))
+    place = ", ".join(f"{value:.4g}" for value in middle)
+    rest = inspect_mesh(state.vertices, state.faces[kept], wall.where)
+    return rest, [
+        f"parts that are no container (a handle?) are left out: {int((~kept).sum())} triangles round ({place}) m"
+    ]
 
 
 def has_top(state: MeshState, wall: Wall) -> bool:

@@ -1,7 +1,8 @@
 """Containers from imported meshes: checked, repaired or refused (Alt 2016, Sec. 6.1.1).
 
-A mesh whose triangles suit a shell is taken as it is. Any other is sampled anew on rings round its
-height axis (:mod:`.resample`), which needs a wall that every ray from the axis meets.
+A mesh whose triangles suit a shell is taken as it is, any other is repaired on the surface that it has
+(:mod:`.mesh_repair`). Of a wall with two sides the middle is sampled on rings round its height axis
+(:mod:`.resample`), which needs a wall that every ray from the axis meets; any other mesh is only on request.
 """
 
 from __future__ import annotations
@@ -15,17 +16,12 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from ...io.meshes.mesh import load_mesh
-from ..shells.shell import ShellMesh, enclosed_volume
+from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts, inspect_mesh
+from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
 from ..shells.shell_material import material_constants
-from .coverage import check_represented, has_top
-from .mesh_state import (
-    MeshState,
-    boundary_loops,
-    clamped_foot,
-    face_parts,
-    inspect_mesh,
-    why_not_as_it_is,
-)
+from ..shells.stiffness_map import dual_tip_map, opposing_points
+from .coverage import check_container, check_represented, has_top, represented_parts
+from .mesh_repair import clamped_foot, repair_mesh, why_not_as_it_is
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .resample import Wall, find_wall
 from .wall_properties import WallProperties, wall_thickness
@@ -42,6 +38,8 @@ RUNS_ALONG, MAX_LEAN_DEGREES = 1.6, 15.0
 NESTED_FRACTION = 0.1
 #: Heights at which the wall's thickness is held against its radius; fraction of it that is worth a note.
 THICK_LEVELS, ROUGH_FRACTION = 20, 0.1
+#: Of a wall thicker than this fraction of its radius a shell is no model: the inner side is half as long as the outer.
+THICKEST_FRACTION = 1 / 3
 
 #: Mesh, clamped vertices, lid, height axis, and notes.
 _Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[float, float], list[str]]
@@ -49,10 +47,20 @@ _Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[f
 
 @dataclass(frozen=True, slots=True)
 class MeshConvention:
-    """How the coordinates of a mesh file are meant."""
+    """How a mesh file is meant, and what may be done to its triangles.
+
+    ``auto`` repairs what the triangles that carry load need, on their own surface; ``never`` takes them as they are
+    or refuses; ``cast`` samples the wall anew on rings, where details between the rings are lost. The middle of a
+    wall with two sides is always sampled, but for ``never``. Notes of the container say what sampling costs.
+    """
 
     unit: str | None = None  #: of its numbers: m, dm, cm, mm or in; None guesses
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"  #: axis that points up
+    remesh: Literal["auto", "cast", "never"] = "auto"  #: repair, sample anew on rings, or neither
+
+    def __post_init__(self) -> None:
+        if self.remesh not in {"auto", "cast", "never"}:
+            raise InputError("remesh", f"found {self.remesh!r}, expected auto, cast or never")
 
 
 def import_container(
@@ -62,7 +70,6 @@ def import_container(
     convention: MeshConvention | None = None,
     open_top: bool = False,
     around: int = 96,
-    remesh: Literal["auto", "always", "never"] = "auto",
 ) -> ShellObject:
     """A mesh as a container whose foot is clamped.
 
@@ -74,51 +81,57 @@ def import_container(
         Properties of the whole wall. By default it is of PET, and as thick as inner and outer surface are apart
         at each height, or 0.5 mm known to 10 % where the mesh has one surface only.
     convention
-        Unit and height axis of the file. By default the unit is guessed from the size of a container, which
+        Unit and height axis of the file, and what may be done to its triangles. By default the unit is guessed from the size of a container, which
         ``notes`` say, and z points up.
     open_top
         Take the top off if the mesh has one.
     around
-        Vertices round the wall where it is sampled anew.
-    remesh
-        Sample anew when the triangles that carry load need it, always or never.
+        Vertices round the wall where it is sampled anew or simplified.
 
     Raises
     ------
     InputError
-        The mesh cannot be used, with the defect and its place; or less than half of its surface is wall, foot
-        or lid of a container, so that most of what is touched is not in the model.
+        The mesh cannot be used, with the defect and its place; or it is no thin-walled container, with the reason.
     """
     where = str(path)
     given, convention = wall or WallProperties(), convention or MeshConvention()
     if around % 4 or not 16 <= around <= 1024:
         raise InputError("around", f"found {around}, expected a multiple of 4 from 16 to 1024")
+    remesh = convention.remesh
     raw = load_mesh(path)
     points = _turned_up(raw.vertices, convention.up)
     scale, notes = _scale(points[raw.faces.ravel()], convention.unit, where)
     state = inspect_mesh(points * scale, raw.faces, where)
     _check_upright(state, where)
     notes += state.defects
-    suits = why_not_as_it_is(state)
     found = find_wall(state.vertices, state.faces, where)
-    if found.double and not suits:
-        suits = "it has an inner and an outer surface"
-    if remesh == "never" and suits:
-        raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy="allow remeshing")
-    thick, thickness_spread, thick_notes = wall_thickness(found, given)
+    thick, thickness_spread, thick_notes = wall_thickness(found.thickness_m, found.thickness_spread, given)
     notes += thick_notes
-    sampled = bool(suits) or remesh == "always"
-    if suits:
-        notes.append(f"sampled anew on rings: {suits}")
-    if sampled:
-        _check_one_shell(state, found, where)
     closed = has_top(state, found)
     notes.append(check_represented(state, found, closed=closed))
+    check_container(state, found, closed=closed)
+    if remesh != "cast" and not found.double:
+        state, part_notes = represented_parts(state, found, closed=closed)
+        notes += part_notes
+        state, repair_notes = _suitable(state, float(thick[0, 1]), around, where, repair=remesh == "auto")
+        notes += repair_notes
+    elif remesh == "never":
+        raise InputError(
+            where,
+            "cannot be used as it is: it has an inner and an outer surface",
+            field="mesh",
+            remedy="allow remeshing",
+        )
+    cast = found.double or remesh == "cast"
+    if cast:
+        _check_one_shell(state, found, where)
     mesh, fixed, lid, middle, shape_notes = (
         _resampled(found, thick, closed and not open_top, around)
-        if sampled
+        if cast
         else _as_it_is(state, float(thick[0, 1]), open_top, where)
     )
+    if cast:
+        notes.append(_cast_cost(mesh, found, thick, closed=closed and not open_top, around=around))
     constants, modulus_spread = given.elastic_constants(*material_constants(given.material or "PET"))
     return ShellObject(
         mesh,
@@ -131,6 +144,21 @@ def import_container(
         Path(path).stem,
         (*notes, *shape_notes),
     )
+
+
+def _suitable(
+    state: MeshState, thickness_m: float, around: int, where: str, *, repair: bool
+) -> tuple[MeshState, list[str]]:
+    """The triangles as they are, or repaired; refused where that is not enough."""
+    suits = why_not_as_it_is(state)
+    notes: list[str] = []
+    if suits and repair:
+        state, notes = repair_mesh(state, thickness_m, around)
+        suits = why_not_as_it_is(state)
+    if suits:
+        remedy = "mend it, or sample it anew with --remesh cast" if repair else "allow remeshing"
+        raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy=remedy)
+    return state, notes
 
 
 def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) -> _Shape:
@@ -311,11 +339,40 @@ def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, 
         ring[:, 1] = wall.axis_point_m[1] + row[some] * np.sin(angle[some])
         points.append(ring)
     mesh, lid = mesh_rings(points, (thick[1:] + thick[:-1]) / 2, cap_m=float(thick[-1]) if closed else None)
+    if len(thickness_m) > 1:  # as measured
+        place = mesh.vertices_m[mesh.faces].mean(axis=1)
+        mesh = ShellMesh(
+            mesh.vertices_m, mesh.faces, mesh.thickness_m * wall.unevenness(place), mesh.fraction
+        )
     floor = ring_lid(np.arange(around)[::-1])
     foot = np.arange(len(mesh.vertices_m)) < around
     middle, axis_notes = _foot_centre(mesh.vertices_m, foot)
     lids = np.concatenate([lid, floor])
     return mesh, foot, lids, middle, [*wall.notes, *thick_notes, *axis_notes]
+
+
+def _cast_cost(
+    mesh: ShellMesh, wall: Wall, thickness_m: Float[np.ndarray, "k 2"], *, closed: bool, around: int
+) -> str:
+    """What sampling on rings changes, by Richardson's extrapolation from rings half as dense (second order)."""
+    rows = np.linspace(wall.low_m, wall.high_m, 33)[4:-4]
+    found = []
+    for shell in (mesh, _resampled(wall, thickness_m, closed, max(16, around // 8 * 4))[0]):
+        points = shell.vertices_m - np.array([*wall.axis_point_m, 0.0])
+        use = np.unique(shell.faces)
+        columns = [use[(points[use, axis] > 0) & (np.abs(points[use, 1 - axis]) < 1e-9)] for axis in (0, 1)]
+        columns = [line[np.argsort(points[line, 2])] for line in columns]
+        tips = opposing_points(shell, np.concatenate(columns), axis_point_m=wall.axis_point_m)
+        fixed = shell.vertices_m[:, 2] <= wall.low_m + 1e-9
+        stiffness = np.log(dual_tip_map(ShellModel(shell, "PET", fixed), tips))
+        parts = np.split(stiffness, [len(columns[0])])
+        found.append(
+            [np.interp(rows, points[line, 2], part) for line, part in zip(columns, parts, strict=True)]
+        )
+    once, coarse = np.array(found)
+    use = np.isfinite(once) & np.isfinite(coarse)
+    worst = 100 * float(np.abs(once[use] - coarse[use]).max(initial=0.0)) / 3
+    return f"sampling anew on rings moves the stiffness by up to {worst:.2g} % (from rings half as dense)"
 
 
 def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, where: str) -> list[str]:
@@ -330,6 +387,14 @@ def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, whe
             remedy="give its thickness in metres with --thickness, or the unit of the mesh with --unit",
         )
     fraction = float(np.median(thickness_m) / np.median(radius))
+    if fraction > THICKEST_FRACTION:
+        raise InputError(
+            where,
+            f"its wall is {1e3 * float(np.median(thickness_m)):.3g} mm, {100 * fraction:.0f} % of its radius: no thin-walled "
+            f"container, which has less than {100 * THICKEST_FRACTION:.0f} %",
+            field="mesh",
+            remedy="give the thickness with --thickness if the mesh is wrong",
+        )
     if fraction > ROUGH_FRACTION:
         return [f"the wall is {100 * fraction:.0f} % of the radius: a shell is right to about that"]
     return []

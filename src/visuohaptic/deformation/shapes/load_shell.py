@@ -46,7 +46,7 @@ def load_object(
     variant, seed
         Number and seed of a member of a class, see :func:`.draw_variant`; the middle of its ranges by default.
     convention
-        Unit and height axis of a mesh; by default the unit is guessed and z points up.
+        Unit, height axis and remeshing of a mesh; by default the unit is guessed and z points up.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def load_object(
         )
     elif kind in {".yaml", ".yml", ""}:
         if convention not in (None, MeshConvention()):
-            raise InputError(source, "is not a mesh: it has neither --unit nor --up")
+            raise InputError(source, "is not a mesh: it has neither --unit nor --up nor --remesh")
         description = load_container(source)
         one = description.middle() if variant is None else draw_variant(description, variant, seed)
         found = mesh_container(

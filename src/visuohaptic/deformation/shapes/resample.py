@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from . import _slice_kernels as kernels
+from .wall_properties import harmonics, measured_thickness, row_median
 
 __all__ = ["Wall", "find_wall"]
 
@@ -40,9 +41,10 @@ class Wall:
     thickness_m: Float[
         np.ndarray, "k 2"
     ]  #: height and distance along the normal there; (0, 2) for one surface
-    thickness_spread: (
-        float  #: relative standard deviation of that distance round the wall, NaN for one surface
-    )
+    uneven: Float[
+        np.ndarray, "k h"
+    ]  #: Fourier coefficients of the thickness round the wall over that: 1, cos, sin, cos 2 ...
+    thickness_spread: float  #: relative standard deviation of what is left of it, NaN for one surface
     points_m: Float[np.ndarray, "v 3"]  #: of the mesh, about the axis
     faces: Int[np.ndarray, "f 3"]
     where: str
@@ -57,6 +59,21 @@ class Wall:
             Heights in the mesh's frame [m].
         """
         return np.interp(heights_m, *self.thickness_m.T)
+
+    def unevenness(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Thickness at points over the usual one at their height.
+
+        Parameters
+        ----------
+        points_m
+            In the mesh's frame [m].
+        """
+        angle = np.arctan2(points_m[:, 1] - self.axis_point_m[1], points_m[:, 0] - self.axis_point_m[0])
+        terms = [
+            np.interp(points_m[:, 2], self.thickness_m[:, 0], coefficients) for coefficients in self.uneven.T
+        ]
+        out: np.ndarray = np.einsum("hn,nh->n", terms, harmonics(angle))
+        return out
 
     def radius_m(self, heights_m: Float[np.ndarray, "h"], around: int) -> Float[np.ndarray, "h a"]:
         """Radius of the wall's middle about the axis [m]; small holes are bridged.
@@ -80,7 +97,7 @@ class Wall:
             near = _thin(first, pair)
             # Where a handle joins, what is behind the inner side is not the outer one: as elsewhere in the ring.
             gap = np.where(near, pair - first, np.nan)
-            usual = _row_median(gap)
+            usual = row_median(gap)
             pair = np.where(near & (gap > 1.8 * usual), first + usual, pair)
             first = np.where(near, (first + np.where(near, pair, first)) / 2, outer)
         return _bridged(_without_spikes(first)[0], heights_m, self.where)
@@ -126,23 +143,23 @@ def find_wall(
     bottom, top, notes = _closed_rows(rays, heights, centre, where)
     near = _thin(rays.first, rays.pair)
     double = bool(near[bottom : top + 1].mean() > 0.5)
+    low_m = heights[bottom]
     if double:
-        # A foot may be hollow below the floor: what counts is the highest row without two sides.
-        solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
-        if solid.any() and not solid[-1]:
-            bottom += int(np.flatnonzero(solid)[-1]) + 1
-            notes.append(f"the solid foot up to height {heights[bottom]:.4g} m is left out")
-    bottom, top = _without_folds(rays, bottom, top)
+        bottom, low_m = _floor(rays, near, faces, heights, bottom)
+        if low_m > heights[0]:
+            notes.append(f"the solid foot up to height {low_m:.4g} m is left out")
+    first, (bottom, top) = bottom, _without_folds(rays, bottom, top)
+    low_m = low_m if bottom == first else heights[bottom]
     used = slice(bottom, top + 1)
     missed = _without_spikes(rays.first[used])[1]
     if missed:
         notes.append(
             f"the wall is bridged behind what joins it (handle, spout): {100 * missed:.1f} % of the directions"
         )
-    wall, thickness, spread = float("nan"), np.zeros((0, 2)), float("nan")
+    wall, thickness, uneven, spread = float("nan"), np.zeros((0, 2)), np.zeros((0, 1)), float("nan")
     if double:
         wall = float(np.median(rays.pair[near] - rays.first[near]))
-        thickness, spread = _measured(
+        thickness, uneven, spread = measured_thickness(
             rays.first[used], np.where(near, rays.pair, np.nan)[used], heights[used]
         )
         usual = 1e3 * float(np.median(thickness[:, 1]))
@@ -150,11 +167,12 @@ def find_wall(
     notes += _outside(rays, faces, heights, used, double=double)
     found = Wall(
         (float(centre[0]), float(centre[1])),
-        float(heights[bottom]),
+        float(low_m),
         float(heights[top]),
         double,
         wall,
         thickness,
+        uneven,
         spread,
         rays.points_m,
         faces,
@@ -221,6 +239,28 @@ def _closed_rows(
     return bottom, top, notes
 
 
+def _floor(
+    rays: _Rays,
+    near: Bool[np.ndarray, "h a"],
+    faces: Int[np.ndarray, "f 3"],
+    heights: Float[np.ndarray, "h"],
+    bottom: int,
+) -> tuple[int, float]:
+    """First row above a solid foot, and the height where its two sides begin."""
+    # A foot may be hollow below the floor: what counts is the highest row without two sides.
+    solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
+    if not solid.any() or solid[-1]:
+        return bottom, float(heights[0])
+    bottom += int(np.flatnonzero(solid)[-1]) + 1
+    # Close to it the stiffness depends on where it ends: looked for again between the two rows.
+    between = np.linspace(heights[bottom - 1], heights[bottom], 33)
+    inner, outer, _ = _nearest(rays.points_m, faces, between, ANGLES)
+    hollow = _thin(inner, outer).mean(axis=1) >= 0.5
+    return bottom, float(between[int(np.flatnonzero(~hollow)[-1]) + 1]) if not hollow.all() else float(
+        between[0]
+    )
+
+
 def _without_folds(rays: _Rays, bottom: int, top: int) -> tuple[int, int]:
     """Rows without a ragged end, or a lid with folds, which are no wall: a ring there would go through the axis."""
     clear = rays.first > 0.3 * np.median(rays.first, axis=1, keepdims=True)
@@ -231,32 +271,6 @@ def _without_folds(rays: _Rays, bottom: int, top: int) -> tuple[int, int]:
     for end in folded[(folded <= top) & (folded >= top - short)][::-1]:
         top = int(end) - 1
     return bottom, top
-
-
-def _measured(
-    first: Float[np.ndarray, "h a"], pair: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
-) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Thickness by height, and its relative standard deviation round the wall.
-
-    The horizontal distance of two near surfaces ``r = R(angle, z)`` is ``sqrt(1 + (R_angle / R)^2 + R_z^2)``
-    times that along the normal. A row is the median round the wall, in which a handle drops out; what is left
-    of each row (facets, noise of a scan, a wall of uneven thickness) is the deviation, by its median as well.
-    """
-    middle = (first + pair) / 2
-    middle[~np.isfinite(middle)] = np.nan
-    step = 2 * np.pi / first.shape[1]
-    turn = (np.roll(middle, -1, axis=1) - np.roll(middle, 1, axis=1)) / (2 * step * middle)
-    rise = np.gradient(middle, heights, axis=0)
-    local = (pair - first) / np.sqrt(1 + turn**2 + rise**2)
-    known = np.isfinite(local).mean(axis=1) > 0.5
-    usual = _row_median(local)
-    left = np.abs(np.log(local[known] / usual[known]))
-    spread = float(np.nanmedian(left) / 0.6745)  # of a normal distribution
-    height, thick = heights[known], usual[known, 0]
-    # A lip is rounded off within one thickness of the rim: no shell sees that, and a force spreads as far.
-    below = max(1, int(np.sum(height <= height[-1] - np.median(thick))))
-    thick[below:] = thick[below - 1]
-    return np.column_stack([height, thick]), spread
 
 
 def _outside(
@@ -275,14 +289,6 @@ def _outside(
         f"what is outside the wall (a handle?) is left out: {100 * beyond.mean():.1f} % of the directions, as at "
         f"height {heights[used][row]:.4g} m, {360 * column / ANGLES:.0f} degrees from x towards y"
     ]
-
-
-def _row_median(values: Float[np.ndarray, "h a"]) -> Float[np.ndarray, "h 1"]:
-    """Of each row without NaN; NaN for a row of those."""
-    out = np.full((len(values), 1), np.nan)
-    some = np.isfinite(values).any(axis=1)
-    out[some, 0] = np.nanmedian(values[some], axis=1)
-    return out
 
 
 def _without_spikes(radius: Float[np.ndarray, "h a"]) -> tuple[Float[np.ndarray, "h a"], float]:

@@ -7,14 +7,24 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges, within
 from ..shells.shell_material import IsotropicMaterial
-from .resample import Wall
 
-__all__ = ["WallProperties", "wall_thickness"]
+__all__ = [
+    "WallProperties",
+    "harmonics",
+    "measured_thickness",
+    "row_median",
+    "thickness_range",
+    "wall_thickness",
+]
 
 #: Thickness of a wall of which neither mesh nor user say it [m], and its relative standard deviation.
 USUAL_WALL_m, USUAL_SPREAD = 0.0005, 0.1
+
+#: Waves round the wall by which its thickness may vary, and rows of levels over which they are averaged.
+HARMONICS, ROWS_TOGETHER = 4, 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +72,36 @@ class WallProperties:
         return constants, 0.0 if given else modulus_spread
 
 
-def wall_thickness(wall: Wall, given: WallProperties) -> tuple[Float[np.ndarray, "k 2"], float, list[str]]:
+def thickness_range(low_m: float, high_m: float) -> tuple[float, float]:
+    """A thickness between two bounds: its mean [m] and relative standard deviation.
+
+    Parameters
+    ----------
+    low_m, high_m
+        Bounds between which every thickness is equally likely [m].
+
+    Raises
+    ------
+    InputError
+        Bounds that are not positive and ascending.
+    """
+    if not 0 < low_m < high_m < float("inf"):
+        raise InputError("thickness", f"found {low_m:g} to {high_m:g} m, expected 0 < low < high")
+    mean = 0.5 * (low_m + high_m)
+    return mean, (high_m - low_m) / 12**0.5 / mean
+
+
+def wall_thickness(
+    measured_m: Float[np.ndarray, "k 2"], measured_spread: float, given: WallProperties
+) -> tuple[Float[np.ndarray, "k 2"], float, list[str]]:
     """Thickness of an imported wall by height.
 
     Parameters
     ----------
-    wall
-        Wall found in a mesh, with one surface or two.
+    measured_m
+        Heights and the distance of two surfaces there [m]; empty for a mesh of one surface.
+    measured_spread
+        Relative standard deviation of that distance round the wall.
     given
         Thickness [m] and its relative standard deviation as the user has them, where they are not None.
 
@@ -78,21 +111,99 @@ def wall_thickness(wall: Wall, given: WallProperties) -> tuple[Float[np.ndarray,
         Heights and thickness there [m], relative standard deviation, notes for the user.
     """
     thickness_m, spread = given.thickness_m, given.thickness_spread
-    if not wall.double:
+    if not len(measured_m):
         one = USUAL_WALL_m if thickness_m is None else thickness_m
         notes = [] if thickness_m else [f"the mesh has one surface: its wall is taken as {1e3 * one:.2g} mm"]
         return np.array([[0.0, one]]), USUAL_SPREAD if spread is None else spread, notes
-    usual = float(np.median(wall.thickness_m[:, 1]))
-    measured = f"{1e3 * usual:.3g} mm ± {100 * wall.thickness_spread:.2f} %"
+    usual = float(np.median(measured_m[:, 1]))
+    measured = f"{1e3 * usual:.3g} mm ± {100 * measured_spread:.2f} %"
     if thickness_m is None:
-        low, high = 1e3 * wall.thickness_m[:, 1].min(), 1e3 * wall.thickness_m[:, 1].max()
+        low, high = 1e3 * measured_m[:, 1].min(), 1e3 * measured_m[:, 1].max()
         said = f"the wall is as thick as measured: {measured} by the median, {low:.2g} to {high:.2g} mm along the height"
-        return wall.thickness_m, wall.thickness_spread if spread is None else spread, [said]
+        return measured_m, measured_spread if spread is None else spread, [said]
     spread = USUAL_SPREAD if spread is None else spread
     notes = []
     # Two-sided, at 5 %: the standard deviations of both add up.
-    if abs(thickness_m - usual) > 1.96 * np.hypot(spread * thickness_m, wall.thickness_spread * usual):
+    if abs(thickness_m - usual) > 1.96 * np.hypot(spread * thickness_m, measured_spread * usual):
         notes = [
             f"the thickness given, {1e3 * thickness_m:.2g} mm, contradicts the mesh, {measured}; it is used"
         ]
     return np.array([[0.0, thickness_m]]), spread, notes
+
+
+def measured_thickness(
+    first: Float[np.ndarray, "h a"], pair: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
+) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k h"], float]:
+    """Thickness by height, how it varies round the wall, and the relative standard deviation of the rest.
+
+    The horizontal distance of two near surfaces ``r = R(angle, z)`` is ``sqrt(1 + (R_angle / R)^2 + R_z^2)``
+    times that along the normal. A row is the median round the wall, in which a handle drops out. An uneven wall
+    (eccentric, oval, four corners) is a short Fourier series over it; what is left of each row (facets, noise of a
+    scan) is the deviation, by its median as well.
+
+    Parameters
+    ----------
+    first, pair
+        Radius of the inner and the outer surface at each height and angle [m], not finite where it is not met.
+    heights
+        Of the rows [m].
+
+    Returns
+    -------
+    tuple
+        Heights and thickness [m], coefficients of :func:`harmonics` by which it is multiplied, relative standard deviation.
+    """
+    middle = (first + pair) / 2
+    middle[~np.isfinite(middle)] = np.nan
+    step = 2 * np.pi / first.shape[1]
+    turn = (np.roll(middle, -1, axis=1) - np.roll(middle, 1, axis=1)) / (2 * step * middle)
+    rise = np.gradient(middle, heights, axis=0)
+    local = (pair - first) / np.sqrt(1 + turn**2 + rise**2)
+    known = np.isfinite(local).mean(axis=1) > 0.5
+    usual = row_median(local)[known]
+    ratio = local[known] / usual
+    uneven = _fitted(ratio)
+    left = np.abs(np.log(ratio / (uneven @ harmonics(step * np.arange(first.shape[1])).T)))
+    spread = float(np.nanmedian(left) / 0.6745)  # of a normal distribution
+    height, thick = heights[known], usual[:, 0]
+    # A lip is rounded off within one thickness of the rim: no shell sees that, and a force spreads as far.
+    below = max(1, int(np.sum(height <= height[-1] - np.median(thick))))
+    thick[below:], uneven[below:] = thick[below - 1], uneven[below - 1]
+    return np.column_stack([height, thick]), uneven, spread
+
+
+def harmonics(angle: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n h"]:
+    """1, cosines and sines of the multiples of an angle.
+
+    Parameters
+    ----------
+    angle
+        Round the height axis [rad].
+    """
+    turns = np.arange(1, HARMONICS + 1) * angle[:, None]
+    return np.concatenate([np.ones((len(angle), 1)), np.cos(turns), np.sin(turns)], axis=1)
+
+
+def _fitted(ratio: Float[np.ndarray, "k a"]) -> Float[np.ndarray, "k h"]:
+    """Coefficients of each row and those above and below it; what lies far off (a handle) counts as 1."""
+    from scipy.ndimage import uniform_filter1d
+
+    clean = np.where(np.abs(np.log(ratio)) < np.log(2.0), ratio, 1.0)
+    terms = harmonics(2 * np.pi * np.arange(ratio.shape[1]) / ratio.shape[1])
+    # Orthogonal on equal angles: least squares are means.
+    out = clean @ terms / np.einsum("ah,ah->h", terms, terms)
+    return np.asarray(uniform_filter1d(out, ROWS_TOGETHER, axis=0, mode="nearest"))
+
+
+def row_median(values: Float[np.ndarray, "h a"]) -> Float[np.ndarray, "h 1"]:
+    """Median of each row without NaN; NaN for a row of those.
+
+    Parameters
+    ----------
+    values
+        Any.
+    """
+    out = np.full((len(values), 1), np.nan)
+    some = np.isfinite(values).any(axis=1)
+    out[some, 0] = np.nanmedian(values[some], axis=1)
+    return out

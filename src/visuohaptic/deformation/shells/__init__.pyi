@@ -15,10 +15,13 @@ from .shell import plane_stress as plane_stress
 from .shell import volume_gradient as volume_gradient
 from .shell_material import MATERIALS as MATERIALS
 from .shell_material import IsotropicMaterial as IsotropicMaterial
+from .shell_material import YIELD_Pa as YIELD_Pa
 from .shell_material import material as material
 from .shell_material import material_constants as material_constants
 from .stiffness_map import DualTips as DualTips
+from .stiffness_map import antipodal_points as antipodal_points
 from .stiffness_map import dual_tip_compliance as dual_tip_compliance
 from .stiffness_map import dual_tip_map as dual_tip_map
 from .stiffness_map import opposing_points as opposing_points
 from .stiffness_map import tip_loads as tip_loads
+from .surface_stress import surface_stress as surface_stress

@@ -11,7 +11,7 @@ from ...core.kernels import kernel
 def across(
     points: np.ndarray, faces: np.ndarray, first: np.ndarray, axis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Face hit furthest beyond the axis (-1: none), barycentric place, direction of the ray.
+    """Face hit furthest beyond the axis of each (m, 2) (-1: none), barycentric place, direction of the ray.
 
     Faces are sorted into slabs of height, so that a ray meets only those at its height.
     """
@@ -44,7 +44,7 @@ def across(
     direction = np.zeros((count, 3))
     for k in range(count):
         p = points[first[k]]
-        dx, dy = axis[0] - p[0], axis[1] - p[1]
+        dx, dy = axis[k, 0] - p[0], axis[k, 1] - p[1]
         reach = np.sqrt(dx * dx + dy * dy)
         if reach < 1e-9 * (top - bottom + reach):
             continue

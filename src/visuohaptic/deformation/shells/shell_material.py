@@ -8,7 +8,7 @@ from types import MappingProxyType
 from ...core.errors import InputError
 from ...core.objects import Estimate, Material
 
-__all__ = ["MATERIALS", "IsotropicMaterial", "material", "material_constants"]
+__all__ = ["MATERIALS", "IsotropicMaterial", "YIELD_Pa", "material", "material_constants"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +95,15 @@ MATERIALS = MappingProxyType(
         )
     }
 )
+
+
+#: Yield strength of a thin wall [Pa], of brittle ones what they bear: common data sheets, known to about 20 %.
+YIELD_Pa = MappingProxyType(
+    {
+        "LDPE": 10e6, "HDPE": 26e6, "PP": 33e6, "PET": 55e6, "PS": 40e6, "PVC": 50e6, "paperboard": 25e6,
+        "aluminium": 270e6, "copper": 70e6, "glass": 40e6, "tinplate": 300e6, "spring steel": 1100e6,
+    }
+)  # fmt: skip
 
 
 def material(name: str) -> Material:

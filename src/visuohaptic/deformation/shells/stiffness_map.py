@@ -15,9 +15,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...core.geometry import vertex_normals
 from .shell import ShellMesh, ShellModel
 
-__all__ = ["DualTips", "dual_tip_compliance", "dual_tip_map", "opposing_points", "tip_loads"]
+__all__ = [
+    "DualTips",
+    "antipodal_points",
+    "dual_tip_compliance",
+    "dual_tip_map",
+    "opposing_points",
+    "tip_loads",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,9 +71,51 @@ def opposing_points(
         axis = 0.5 * (used[:, :2].min(axis=0) + used[:, :2].max(axis=0))
     else:
         axis = np.asarray(axis_point_m, dtype=float)
+    return _across(mesh, first, np.tile(axis, (len(first), 1)))
+
+
+def antipodal_points(
+    mesh: ShellMesh, vertices: Int[np.ndarray, "m"] | None = None, *, max_slant_rad: float
+) -> DualTips:
+    """The point across from each vertex along its horizontal normal, wherever that leads.
+
+    Parameters
+    ----------
+    mesh
+        Object with z as height axis, faces looking outwards.
+    vertices
+        First tips; all vertices by default.
+    max_slant_rad
+        Angle between force and normals up to which both contacts hold, ``atan(friction)``; other pairs are marked
+        invalid.
+    """
+    points, faces = mesh.vertices_m, mesh.faces
+    first = np.arange(len(points)) if vertices is None else np.asarray(vertices, dtype=np.int64)
+    normal = vertex_normals(points, faces)
+    level = normal[first, :2]
+    size = np.linalg.norm(level, axis=1, keepdims=True)
+    start = 1e-3 * float(np.ptp(points, axis=0).max())
+    inwards = np.where(size > 1e-6, level / np.maximum(size, 1e-6), 0.0)
+    tips = _across(mesh, first, points[first, :2] - start * inwards)
+    far = np.einsum("mk,mki->mi", tips.weights, normal[tips.second])
+    far /= np.maximum(np.linalg.norm(far, axis=1, keepdims=True), 1e-300)
+    slants = np.stack(
+        [
+            -np.einsum("mi,mi->m", normal[first], tips.direction),
+            np.einsum("mi,mi->m", far, tips.direction),
+        ]
+    )
+    valid = tips.valid & (slants > np.cos(max_slant_rad)).all(axis=0)
+    return DualTips(tips.first, tips.second, tips.weights, tips.direction, valid)
+
+
+def _across(mesh: ShellMesh, first: Int[np.ndarray, "m"], axis_m: Float[np.ndarray, "m 2"]) -> DualTips:
     from . import _pinch_kernels as kernels
 
-    face, weights, direction = kernels.across(points, faces, first, axis)
+    faces = mesh.faces
+    face, weights, direction = kernels.across(
+        mesh.vertices_m, faces, first, np.ascontiguousarray(axis_m, dtype=float)
+    )
     valid = face >= 0
     corners = faces[np.maximum(face, 0)]
     # A crossing at a vertex or on an edge is on it: no load spills over by rounding, and pairs of

@@ -1,6 +1,16 @@
+from .local_remesh import collapse_edges as collapse_edges
+from .local_remesh import flip_edges as flip_edges
+from .local_remesh import largest_angles as largest_angles
+from .local_remesh import mesh_edges as mesh_edges
+from .local_remesh import orient_faces as orient_faces
+from .local_remesh import split_edges as split_edges
 from .mesh import FORMATS as FORMATS
 from .mesh import TriangleMesh as TriangleMesh
 from .mesh import load_mesh as load_mesh
+from .mesh_state import MeshState as MeshState
+from .mesh_state import boundary_loops as boundary_loops
+from .mesh_state import face_parts as face_parts
+from .mesh_state import inspect_mesh as inspect_mesh
 from .ply import PlyMesh as PlyMesh
 from .ply import read_ply as read_ply
 from .ply import write_ply as write_ply

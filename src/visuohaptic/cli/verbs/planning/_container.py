@@ -26,9 +26,9 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
     wall.add_argument("--material", help="of the library; a mesh is of PET by default")
     wall.add_argument(
         "--thickness",
-        type=float,
-        dest="thickness_m",
-        help="[m]; by default as a mesh with two surfaces measures, else 0.0005",
+        metavar="M",
+        help="[m]: a number, a range LOW:HIGH, or a CSV with z_m, thickness_m or x_m, y_m, z_m, thickness_m; "
+        "by default as a mesh with two surfaces measures, else 0.0005",
     )
     wall.add_argument(
         "--thickness-spread",
@@ -57,6 +57,12 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
         default="z",
         help="axis of a mesh that points up; maps and places have it turned to z",
     )
+    shape.add_argument(
+        "--remesh",
+        choices=("auto", "cast", "never"),
+        default="auto",
+        help="of a mesh: repair its triangles on their surface (auto), sample the wall anew on rings, or neither",
+    )
 
 
 def read_container(args: Any) -> ShellObject:
@@ -67,16 +73,18 @@ def read_container(args: Any) -> ShellObject:
     args
         As parsed.
     """
+    from ....deformation.maps.thickness_map import with_thickness_map
     from ....deformation.shapes.import_mesh import MeshConvention
     from ....deformation.shapes.load_shell import load_object
     from ....deformation.shapes.wall_properties import WallProperties
 
-    return load_object(
+    thickness_m, spread, places = _thickness(args.thickness)
+    container = load_object(
         args.object,
         wall=WallProperties(
             args.material,
-            args.thickness_m,
-            args.wall_spread,
+            thickness_m,
+            spread if args.wall_spread is None else args.wall_spread,
             args.youngs_modulus_Pa,
             args.poisson_ratio,
         ),
@@ -85,5 +93,27 @@ def read_container(args: Any) -> ShellObject:
         around=args.around,
         variant=args.variant,
         seed=args.seed,
-        convention=MeshConvention(args.unit, args.up),
+        convention=MeshConvention(args.unit, args.up, args.remesh),
     )
+    return container if places is None else with_thickness_map(container, places, args.thickness)
+
+
+def _thickness(text: str | None) -> tuple[float | None, float | None, Any]:
+    """Thickness [m], its relative standard deviation, and a map, as far as each is given."""
+    from ....core.errors import InputError
+    from ....deformation.maps.thickness_map import load_thickness_map
+    from ....deformation.shapes.wall_properties import thickness_range
+
+    if text is None:
+        return None, None, None
+    if text.lower().endswith(".csv"):
+        return None, None, load_thickness_map(text)
+    try:
+        bounds = [float(part) for part in text.split(":")]
+    except ValueError:
+        bounds = []
+    if len(bounds) not in (1, 2):
+        raise InputError(
+            "--thickness", f"found {text!r}, expected a number, LOW:HIGH in metres, or a .csv file"
+        )
+    return (bounds[0], None, None) if len(bounds) == 1 else (*thickness_range(*bounds), None)

@@ -48,6 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     hand.add_argument(
         "--finger-radius", type=float, default=0.01, help="of the patch that touches [m] (0.01)"
     )
+    hand.add_argument(
+        "--finger-length", type=float, default=0.06, help="from the palm to the patch [m] (0.06)"
+    )
+    hand.add_argument(
+        "--finger-thickness", type=float, default=0.012, help="along the closing direction [m] (0.012)"
+    )
     hand.add_argument("--max-force", type=float, default=60.0, help="of one finger [N] (60)")
     limits = parser.add_argument_group("limits")
     limits.add_argument(
@@ -98,7 +104,7 @@ def run(args: Any) -> dict[str, Any]:
         "grasps": [grasp_json(grasp) for grasp in plan.grasps],
         "rejected": [grasp_json(grasp) for grasp in plan.rejected],
         "reason": plan.reason,
-        "notes": list(container.notes) if container is not None else [],
+        "notes": [*(container.notes if container is not None else ()), *plan.notes],
         "plot": str(args.plot) if args.plot else None,
     }
     if args.several:
@@ -120,7 +126,14 @@ def _task(args: Any, centre_m: Any) -> GraspTask:
         force_N=args.force,
         closed=args.state == "closed",
         fill=args.fill,
-        gripper=GripperModel(args.opening, args.finger_radius, args.max_force, args.friction),
+        gripper=GripperModel(
+            args.opening,
+            args.finger_radius,
+            args.max_force,
+            args.friction,
+            finger_length_m=args.finger_length,
+            finger_thickness_m=args.finger_thickness,
+        ),
         parameters=ScoreParameters(max_deformation_m=args.max_deformation),
         min_score=args.min_score,
         load=load,
@@ -158,11 +171,16 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
     grasp
         One grasp of a plan.
     """
-    said = grasp.confirmation
+    said, way = grasp.confirmation, grasp.approach
     return {
         "score": grasp.score,
         "parts": grasp.parts,
         "steadiness": grasp.steadiness,
+        "success": _finite(grasp.success),
+        "work_J": _finite(grasp.work_J),
+        "pose": None if way is None else way.T_object_gripper.tolist(),
+        "open_width_m": None if way is None else way.open_width_m,
+        "approach_elevation_rad": None if way is None else way.elevation_rad,
         "first_m": grasp.first_m.tolist(),
         "second_m": grasp.second_m.tolist(),
         "direction": grasp.direction.tolist(),
@@ -209,6 +227,8 @@ def _several(args: Any, container: Any, plan: GraspPlan) -> dict[str, Any]:
 
 
 def _report(args: Any, result: dict[str, Any]) -> None:
+    import numpy as np
+
     mass = "" if result["mass_kg"] is None else f", {1e3 * result['mass_kg']:.0f} g"
     args.report(
         f"{result['name']}, {result['state']}{mass}: {100 * result['feasible_share']:.0f} % of it is feasible"
@@ -220,6 +240,10 @@ def _report(args: Any, result: dict[str, Any]) -> None:
             f"{grasp['force_N']:.1f} N, needs {grasp['needed_N']:.1f} N, deforms by {1e3 * grasp['deformation_m']:.1f} "
             f"± {1e3 * grasp['deformation_sigma_m']:.1f} mm"
         )
+        if grasp["pose"]:
+            line += f", from {np.degrees(grasp['approach_elevation_rad']):.0f} degrees above level"
+        if grasp["success"] is not None:
+            line += f", holds with {100 * grasp['success']:.0f} %"
         if grasp["confirmed"]:
             line += f", {1e3 * grasp['confirmed']['deformation_m']:.1f} mm in the nonlinear simulation"
         args.report(line)

@@ -1,22 +1,16 @@
-"""An imported mesh as it is: merged, its loose parts named, its holes counted, and whether it suits a shell."""
+"""An imported mesh as it is: merged, its loose parts named, its holes counted."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ...core.errors import InputError
+from .local_remesh import mesh_edges
 
-__all__ = ["MeshState", "boundary_loops", "clamped_foot", "face_parts", "inspect_mesh", "why_not_as_it_is"]
-
-#: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
-#: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
-#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
-MIN_FACES, MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 1000, 50_000, 150.0, 32
-#: Fraction of the height from the lowest vertex up to which a mesh that is used as it is stands clamped.
-FOOT_FRACTION = 0.01
+__all__ = ["MeshState", "boundary_loops", "face_parts", "inspect_mesh"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,9 +82,8 @@ def inspect_mesh(
     used, faces = np.unique(faces[keep], return_inverse=True)
     faces, vertices = faces.reshape(-1, 3), vertices[used]
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    _once, times = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
-    repeated = np.unique(directed, axis=0, return_counts=True)[1]
-    branching = int((times > 2).sum())
+    branching = int((mesh_edges(faces)[2] > 2).sum())
+    repeated = np.unique(directed[:, 0] * len(vertices) + directed[:, 1], return_counts=True)[1]
     return MeshState(
         vertices,
         faces,
@@ -102,60 +95,6 @@ def inspect_mesh(
         int((repeated > 1).sum()),
         boundary_loops(directed, len(vertices)),
     )
-
-
-def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
-    """Which vertices of a mesh that is used as it is are clamped: the lowest hundredth of the height.
-
-    Parameters
-    ----------
-    vertices
-        Of the mesh [m], z up.
-    """
-    low, high = vertices[:, 2].min(), vertices[:, 2].max()
-    foot: Bool[np.ndarray, "v"] = vertices[:, 2] <= low + FOOT_FRACTION * (high - low)
-    return foot
-
-
-def why_not_as_it_is(state: MeshState) -> str:
-    """The first reason against using the triangles as they are, or nothing.
-
-    Number, shape, and size are those of the triangles that carry load. One with three clamped corners does
-    not deform, whatever its shape (the fan of a flat foot); of these only the orientation counts, for the volume.
-
-    Parameters
-    ----------
-    state
-        The imported mesh, scaled to metres.
-    """
-    vertices = state.vertices
-    faces = state.faces[~clamped_foot(vertices)[state.faces].all(axis=1)]
-    parts = int(face_parts(faces).max()) + 1 if len(faces) else 0
-    if parts > 1:
-        return f"{parts} parts that are not joined"
-    if state.branching_edges or state.turned:
-        return f"{state.branching_edges + state.turned} edges that are no part of a surface"
-    if not MIN_FACES <= len(faces) <= MAX_FACES:
-        return f"{len(faces)} triangles, expected {MIN_FACES} to {MAX_FACES}"
-    low, high = vertices[:, 2].min(), vertices[:, 2].max()
-    for loop in state.loops:
-        z = vertices[loop, 2]
-        if len(loop) < 8 or not (z.min() > high - 0.05 * (high - low) or z.max() < low + 0.05 * (high - low)):
-            middle = ", ".join(f"{value:.4g}" for value in vertices[loop].mean(axis=0))
-            return f"a hole of {len(loop)} edges in the wall at ({middle}) m"
-    sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
-    length = np.linalg.norm(sides, axis=2)
-    cosine = -np.einsum("fij,fij->fi", sides, np.roll(sides, 1, axis=1)) / (
-        length * np.roll(length, 1, axis=1)
-    )
-    largest = np.degrees(np.arccos(np.clip(cosine, -1, 1)).max(axis=1))
-    if float(np.percentile(largest, 98)) > LARGEST_DEGREES:
-        worst = ", ".join(f"{value:.4g}" for value in vertices[faces[int(np.argmax(largest))]].mean(axis=0))
-        return f"obtuse triangles with angles up to {largest.max():.4g} degrees, the worst at ({worst}) m"
-    round_m = np.pi * float(np.ptp(vertices[:, :2], axis=0).mean())
-    if float(np.percentile(length.max(axis=1), 90)) > round_m / EDGES_ROUND:
-        return f"triangles of {1e3 * float(np.percentile(length.max(axis=1), 90)):.2g} mm, too coarse"
-    return ""
 
 
 def face_parts(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f"]:
@@ -180,9 +119,13 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     used = vertices[faces.ravel()]
     low = used.min(axis=0)
     grid = max(float(np.ptp(used, axis=0).max()) * 1e-6, 1e-12)
-    key = np.round((vertices - low) / grid)
-    key[~np.isfinite(key).all(axis=1)] = -1
-    _, first, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    # Used vertices are within 2e6 cells, whose number fits 21 bits; what is not used may be anywhere.
+    cell = np.round((vertices - low) / grid) + 1
+    cell[~((cell >= 1) & (cell < 2**21)).all(axis=1)] = 0
+    cell = cell.astype(np.int64)
+    _, first, number = np.unique(
+        (cell[:, 0] << 42) + (cell[:, 1] << 21) + cell[:, 2], return_index=True, return_inverse=True
+    )
     faces, vertices = number.reshape(-1)[faces], vertices[first]
     before = len(faces)
     sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
@@ -190,7 +133,9 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     doubled = np.linalg.norm(np.cross(sides[:, 0], -sides[:, 2]), axis=1)
     faces = faces[doubled > 1e-5 * np.maximum(longest, 1e-300)]
     if len(faces):
-        _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+        a, b, c = np.sort(faces, axis=1).T
+        _, pair = np.unique(a * len(vertices) + b, return_inverse=True)
+        _, once = np.unique(pair * len(vertices) + c, return_index=True)
         faces = faces[np.sort(once)]
     return vertices, faces, before - len(faces)
 

@@ -1,0 +1,123 @@
+"""``visuohaptic squeeze``: force against deformation of one pinch on a container."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from ._container import add_container_arguments, read_container
+
+__all__ = ["EPILOG", "add_arguments", "run"]
+
+EPILOG = """\
+reads   a YAML description, the name of a shipped class, or a mesh, as `stiffness` does
+writes  the curve: CSV (deformation_m, force_N, first_m, second_m, gauge_Pa, stress_Pa), and a plot
+
+Large deformation is followed, with air and liquid that are enclosed. The answer says to which force the container
+is linear, at which it gives way (buckles), and at which it yields. Forces are newtons of one tip.
+
+example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv --plot curve.png
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    add_container_arguments(parser)
+    parser.add_argument(
+        "--at", type=float, nargs=3, metavar=("X", "Y", "Z"), help="where the first tip is [m]"
+    )
+    parser.add_argument(
+        "--side",
+        choices=("x+", "x-", "y+", "y-"),
+        default="x+",
+        help="instead of --at: side of the container (x+)",
+    )
+    parser.add_argument(
+        "--height", type=float, help="instead of --at: above the foot [m]; half the height by default"
+    )
+    limit = parser.add_mutually_exclusive_group()
+    limit.add_argument("--force", type=float, metavar="N", help="largest, of one tip [N]")
+    limit.add_argument(
+        "--deformation", type=float, metavar="M", help="largest, of one side [m]; 0.005 by default"
+    )
+    parser.add_argument("--points", type=int, default=8, help="of the curve (8)")
+    parser.add_argument("--out", type=Path, help="curve to write: .csv")
+    parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
+    state = parser.add_argument_group("state")
+    state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
+    state.add_argument("--fill", type=float, help="fill level of what is enclosed, 0..1; implies --closed")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Compute and report; the mapping is what ``--json`` prints."""
+    from ....core.errors import InputError
+    from ....deformation.maps.map_file import check_suffix
+    from ....deformation.maps.squeeze import plot_squeeze, save_squeeze, squeeze
+    from ....deformation.nonlinear.contents import Contents
+
+    check_suffix(None, args.plot)
+    if args.out and args.out.suffix.lower() != ".csv":
+        raise InputError(args.out, f"found suffix {args.out.suffix!r}, expected .csv")
+    if args.at and args.height is not None:
+        raise InputError("--height", "found with --at, expected one of them")
+    begin = time.perf_counter()
+    container = read_container(args)
+    contents = Contents(fill=args.fill or 0.0) if args.closed or args.fill is not None else None
+    found = squeeze(
+        container,
+        point_m=args.at,
+        side=args.side,
+        height_m=args.height,
+        force_N=args.force,
+        deformation_m=args.deformation,
+        points=args.points,
+        contents=contents,
+    )
+    if args.out:
+        save_squeeze(args.out, found)
+    if args.plot:
+        plot_squeeze(args.plot, found, f"{container.name}, {container.material.name}")
+    curve = found.curve
+    result: dict[str, Any] = {
+        "object": str(args.object),
+        "name": container.name,
+        "point_m": curve.point_m.tolist(),
+        "opposite_m": curve.opposite_m.tolist(),
+        "distance_m": found.distance_m,
+        "contents": "open" if contents is None else {"closed": True, "fill": contents.fill},
+        "stiffness_N_per_m": found.stiffness_N_per_m,
+        "stiffness_sigma_N_per_m": found.stiffness_sigma_N_per_m,
+        "linear_to_N": _number(found.linear_to_N),
+        "buckling_force_N": _number(found.buckling_force_N),
+        "yield_force_N": _number(found.yield_force_N),
+        "yield_stress_Pa": _number(found.yield_stress_Pa),
+        "deformation_m": curve.deformation_m.tolist(),
+        "force_N": curve.force_N.tolist(),
+        "gauge_Pa": curve.gauge_Pa.tolist(),
+        "stress_Pa": curve.stress_Pa.tolist(),
+        "complete": curve.complete,
+        "reason": curve.reason,
+        "notes": list(container.notes),
+        "seconds": time.perf_counter() - begin,
+    }
+    result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
+    _report(args, result, found.remarks)
+    return result
+
+
+def _report(args: Any, result: dict[str, Any], remarks: tuple[str, ...]) -> None:
+    x, y, z = (1e3 * value for value in result["point_m"])
+    share = 100 * result["stiffness_sigma_N_per_m"] / result["stiffness_N_per_m"]
+    args.report(
+        f"{result['name']} at ({x:.0f}, {y:.0f}, {z:.0f}) mm: {result['stiffness_N_per_m']:.0f} N/m ± {share:.0f} % at rest"
+    )
+    for depth, force in zip(result["deformation_m"], result["force_N"], strict=True):
+        args.report(f"{1e3 * depth:6.2f} mm  {force:8.2f} N")
+    for line in (*remarks, *(f"note: {note}" for note in result["notes"])):
+        args.report(line)
+
+
+def _number(value: float) -> float | None:
+    return value if abs(value) < 1e300 else None

@@ -1,0 +1,112 @@
+"""Wall thickness by place, as an ultrasonic gauge or a cut sample gives it: read from CSV, put on a container."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ...core.files import read_text
+from ..shapes.mesher import ShellObject
+from ..shells.shell import ShellMesh
+
+__all__ = ["load_thickness_map", "with_thickness_map"]
+
+#: Columns of a profile over the height, and of places.
+PROFILE, PLACES = ("z_m", "thickness_m"), ("x_m", "y_m", "z_m", "thickness_m")
+MAX_BYTES = 16 * 1024 * 1024
+#: Places between which a triangle is interpolated, and how far they may be from it, as a fraction of the height.
+NEIGHBOURS, FARTHEST = 3, 0.25
+
+
+def load_thickness_map(path: Path | str) -> Float[np.ndarray, "n c"]:
+    """Read thickness by height (z_m, thickness_m) or by place (x_m, y_m, z_m, thickness_m) [m].
+
+    Parameters
+    ----------
+    path
+        CSV with those columns, in the frame of the map that is written.
+
+    Raises
+    ------
+    InputError
+        Other columns, a cell that is no number, or a thickness that is not positive; with its line.
+    """
+    rows = list(csv.reader(io.StringIO(read_text(path, MAX_BYTES))))
+    names = tuple(name.strip() for name in rows[0]) if rows else ()
+    if names not in (PROFILE, PLACES):
+        raise InputError(
+            path,
+            f"found columns {', '.join(names) or 'none'}, expected {', '.join(PROFILE)} or {', '.join(PLACES)}",
+        )
+    values = []
+    for line, row in enumerate(rows[1:], 2):
+        if not row:
+            continue
+        try:
+            numbers = [float(cell) for cell in row]
+        except ValueError:
+            numbers = []
+        if len(numbers) != len(names) or not np.isfinite(numbers).all() or numbers[-1] <= 0:
+            raise InputError(
+                path,
+                f"line {line} is {','.join(row)[:60]!r}, expected {len(names)} finite numbers, the last above 0",
+            )
+        values.append(numbers)
+    if not values:
+        raise InputError(path, "has no rows, expected at least one thickness")
+    return np.array(values)
+
+
+def with_thickness_map(container: ShellObject, values: Float[np.ndarray, "n c"], where: str) -> ShellObject:
+    """The object with a wall of varying thickness.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    values
+        See :func:`load_thickness_map`.
+    where
+        Name of the map in messages.
+
+    Raises
+    ------
+    InputError
+        Places that are far from the surface: another frame or unit.
+    """
+    mesh = container.mesh
+    middle = mesh.vertices_m[mesh.faces].mean(axis=1)
+    if values.shape[1] == len(PROFILE):
+        order = np.argsort(values[:, 0])
+        thickness = np.interp(middle[:, 2], *values[order].T)
+        away = np.maximum(values[:, 0] - middle[:, 2].max(), middle[:, 2].min() - values[:, 0])
+    else:
+        from scipy.spatial import cKDTree
+
+        count = min(NEIGHBOURS, len(values))
+        distance, number = cKDTree(values[:, :3]).query(middle, count)
+        distance, number = distance.reshape(-1, count), number.reshape(-1, count)
+        weight = 1.0 / np.maximum(distance, 1e-9)
+        thickness = np.einsum("fk,fk->f", weight, values[number, 3]) / weight.sum(axis=1)
+        away = cKDTree(middle).query(values[:, :3])[0]
+    if float(np.max(away)) > FARTHEST * container.height_m:
+        row = int(np.argmax(away))
+        raise InputError(
+            where,
+            f"row {row + 1} is {1e3 * float(away[row]):.3g} mm from the wall, which is {1e3 * container.height_m:.3g} mm high",
+            remedy="give places in metres, in the frame of the map that `stiffness` writes",
+        )
+    return replace(
+        container,
+        mesh=ShellMesh(mesh.vertices_m, mesh.faces, thickness, mesh.fraction),
+        notes=(
+            *container.notes,
+            f"thickness from {len(values)} places: {1e3 * thickness.min():.3g} to {1e3 * thickness.max():.3g} mm",
+        ),
+    )

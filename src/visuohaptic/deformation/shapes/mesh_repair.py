@@ -1,0 +1,228 @@
+"""Whether the triangles of an imported mesh suit a shell, and how they are made to on the surface that they have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.geometry import vertex_normals
+from ...io.meshes.local_remesh import (
+    collapse_edges,
+    flip_edges,
+    largest_angles,
+    mesh_edges,
+    orient_faces,
+    split_edges,
+)
+from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts
+
+__all__ = ["clamped_foot", "repair_mesh", "why_not_as_it_is"]
+
+#: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
+#: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
+#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
+MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 50_000, 150.0, 64
+#: Fractions of the height from the lowest vertex up to which a mesh that is used as it is stands clamped: the first with
+#: vertices in every sector round the foot. A chamfer of 1 mm that is clamped makes a tub a fifth stiffer; scans are uneven.
+FOOT_FRACTIONS, FOOT_SECTORS = (0.002, 0.01), 12
+#: A boundary loop is a mouth where it is this close to an end of the mesh, and this wide, as fractions of the mesh.
+MOUTH_BELOW, MOUTH_WIDTH = 0.05, 0.2
+#: A wall that moves by this fraction of its thickness is 0.4 % stiffer: waves of amplitude a add ``t a^2 / 2`` to
+#: the second moment ``t^3 / 12`` of a strip.
+MOVED_FRACTION = 0.025
+#: Standard deviation over median of absolute values of a normal distribution, and the factor by which the residual
+#: of ``_noise`` exceeds the noise of a vertex with six neighbours.
+NORMAL, RESIDUAL = 1.4826, 1.36
+
+
+def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
+    """Which vertices of a mesh that is used as it is are clamped: the lowest five-hundredth of the height.
+
+    Where these are not all round, as in an uneven scan, it is the lowest hundredth.
+
+    Parameters
+    ----------
+    vertices
+        Of the mesh [m], z up.
+    """
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    foot: Bool[np.ndarray, "v"] = np.zeros(len(vertices), dtype=bool)
+    for fraction in FOOT_FRACTIONS:
+        foot = vertices[:, 2] <= low + fraction * (high - low)
+        away = vertices[foot, :2] - 0.5 * (vertices[foot, :2].min(axis=0) + vertices[foot, :2].max(axis=0))
+        turns = np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi)
+        if len(np.unique(np.floor(FOOT_SECTORS * turns))) >= FOOT_SECTORS:
+            break
+    return foot
+
+
+def why_not_as_it_is(state: MeshState) -> str:
+    """The first reason against using the triangles as they are, or nothing.
+
+    Number, shape, and size are those of the triangles that carry load. One with three clamped corners does
+    not deform, whatever its shape (the fan of a flat foot); of these only the orientation counts, for the volume.
+
+    Parameters
+    ----------
+    state
+        The imported mesh, scaled to metres.
+    """
+    vertices, faces = state.vertices, _loaded(state)
+    if (parts := _parts(state)) > 1:
+        return f"{parts} parts that are not joined"
+    if state.branching_edges or state.turned:
+        return f"{state.branching_edges + state.turned} edges that are no part of a surface"
+    if len(faces) > MAX_FACES:
+        return f"{len(faces)} triangles, expected at most {MAX_FACES}"
+    for loop in _holes(state):
+        middle = ", ".join(f"{value:.4g}" for value in vertices[loop].mean(axis=0))
+        return f"a hole of {len(loop)} edges in the wall at ({middle}) m"
+    largest = np.degrees(largest_angles(vertices, faces))
+    if float(np.percentile(largest, 98)) > LARGEST_DEGREES:
+        worst = ", ".join(f"{value:.4g}" for value in vertices[faces[int(np.argmax(largest))]].mean(axis=0))
+        return f"obtuse triangles with angles up to {largest.max():.4g} degrees, the worst at ({worst}) m"
+    if (size := _usual_length(vertices, faces)) > _round_m(vertices) / EDGES_ROUND:
+        return f"triangles of {1e3 * size:.2g} mm, too coarse"
+    return ""
+
+
+def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[MeshState, list[str]]:
+    """Make the triangles suit a shell by local changes that keep the surface.
+
+    The sides are made to agree, small holes closed, coarse triangles divided, slivers flipped or contracted, and
+    too many triangles simplified. Parts that are not joined, and edges of more than two triangles, stay.
+
+    Parameters
+    ----------
+    state
+        The imported mesh, scaled to metres.
+    thickness_m
+        Of its wall: the surface moves by a fortieth of it, or by twice the noise of a scan.
+    around
+        Edges round the wall of a mesh that is simplified.
+
+    Returns
+    -------
+    tuple
+        The mesh, and what was done to it, for people.
+    """
+    notes: list[str] = []
+    if state.branching_edges or _parts(state) > 1:
+        return state, notes
+    vertices, faces = state.vertices, state.faces
+    if state.turned:
+        faces = orient_faces(faces)
+        state = replace(_state(state, vertices, faces), turned=0)
+    holes = _holes(state)
+    if holes:
+        vertices, faces = _filled(vertices, faces, holes)
+        notes.append(f"{len(holes)} holes of up to {max(map(len, holes))} edges closed")
+    tolerance, length = MOVED_FRACTION * thickness_m, _round_m(vertices) / around
+    limit = _round_m(vertices) / EDGES_ROUND
+    moved, before = 0.0, len(faces)
+    state = _state(state, vertices, faces)
+    bound = (
+        float(np.hypot(tolerance, 2 * _noise(vertices, faces))) if len(_loaded(state)) > MAX_FACES else 0.0
+    )
+    while len(_loaded(state)) > MAX_FACES and bound < thickness_m:
+        vertices, faces, more = collapse_edges(vertices, faces, length, bound)
+        moved, bound = max(moved, more), 2 * bound
+        state = _state(state, vertices, faces)
+    if holes or _usual_length(vertices, _loaded(state)) > limit:
+        vertices, faces = split_edges(vertices, faces, limit, clamped_foot(vertices))
+        # Halves of long triangles are as narrow as they are short: what is too narrow is one again.
+        vertices, faces, _ = collapse_edges(vertices, faces, limit / 2, tolerance)
+    faces = flip_edges(vertices, faces, tolerance)
+    state = _state(state, vertices, faces)
+    if "obtuse" in why_not_as_it_is(state):
+        vertices, faces, more = collapse_edges(vertices, faces, length, tolerance)
+        moved = max(moved, more)
+        state = _state(state, vertices, flip_edges(vertices, faces, tolerance))
+    notes.append(f"repaired: {before} triangles became {len(state.faces)}")
+    if moved:
+        notes.append(
+            f"the surface moved by up to {1e6 * moved:.2g} um, the stiffness by up to "
+            f"{600 * (moved / thickness_m) ** 2:.2g} %"
+        )
+    return state, notes
+
+
+def _state(state: MeshState, vertices: np.ndarray, faces: np.ndarray) -> MeshState:
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    loops = boundary_loops(directed, len(vertices))
+    return replace(state, vertices=vertices, faces=faces, loops=loops)
+
+
+def _loaded(state: MeshState) -> Int[np.ndarray, "n 3"]:
+    """Triangles that carry load."""
+    return state.faces[~clamped_foot(state.vertices)[state.faces].all(axis=1)]
+
+
+def _parts(state: MeshState) -> int:
+    """Number of parts that carry load and are not joined, not even by the clamped foot."""
+    loaded = ~clamped_foot(state.vertices)[state.faces].all(axis=1)
+    return len(np.unique(face_parts(state.faces)[loaded]))
+
+
+def _round_m(vertices: np.ndarray) -> float:
+    """Rough length once round the wall [m]."""
+    return np.pi * float(np.ptp(vertices[:, :2], axis=0).mean())
+
+
+def _usual_length(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Longest side of nine triangles in ten [m]."""
+    sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
+    return float(np.percentile(np.linalg.norm(sides, axis=2).max(axis=1), 90))
+
+
+def _holes(state: MeshState) -> list[Int[np.ndarray, "l"]]:
+    """Boundary loops that are no mouth and no open foot."""
+    low, high = state.vertices.min(axis=0), state.vertices.max(axis=0)
+    margin = MOUTH_BELOW * (high[2] - low[2])
+    found = []
+    for loop in state.loops:
+        z = state.vertices[loop, 2]
+        at_end = z.min() > high[2] - margin or z.max() < low[2] + margin
+        wide = np.ptp(state.vertices[loop, :2], axis=0).max() > MOUTH_WIDTH * (high - low)[:2].max()
+        if not (at_end and wide):
+            found.append(loop)
+    return found
+
+
+def _filled(
+    vertices: np.ndarray, faces: np.ndarray, holes: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fans over holes, as round as the wall beside them."""
+    normal = vertex_normals(vertices, faces)
+    for loop in holes:
+        edge, side = vertices[loop], normal[loop]
+        middle = edge.mean(axis=0)
+        # The tangent planes of an arc meet twice as high above its chord as the arc is.
+        gram = side.T @ side / len(loop) + 1e-3 * np.eye(3)
+        peak = np.einsum("li,li->l", side, edge - middle) @ side / len(loop)
+        vertices = np.concatenate([vertices, [middle + 0.5 * np.linalg.solve(gram, peak)]])
+        apex = np.full(len(loop), len(vertices) - 1)
+        # A boundary walked along its triangles has them on its left.
+        faces = np.concatenate([faces, np.stack([np.roll(loop, -1), loop, apex], axis=1)])
+    return vertices, faces
+
+
+def _noise(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Standard deviation of the noise of a scan along the normals [m].
+
+    A vertex differs from the mean of its neighbours by curvature and noise; how much more than its neighbours do
+    is noise alone.
+    """
+    edges, _opposite, _times = mesh_edges(faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    degree = np.maximum(np.bincount(both[:, 0], minlength=len(vertices)), 1)
+
+    def around(values: np.ndarray) -> np.ndarray:
+        sums = [np.bincount(both[:, 0], column[both[:, 1]], len(vertices)) for column in values.T]
+        return np.stack(sums, axis=1) / degree[:, None]
+
+    bow = np.einsum("vi,vi->v", vertex_normals(vertices, faces), around(vertices) - vertices)
+    left = bow - around(bow[:, None])[:, 0]
+    return float(NORMAL / RESIDUAL * np.median(np.abs(left - np.median(left))))

@@ -1,0 +1,124 @@
+"""From which side a gripper reaches a grasp without touching object, table or scene on its way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.objects import StiffnessMap
+from .force import GripperModel
+
+__all__ = ["ApproachSpace", "GripperApproach", "find_approach"]
+
+#: Elevations of the approach above the horizontal that are tried, in this order [rad]: from the side to from above.
+ELEVATIONS_rad = tuple(np.radians((0.0, 30.0, 60.0, 90.0)))
+#: How far the gripper comes straight, and what it stays away from what it does not touch [m].
+TRAVEL_m, CLEARANCE_m = 0.1, 0.002
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GripperApproach:
+    """The gripper as it closes: x from the first finger to the second, z the way it comes."""
+
+    T_object_gripper: Float[np.ndarray, "4 4"]  #: origin half-way between the contacts
+    elevation_rad: float  #: of the way above the horizontal: 0 from the side, pi / 2 from above
+    open_width_m: float  #: between the fingers while it comes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ApproachSpace:
+    """What a gripper must not touch on its way."""
+
+    points_m: Float[np.ndarray, "p 3"]  #: of the object and of the scene, in the object's frame
+    floor_m: float  #: height of what the object stands on
+
+    @classmethod
+    def of(cls, surface: StiffnessMap, scene_m: Float[np.ndarray, "s 3"] | None = None) -> ApproachSpace:
+        """Corners and middles of the triangles of an object, and points of the scene.
+
+        Parameters
+        ----------
+        surface
+            Map of the object, z up, on its foot.
+        scene_m
+            Points of what is beside it, as of a fused scene, in its frame [m]; none by default.
+        """
+        corners = surface.vertices_m[surface.faces]
+        points = [corners.reshape(-1, 3), corners.mean(axis=1)]
+        if scene_m is not None:
+            points.append(np.asarray(scene_m, dtype=float).reshape(-1, 3))
+        return cls(np.concatenate(points), float(corners[..., 2].min()))
+
+
+def find_approach(
+    space: ApproachSpace,
+    first_m: Float[np.ndarray, "3"],
+    second_m: Float[np.ndarray, "3"],
+    gripper: GripperModel,
+) -> GripperApproach | None:
+    """The first free way among those across the line of the fingers, or None.
+
+    Parameters
+    ----------
+    space
+        Object, scene and table.
+    first_m, second_m
+        Contacts [m].
+    gripper
+        Opening and size of fingers and palm.
+
+    Notes
+    -----
+    Fingers are boxes as wide as their patch, the palm is a box behind them. What lies in front of the way of a box
+    is in its way, up to the end of the finger, which is one radius beyond the contact.
+    """
+    middle = 0.5 * (first_m + second_m)
+    x = second_m - first_m
+    width = float(np.linalg.norm(x))
+    x = x / width
+    open_width = min(gripper.opening_m, width + 2 * gripper.finger_thickness_m)
+    side = np.cross([0.0, 0.0, 1.0], x)
+    if np.linalg.norm(side) < 1e-6:
+        return None
+    side /= np.linalg.norm(side)
+    above = np.cross(x, side)
+    for elevation in ELEVATIONS_rad:
+        for sign in (1.0, -1.0) if elevation < np.pi / 2 else (1.0,):
+            z = -(sign * np.cos(elevation) * side + np.sin(elevation) * above)
+            pose = np.eye(4)
+            pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, np.cross(z, x), z, middle
+            if _is_free(space, pose, open_width, gripper):
+                return GripperApproach(pose, float(elevation), open_width)
+    return None
+
+
+def _is_free(
+    space: ApproachSpace, pose: Float[np.ndarray, "4 4"], open_width: float, gripper: GripperModel
+) -> bool:
+    local = (space.points_m - pose[:3, 3]) @ pose[:3, :3]
+    for low, high in _boxes(open_width, gripper):
+        swept = np.array([low[0], low[1], low[2] - TRAVEL_m])
+        if ((local > swept - CLEARANCE_m) & (local < high + CLEARANCE_m)).all(axis=1).any():
+            return False
+        corners = np.array(
+            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        )
+        if (corners @ pose[2, :3] + pose[2, 3]).min() < space.floor_m:
+            return False
+    return True
+
+
+def _boxes(open_width: float, gripper: GripperModel) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Lowest and highest corners of fingers and palm in the gripper's frame."""
+    inner, outer = 0.5 * open_width, 0.5 * open_width + gripper.finger_thickness_m
+    radius, length = max(gripper.finger_radius_m, 1e-3), gripper.finger_length_m
+    for sign in (1.0, -1.0):
+        ends = np.sort([sign * inner, sign * outer])
+        # The clearance is on the outside: fingers are as close to the wall as they were opened.
+        ends += np.array([CLEARANCE_m, -CLEARANCE_m])
+        yield np.array([ends[0], -radius, -length]), np.array([ends[1], radius, radius])
+    half = 0.5 * gripper.palm_thickness_m
+    yield np.array([-outer, -half, -length - gripper.palm_thickness_m]), np.array([outer, half, -length])

@@ -1,0 +1,336 @@
+"""Triangle meshes made to suit a computation without leaving their surface: simplified, refined, freed of slivers.
+
+Every step is local and works on many edges at once that share no triangle. Edges are collapsed where the planes
+of the triangles that they replace are kept (quadric error, Garland and Heckbert 1997), split along the curve that
+the vertex normals describe (PN triangles, Vlachos et al. 2001), and flipped where the surface is flat there, so
+that grooves, rims and creases stay.
+
+Symbols: v vertices, f triangles, e edges. Edges are sorted pairs of vertices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.geometry import area_vectors, vertex_normals
+from . import _collapse_kernels as kernels
+
+__all__ = ["collapse_edges", "flip_edges", "largest_angles", "mesh_edges", "orient_faces", "split_edges"]
+
+#: A crease: the surface is not round across it [rad]. A round wall in at least 12 facets is smooth.
+CREASE_rad = np.radians(31.0)
+#: Passes of flips; each has at least one, and the largest angles only become smaller.
+MAX_PASSES = 60
+
+_Mesh = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
+
+
+def mesh_edges(
+    faces: Int[np.ndarray, "f 3"],
+) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "f 3"], Int[np.ndarray, "e"]]:
+    """Edges of a mesh.
+
+    Parameters
+    ----------
+    faces
+        Triangles.
+
+    Returns
+    -------
+    tuple
+        Edges, the edge opposite to each corner of each triangle, and how many triangles each edge has.
+    """
+    count = int(faces.max()) + 1
+    sides = faces[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2)
+    key, inverse, times = np.unique(
+        sides.min(axis=1) * count + sides.max(axis=1), return_inverse=True, return_counts=True
+    )
+    return np.stack([key // count, key % count], axis=1), inverse.reshape(-1, 3), times
+
+
+def largest_angles(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "f"]:
+    """Largest angle of each triangle [rad].
+
+    Parameters
+    ----------
+    vertices
+        In any unit.
+    faces
+        Triangles.
+    """
+    corner = vertices[faces]
+    square = np.stack(
+        [np.einsum("fi,fi->f", d, d) for d in (corner[:, (k + 2) % 3] - corner[:, (k + 1) % 3] for k in range(3))],
+        axis=1,
+    )  # fmt: skip
+    a, b, c = np.sort(square, axis=1).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = (a + b - c) / (2 * np.sqrt(a * b))
+    return np.arccos(np.clip(np.nan_to_num(cosine, nan=-1.0), -1, 1))
+
+
+def orient_faces(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
+    """Triangles that agree with their neighbours on which side is outside.
+
+    Parameters
+    ----------
+    faces
+        Triangles; no edge has more than two of them.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order
+
+    _edges, opposite, times = mesh_edges(faces)
+    inner = times == 2
+    order = np.argsort(opposite.ravel(), kind="stable")
+    pair = order[inner[opposite.ravel()[order]]].reshape(-1, 2)
+    corner = pair % 3
+    first = faces[pair // 3, (corner + 1) % 3]  # where each triangle begins the edge
+    agrees = first[:, 0] != first[:, 1]
+    pair = pair // 3
+    # Neighbours by the kind of their edge: 1 where they agree, 2 where one has to be turned.
+    graph = coo_array((np.where(agrees, 1, 2), pair.T), shape=(len(faces), len(faces))).tocsr()
+    graph = graph + graph.T
+    out = faces.copy()
+    seen = np.zeros(len(faces), dtype=bool)
+    turn = np.zeros(len(faces), dtype=bool)
+    for start in range(len(faces)):
+        if seen[start]:
+            continue
+        found, before = breadth_first_order(graph, start, directed=False)
+        seen[found] = True
+        rest = found[1:]
+        kind = np.asarray(graph[rest, before[rest]]).ravel() == 2
+        for face, parent, other in zip(rest.tolist(), before[rest].tolist(), kind.tolist(), strict=True):
+            turn[face] = turn[parent] ^ other
+        if turn[found].mean() > 0.5:
+            turn[found] ^= True
+    out[turn] = out[turn][:, ::-1]
+    return out
+
+
+def split_edges(
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    length: float,
+    still: Bool[np.ndarray, "v"] | None = None,
+) -> _Mesh:
+    """Halve the edges that are too long, on the curved surface that the normals describe.
+
+    Parameters
+    ----------
+    vertices
+        In any unit.
+    faces
+        Triangles that look to one side.
+    length
+        Longer edges are split, in the unit of the vertices.
+    still
+        Vertices between which no edge is split; none by default.
+    """
+    still = np.zeros(len(vertices), dtype=bool) if still is None else still
+    for _ in range(16):
+        edges, opposite, _times = mesh_edges(faces)
+        size = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+        size[still[edges].all(axis=1)] = 0.0
+        # Of each triangle its longest side, so that halves are better shaped than the whole.
+        chosen = np.zeros(len(edges), dtype=bool)
+        longest = opposite[np.arange(len(faces)), size[opposite].argmax(axis=1)]
+        chosen[longest[size[longest] > length]] = True
+        if not chosen.any():
+            break
+        number = np.full(len(edges), -1)
+        number[chosen] = len(vertices) + np.arange(int(chosen.sum()))
+        vertices = np.concatenate([vertices, _middles(vertices, faces, edges[chosen], opposite, chosen)])
+        still = np.concatenate([still, np.zeros(len(vertices) - len(still), dtype=bool)])
+        faces = _divided(vertices, faces, number[opposite])
+    return vertices, faces
+
+
+def _middles(
+    vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray, opposite: np.ndarray, chosen: np.ndarray
+) -> Float[np.ndarray, "e 3"]:
+    """Middles of edges; on an arc where the surface is smooth at both ends."""
+    normal = vertex_normals(vertices, faces)
+    area = area_vectors(vertices, faces)
+    unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
+    apart = np.zeros(len(vertices))
+    np.maximum.at(
+        apart, faces.ravel(), np.arccos(np.clip(np.einsum("fki,fi->fk", normal[faces], unit), -1, 1)).ravel()
+    )
+    a, b = edges.T
+    across = vertices[b] - vertices[a]
+    bow = np.einsum("ei,ei->e", across, normal[a])[:, None] * normal[a]
+    bow -= np.einsum("ei,ei->e", across, normal[b])[:, None] * normal[b]
+    # At a border the normals say nothing of the plane in which the edge bends, but of how far.
+    smooth = np.maximum(apart[a], apart[b]) < CREASE_rad
+    return 0.5 * (vertices[a] + vertices[b]) - np.where(smooth[:, None], bow / 8, 0.0)
+
+
+def _divided(vertices: np.ndarray, faces: np.ndarray, middle: Int[np.ndarray, "f 3"]) -> np.ndarray:
+    """Triangles with one, two or three halved sides; ``middle`` is the new vertex opposite to each corner, or -1."""
+    split = middle >= 0
+    count = split.sum(axis=1)
+    out = [faces[count == 0]]
+    for number, alone in ((1, True), (2, False)):
+        some = np.flatnonzero(count == number)
+        # Turned so that the one side that differs is opposite to corner 0.
+        first = np.argmax(split[some] == alone, axis=1)
+        turn = (first[:, None] + np.arange(3)) % 3
+        corner, mid = faces[some[:, None], turn], middle[some[:, None], turn]
+        p, q, r = corner.T
+        if number == 1:
+            m = mid[:, 0]
+            out += [np.stack([p, q, m], axis=1), np.stack([p, m, r], axis=1)]
+        else:
+            s, t = mid[:, 1], mid[:, 2]  # on r-p and p-q
+            out.append(np.stack([p, t, s], axis=1))
+            shorter = np.linalg.norm(vertices[q] - vertices[s], axis=1) < np.linalg.norm(
+                vertices[r] - vertices[t], axis=1
+            )
+            one = np.where(shorter[:, None], np.stack([q, s, t], axis=1), np.stack([q, r, t], axis=1))
+            two = np.where(shorter[:, None], np.stack([q, r, s], axis=1), np.stack([t, r, s], axis=1))
+            out += [one, two]
+    p, q, r = faces[count == 3].T
+    a, b, c = middle[count == 3].T
+    out += [np.stack(some, axis=1) for some in ((p, c, b), (c, q, a), (b, a, r), (a, b, c))]
+    return np.concatenate(out)
+
+
+def flip_edges(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], tolerance: float
+) -> Int[np.ndarray, "f 3"]:
+    """Swap the diagonal of two triangles where that makes their largest angle smaller.
+
+    Parameters
+    ----------
+    vertices
+        In any unit.
+    faces
+        Triangles that look to one side.
+    tolerance
+        Largest distance between the two diagonals, in the unit of the vertices: by so much the surface moves.
+    """
+    faces = faces.copy()
+    for _ in range(MAX_PASSES):
+        edges, opposite, times = mesh_edges(faces)
+        flat = opposite.ravel()
+        order = np.argsort(flat, kind="stable")
+        pair = order[(times == 2)[flat[order]]].reshape(-1, 2)
+        one, two = (pair // 3).T
+        a, b = faces[one, (pair[:, 0] + 1) % 3], faces[one, (pair[:, 0] + 2) % 3]
+        c, d = faces[one, pair[:, 0] % 3], faces[two, pair[:, 1] % 3]
+        first, second = np.stack([c, a, d], axis=1), np.stack([c, d, b], axis=1)
+        before = largest_angles(vertices, faces)
+        worst = np.maximum(before[one], before[two])
+        some = np.flatnonzero((worst > np.pi / 2) & (c != d))
+        gain = np.zeros(len(pair))
+        gain[some] = worst[some] - np.maximum(
+            largest_angles(vertices, first[some]), largest_angles(vertices, second[some])
+        )
+        good = gain > 1e-3
+        some = np.flatnonzero(good)
+        normal = [
+            area_vectors(vertices, triangles) for triangles in (faces[one[some]], first[some], second[some])
+        ]
+        cross = np.cross(vertices[b[some]] - vertices[a[some]], vertices[d[some]] - vertices[c[some]])
+        away = np.abs(np.einsum("ei,ei->e", cross, vertices[c[some]] - vertices[a[some]]))
+        good[some] = away <= tolerance * np.linalg.norm(cross, axis=1)
+        for new in normal[1:]:
+            good[some] &= np.einsum("ei,ei->e", normal[0], new) > 0
+        count = len(vertices)
+        known = edges[:, 0] * count + edges[:, 1]
+        good[some] &= ~np.isin(np.minimum(c, d)[some] * count + np.maximum(c, d)[some], known)
+        gain = np.where(good, gain, 0.0)
+        most = np.zeros(len(faces))
+        np.maximum.at(most, one, gain)
+        np.maximum.at(most, two, gain)
+        chosen = np.flatnonzero(good & (gain >= most[one]) & (gain >= most[two]))
+        # Equal gains share a triangle, and two flips at once could make the same edge: one of each is kept.
+        chosen = chosen[_alone(np.stack([one, two], axis=1)[chosen], len(faces))]
+        diagonal = np.stack([c, d], axis=1)[chosen]
+        _, unique = np.unique(np.sort(diagonal, axis=1), axis=0, return_index=True)
+        chosen = chosen[unique]
+        if not len(chosen):
+            break
+        faces[one[chosen]], faces[two[chosen]] = first[chosen], second[chosen]
+    return faces
+
+
+def _alone(members: Int[np.ndarray, "n k"], count: int) -> Bool[np.ndarray, "n"]:
+    """Rows that are the first to name each of their members."""
+    first = np.full(count, len(members))
+    rows = np.arange(len(members))
+    for column in members.T:
+        np.minimum.at(first, column, rows)
+    return (first[members] == rows[:, None]).all(axis=1)
+
+
+def collapse_edges(
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    length: float,
+    tolerance: float,
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], float]:
+    """Contract short edges as far as the surface allows, the shortest first.
+
+    Parameters
+    ----------
+    vertices
+        In any unit.
+    faces
+        Triangles that look to one side.
+    length
+        Edges below it are contracted; none becomes longer than 4/3 of it, in the unit of the vertices.
+    tolerance
+        Largest root mean square distance of a vertex from the planes that it replaces, in that unit.
+
+    Returns
+    -------
+    tuple
+        Vertices, triangles, and the largest of those distances that came about.
+    """
+    quadric, border = _quadrics(vertices, faces)
+    vertices, faces = np.array(vertices, dtype=float), np.array(faces, dtype=np.int64)
+    size = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
+    # Geometric steps of a quarter: within each the order of the edges is that of the triangles.
+    steps = max(1, int(np.ceil(np.log(length / max(float(size.min()), 1e-3 * length)) / np.log(1.25))))
+    moved = 0.0
+    for bound in length * 1.25 ** -np.arange(steps - 1, -1, -1.0):
+        moved = max(moved, kernels.collapse_short(vertices, faces, quadric, border, bound, length, tolerance))
+        faces = faces[faces[:, 0] >= 0]
+    used, number = np.unique(faces, return_inverse=True)
+    return vertices[used], number.reshape(-1, 3), moved
+
+
+def _quadrics(
+    vertices: np.ndarray, faces: np.ndarray
+) -> tuple[Float[np.ndarray, "v 11"], Bool[np.ndarray, "v"]]:
+    """Of each vertex: sum of the squared distances from the planes around, ``p A p + 2 b p + c``, and their weight.
+
+    Columns are the upper triangle of A row by row, b, c, and the weight, an area. At a border there is a plane across
+    the triangle as well, which keeps its outline.
+    """
+    area = area_vectors(vertices, faces)
+    size = np.linalg.norm(area, axis=1)
+    edges, opposite, times = mesh_edges(faces)
+    face, corner = np.nonzero(times[opposite] == 1)
+    ends = edges[opposite[face, corner]]
+    along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    across = np.cross(along, area[face])
+    planes = [(np.repeat(area, 3, axis=0), faces.ravel(), np.repeat(size, 3) / 3)]
+    planes += [(across, ends[:, k], np.einsum("ei,ei->e", along, along) / 2) for k in range(2)]
+    out = np.zeros((11, len(vertices)))
+    for normal, vertex, share in planes:
+        unit = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        away = -np.einsum("ni,ni->n", unit, vertices[vertex])
+        x, y, z = unit.T
+        terms = (x * x, x * y, x * z, y * y, y * z, z * z, away * x, away * y, away * z, away**2, 1.0)
+        for row, term in enumerate(terms):
+            out[row] += np.bincount(vertex, share * term, len(vertices))
+    border = np.zeros(len(vertices), dtype=bool)
+    border[ends] = True
+    return out.T.copy(), border
