@@ -320,7 +320,8 @@ def run_worlds() -> None:
 
 def run_foam() -> None:
     """Edges of two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
-    from visuohaptic.sensing.foam._posterior_kernels import foam_bands, join, shadow_odds
+    from visuohaptic.sensing.foam._chain_kernels import join
+    from visuohaptic.sensing.foam._posterior_kernels import foam_bands, shadow_odds
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions
     from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
 
@@ -328,9 +329,22 @@ def run_foam() -> None:
     now, rest = np.zeros((2, 5, 40), np.float32), np.zeros((2, 5, 40), np.uint8)
     rectify(grey, points_px, points_px, one_px, one_px, np.zeros(2, np.int64), now)
     front, states = np.full(2, 20.0), np.zeros((2, 4))
-    foam_bands(now, rest, front, front, 1.0, seen, np.zeros((2, 9)))
-    shadow_odds(now, rest, front, front + 9.0, one_px, 1.0, 1.0, 1.0, seen, np.zeros((2, 5)))
-    join(states, one_px, one_px, one_px, one_px.cumsum(), np.zeros(4), 1.0, 0.0, 0.0, states.copy())
+    foam_bands(now, rest, front, front, one_px, 1.0, seen, np.zeros((2, 9)))
+    shadow_odds(now, rest, front, front + 9.0, one_px, 1.0, 1.0, 1.0, seen, np.zeros((2, 7)))
+    rules, pairs = (1.0, 0.0, 0.0), np.zeros((2, 2))
+    join(
+        states,
+        points_px,
+        one_px,
+        one_px,
+        one_px,
+        one_px.cumsum(),
+        np.zeros(4),
+        *rules,
+        states.copy(),
+        pairs,
+        states[:, 3],
+    )
     # Only compiled: its arguments are the tables of a calibrated foam.
     one, two, three = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]"
     numbers = "f8[::1], f8, f8, f8, f8, i8, f8, f8, i8"

@@ -17,7 +17,7 @@ def filled(delta, hidden):
     """The contour with an occluder on some of its points."""
     probability = np.zeros((K, 4))
     probability[:, 0], probability[hidden] = 1.0, [0.0, 0.0, 1.0, 0.0]
-    states = EdgeStates(probability, np.zeros((K, 5)))
+    states = EdgeStates(probability, np.zeros((K, K)), np.zeros((K, 5)))
     return fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, 0.0 * SIGMA, delta, states)
 
 

@@ -1,4 +1,4 @@
-"""Compiled evidence of the edges and the chain that joins it; the model is in ``posterior.py``."""
+"""Compiled evidence of the pixels beside the edges; the model is in ``posterior.py``."""
 
 # mypy: disable-error-code="no-untyped-def, assignment"
 from __future__ import annotations
@@ -11,17 +11,17 @@ from ...core.kernels import kernel
 
 #: Samples behind the edge in which the foam is compared with the zero, and beyond the resting front.
 BAND, AHEAD = 12, 6
+#: Residuals are correlated over less than so many samples.
+LAGS = 10
 #: An edge is left out up to this many blurs from it.
 EDGE = 2.0
 #: Columns of the bands: samples, mean grey now, gain against the zero where it was and as if the foam was
 #: compressed; variance now, and covariance and variance of both predictions.
 COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
-#: States of the chain.
-FOAM, SHADOW, OCCLUDER, NOTHING = range(4)
 
 
 @kernel(nogil=True)
-def foam_bands(now, rest, front, resting, blur, seen, bands):
+def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
     """Compare the foam just behind each edge with the zero, both without their linear trend.
 
     Parameters
@@ -30,6 +30,8 @@ def foam_bands(now, rest, front, resting, blur, seen, bands):
         Strip in this image and at rest, (K, parallels, samples).
     front, resting
         Place of the edge now and at rest [samples], (K,).
+    slope
+        Shift of the edge from one parallel to the next [samples], (K,).
     blur
         Standard deviation of the edges' blur [samples].
     seen
@@ -40,13 +42,16 @@ def foam_bands(now, rest, front, resting, blur, seen, bands):
     for k in range(len(front)):
         for i in range(9):
             bands[k, i] = 0.0
-        last = int(min(front[k], resting[k] + BAND) - EDGE * blur)
-        first = max(last - BAND, int(0.12 * resting[k]))
-        if not seen[k] or last - first < 3 or last >= rest.shape[2] - 1:
+        if not seen[k]:
             continue
         ratio = resting[k] / front[k]
         s = np.zeros(13)
         for lane in range(now.shape[1]):
+            edge = front[k] + (lane - 0.5 * (now.shape[1] - 1)) * slope[k]
+            last = min(int(min(edge, resting[k] + BAND) - EDGE * blur), rest.shape[2] - 2)
+            first = max(last - BAND, int(0.12 * resting[k]))
+            if last - first < 3:
+                continue
             for j in range(first, last + 1):
                 t = j - 0.5 * (first + last)
                 i = float(now[k, lane, j])
@@ -68,6 +73,8 @@ def foam_bands(now, rest, front, resting, blur, seen, bands):
                 s[11] += t * z
                 s[12] += t * p
         n = s[0]
+        if n == 0.0:
+            continue
         b = bands[k]
         b[COUNT], b[MEAN] = n, s[2] / n
         b[GAIN_REST], b[GAIN_PRESSED] = s[2] / max(s[3], 1.0), s[2] / max(s[4], 1.0)
@@ -99,12 +106,13 @@ def _solve(normal, right, size):
 
 
 @kernel(nogil=True)
-def _fit(now, template, over, out, first, last, mean, transfer, size, after, solution):
+def _fit(now, template, over, out, first, last, mean, transfer, size, after, solution, residual, texture):
     """Least squares of light on the template and of what is beyond; the sum of squared residuals.
 
     ``size`` 4: the template in one light up to the edge, in another beyond it up to the resting front, with a
     linear change, then a floor. ``size`` 3: the template up to the edge, then a surface with a linear change.
-    The sum is that of the samples of which more than ``after`` lies beyond the edge.
+    The sum is that of the samples of which more than ``after`` lies beyond the edge. Their residuals and the
+    template's texture as fitted are filled in, zero elsewhere.
     """
     normal = np.zeros((4, 4))
     design = np.zeros(4)
@@ -131,13 +139,50 @@ def _fit(now, template, over, out, first, last, mean, transfer, size, after, sol
                         solution[a] += design[a] * value
                         for b in range(a + 1):
                             normal[a, b] += design[a] * design[b]
-                elif p1 > after:
+                    continue
+                residual[lane, j], texture[lane, j] = 0.0, 0.0
+                if p1 > after:
                     for a in range(size):
                         value -= solution[a] * design[a]
                     squares += value * value
+                    light = solution[0] * (1.0 - p1) + (solution[1] + solution[2] * tau) * p1
+                    residual[lane, j] = value
+                    texture[lane, j] = light * (foam - mean) * (1.0 - p0)
         if turn == 0:
             _solve(normal, solution, size)
     return squares
+
+
+@kernel(nogil=True)
+def _dependence(residual, texture, first, last):
+    """By what their correlation raises the variance of the sum of residual by texture over that of white noise.
+
+    The sum of the products of both autocorrelations over all lags (Bartlett), along the lines and across them.
+    """
+    lanes = residual.shape[0]
+    result = 1.0
+    own = 0.0
+    for lane in range(lanes):
+        for j in range(first, last + 1):
+            own += residual[lane, j] ** 2
+    power = 0.0
+    for lane in range(lanes):
+        for j in range(first, last + 1):
+            power += texture[lane, j] ** 2
+    if own * power <= 0.0:
+        return result
+    for across in range(2):
+        total = 1.0
+        for lag in range(1, lanes if across else LAGS):
+            a, b = (lag, 0) if across else (0, lag)
+            one, other = 0.0, 0.0
+            for lane in range(lanes - a):
+                for j in range(first, last + 1 - b):
+                    one += residual[lane, j] * residual[lane + a, j + b]
+                    other += texture[lane, j] * texture[lane + a, j + b]
+            total += 2.0 * max(one * other / (own * power), 0.0)
+        result *= total
+    return result
 
 
 @kernel(nogil=True)
@@ -161,9 +206,11 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
     tested
         Points to test, (K,).
     result
-        Filled, (K, 6): log-likelihood of the zero's texture beyond the edge against none; that of a second edge at
+        Filled, (K, 7): log-likelihood of the zero's texture beyond the edge against none, as if all pixels were
+        independent; that of a second edge at
         the resting front against one edge, where both are too close to be told apart; grey level between edge and
-        resting front, beyond it, and beyond it at rest; mean squared residual by the variance.
+        resting front, beyond it, and beyond it at rest; mean squared residual by the variance; number
+        of pixels that are as good as one independent one.
     """
     parallels, samples = now.shape[1], now.shape[2]
     over = np.zeros((parallels, samples))
@@ -171,9 +218,10 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
     template = np.zeros((parallels, samples))
     solution = np.zeros(4)
     other = np.zeros(4)
+    left, texture = np.zeros((parallels, samples)), np.zeros((parallels, samples))
     scale = 1.0 / (math.sqrt(2.0) * blur)
     for k in range(len(front)):
-        for i in range(6):
+        for i in range(7):
             result[k, i] = np.nan
         x0 = resting[k]
         first = max(int(min(front[k], x0) - EDGE * blur - 2.0), 0)
@@ -198,106 +246,33 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
         count = parallels * (last + 1 - first)
         result[k, 4] = beyond / (3.0 * parallels)
         if x0 - front[k] > 2.0 * EDGE * blur:
-            with_texture = _fit(now[k], template, over, out, first, last, mean, transfer, 4, 0.5, solution)
-            without = _fit(now[k], template, over, out, first, last, mean, 0.0, 4, 0.5, other)
+            without = _fit(now[k], template, over, out, first, last, mean, 0.0, 4, 0.5, other, left, texture)
+            with_texture = _fit(
+                now[k], template, over, out, first, last, mean, transfer, 4, 0.5, solution, left, texture
+            )
             count = 0
             for lane in range(parallels):
                 for j in range(first, last + 1):
                     count += over[lane, j] > 0.5
-            noise = max(variance, with_texture / max(count, 1))
-            result[k, 0] = 0.5 * (without - with_texture) / noise
+            noise = variance * max(count, 1)
+            result[k, 0] = 0.5 * count * math.log(max(without, noise) / max(with_texture, noise))
+            result[k, 6] = _dependence(left, texture, first, last)
             middle = 0.5 * (front[k] + x0)
             result[k, 2] = mean * (solution[1] + solution[2] * (middle - first) / 20.0)
             result[k, 3] = 100.0 * solution[3]
             result[k, 5] = with_texture / (max(count, 1) * variance)
         else:
-            single = _fit(now[k], template, over, out, first, last, mean, transfer, 3, -1.0, solution)
+            single = _fit(
+                now[k], template, over, out, first, last, mean, transfer, 3, -1.0, solution, left, texture
+            )
             best = 1e300
             for i in range(3):
                 x1 = x0 - (1.5 + 1.5 * i) * blur
                 for lane in range(parallels):
                     for j in range(first, last + 1):
                         over[lane, j] = 0.5 * math.erfc((x1 - j) * scale)
-                best = min(
-                    best, _fit(now[k], template, over, out, first, last, mean, transfer, 4, -1.0, other)
+                double = _fit(
+                    now[k], template, over, out, first, last, mean, transfer, 4, -1.0, other, left, texture
                 )
+                best = min(best, double)
             result[k, 1] = 0.5 * (single - best) / max(variance, best / count) - math.log(count)
-
-
-@kernel(nogil=True)
-def _step(delta_a, delta_b, sigma, distance, decay, chord, margin):
-    """Log-likelihood of a foam that falls from one point to the other."""
-    high, low = max(delta_a, delta_b), max(min(delta_a, delta_b), 0.0)
-    excess = max(high, 0.0) * math.exp(-distance / decay) * (1.0 - chord) - low - margin
-    return -0.5 * (max(excess, 0.0) / sigma) ** 2
-
-
-@kernel(nogil=True)
-def join(unary, delta, sigma, rest_sigma, s, enter, decay, chord, margin, posterior):
-    """Forward-backward over the points; returns nothing, ``posterior`` (K, 4) is filled.
-
-    Parameters
-    ----------
-    unary
-        Log-likelihood of each state, (K, 4).
-    delta, sigma
-        Deflection and its standard deviation [m], (K,).
-    rest_sigma
-        Standard deviation of foam that a shadow's edge shows to be at rest [m], (K,).
-    s
-        Position along the strip [m], (K,).
-    enter
-        Log-probability of another state at the next point, for each of the four.
-    decay
-        Shortest decay length of free foam [m].
-    chord, margin
-        What its law forgives: a fraction of the higher point, and a length [m].
-    posterior
-        Filled.
-    """
-    n = len(s)
-    pair = np.zeros((n, 4, 4))
-    for k in range(1, n):
-        for a in range(4):
-            for b in range(4):
-                value = enter[b] if a != b else 0.0
-                if a <= SHADOW and b <= SHADOW:
-                    left = delta[k - 1] if a == FOAM else 0.0
-                    here = delta[k] if b == FOAM else 0.0
-                    scale = (sigma[k - 1] if a == FOAM else rest_sigma[k - 1]) ** 2
-                    scale = math.sqrt(scale + (sigma[k] if b == FOAM else rest_sigma[k]) ** 2) + 1e-9
-                    value += _step(left, here, scale, s[k] - s[k - 1], decay, chord, margin)
-                pair[k, a, b] = max(value, -60.0)
-    ahead = np.zeros((n, 4))
-    for k in range(n):
-        for b in range(4):
-            total = 0.0 if k == 0 and b == FOAM else enter[b]
-            if k > 0:
-                top = -1e300
-                for a in range(4):
-                    top = max(top, ahead[k - 1, a] + pair[k, a, b])
-                total = 0.0
-                for a in range(4):
-                    total += math.exp(ahead[k - 1, a] + pair[k, a, b] - top)
-                total = top + math.log(total)
-            ahead[k, b] = unary[k, b] + total
-    behind = np.zeros((n, 4))
-    for k in range(n - 1, -1, -1):
-        top = -1e300
-        if k < n - 1:
-            for a in range(4):
-                high = -1e300
-                for b in range(4):
-                    high = max(high, pair[k + 1, a, b] + unary[k + 1, b] + behind[k + 1, b])
-                total = 0.0
-                for b in range(4):
-                    total += math.exp(pair[k + 1, a, b] + unary[k + 1, b] + behind[k + 1, b] - high)
-                behind[k, a] = high + math.log(total)
-        for a in range(4):
-            top = max(top, ahead[k, a] + behind[k, a])
-        total = 0.0
-        for a in range(4):
-            posterior[k, a] = math.exp(ahead[k, a] + behind[k, a] - top)
-            total += posterior[k, a]
-        for a in range(4):
-            posterior[k, a] /= total

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...tracking.contours.contour import SHARED_NOISE
+from ...tracking.contours.contour import PIXEL_PX, SHARED_NOISE
+from ._posterior_kernels import EDGE
 from .material.foam_material import FoamMaterial
 from .posterior import DECAY_PER_WIDTH, REST_PX, EdgePosterior, EdgeStates
 from .profile import FoamContour, FoamReading
@@ -30,6 +31,8 @@ _BRIDGED_POINTS = 2
 _RISES_ON = 0.3
 #: ... and where it does not fall by more than this factor: steeper than any foam, an edge lies between.
 _STEEPEST = 8.0
+#: Error that a frame may have beside its standard deviations [N].
+NEGLIGIBLE_N = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +126,20 @@ def measure_deflection(
     # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
+    systematic = np.hypot(systematic, _merged_m(strip, delta, states))
     return fill_gaps(geometry, delta, sigma, noise, systematic, raw, states)
+
+
+def _merged_m(
+    strip: ObservedStrip, delta_m: Float[np.ndarray, "K"], states: EdgeStates
+) -> Float[np.ndarray, "K"]:
+    """What a shadow may have moved the front by: where its edge comes up to that of foam at rest both are one step."""
+    from scipy.ndimage import label
+
+    merged = states.foam & (delta_m < EDGE * np.hypot(strip.blur_px, PIXEL_PX) * strip.pixel_m)
+    runs, _ = label(merged | states.shadow)
+    beside = merged & np.isin(runs, runs[states.shadow])
+    return np.where(beside, np.maximum(delta_m, 0.0), 0.0)
 
 
 def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
@@ -297,7 +313,11 @@ def _bridge(
 def with_states(
     reading: FoamReading, found: Deflection, material: FoamMaterial, s_m: Float[np.ndarray, "K"]
 ) -> tuple[FoamReading, float]:
-    """The reading with what the states leave open in its budget, and the probability that a contact is none.
+    """The reading with what the states leave open in its budget, and the probability that it is wrong nevertheless.
+
+    A run of points that is something else than it is taken for has all their force wrong: with the force f_k of each
+    and the probability P_ij that all from i to j are, the variance is the sum of f_i P_ij f_j. Wrong is a run whose force
+    is beyond three standard deviations, those without this, and ``NEGLIGIBLE_N``.
 
     Parameters
     ----------
@@ -311,16 +331,15 @@ def with_states(
         Position of the points along the strip [m].
     """
     inside = np.zeros(len(s_m), dtype=bool)
-    q = found.states.undecided
-    contacts, variance = [], 0.0
+    runs, states = found.states.runs, found.states
+    pressed = np.where(states.foam | states.shadow, np.clip(found.raw_m / material.width_m, 0.0, 1.0), 0.0)
+    each_N = material.height_m * np.gradient(s_m) * material.stress(np.nan_to_num(pressed))
+    contacts = []
     for contact in reading.contacts:
         part = slice(contact.first, contact.last + 1)
         inside[part] = True
-        weight = np.where(found.seen[part], np.maximum(np.nan_to_num(found.delta_m[part]), 0.0), 0.0)
-        doubt = float(weight @ np.sqrt(q[part] * (1.0 - q[part])) / max(float(weight.sum()), 1e-12))
-        extra = (doubt * contact.force_N) ** 2
-        variance += extra
-        model = float(np.sqrt(contact.budget.model_N**2 + extra))
+        open_N = float(np.sqrt(each_N[part] @ runs[part, part] @ each_N[part]))
+        model = float(np.hypot(contact.budget.model_N, open_N))
         contacts.append(replace(contact, budget=replace(contact.budget, model_N=model)))
     delta, sigma = found.delta_m, found.sigma_m
     # Too small against the error of the zero to count as a contact, it may be one.
@@ -332,26 +351,20 @@ def with_states(
     loose = material.height_m * float(np.trapezoid(pressure, s_m))
     loose = float(np.hypot(loose, _offset_N(delta, found, inside, material, s_m)))
     budget = reading.budget
-    budget = replace(
-        budget,
-        model_N=float(np.sqrt(budget.model_N**2 + variance)),
-        zero_N=float(np.hypot(budget.zero_N, loose)),
-    )
-    return replace(reading, contacts=tuple(contacts), budget=budget), _undecided_part(found)
+    budget = replace(budget, zero_N=float(np.hypot(budget.zero_N, loose)))
+    wrong = _wrong(each_N, runs, 3.0 * budget.total_N + NEGLIGIBLE_N)
+    variance = float(each_N @ runs @ each_N)
+    budget = replace(budget, model_N=float(np.sqrt(budget.model_N**2 + variance)))
+    return replace(reading, contacts=tuple(contacts), budget=budget), wrong
 
 
-def _undecided_part(found: Deflection) -> float:
-    """Largest part of the deflection of a run of points that is not decided to be a contact or a shadow."""
-    states, raw_m = found.states, found.raw_m
-    deflected = (states.foam | states.shadow) & (raw_m > 3.0 * np.nan_to_num(found.sigma_m))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], deflected.astype(np.int8), [0]])))
-    return max(
-        (
-            float(raw_m[a:b] @ states.undecided[a:b] / raw_m[a:b].sum())
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
-        ),
-        default=0.0,
-    )
+def _wrong(each_N: Float[np.ndarray, "K"], runs: Float[np.ndarray, "K K"], tolerance_N: float) -> float:
+    """Largest probability of a run whose force is beyond a tolerance."""
+    force = np.concatenate([[0.0], np.cumsum(each_N)])
+    first = np.arange(len(each_N))
+    last = np.searchsorted(force, force[:-1] + tolerance_N) - 1
+    possible = last < len(each_N)
+    return float(runs[first[possible], last[possible]].max(initial=0.0))
 
 
 def _offset_N(

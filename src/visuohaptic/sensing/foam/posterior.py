@@ -8,12 +8,13 @@ now and x0 at rest, the likelihoods of a frame are, each against the same for O,
     shadow    p(I | S) : I = light(t) Z(t) up to x0, then a floor;   p(I | F) : g Z up to x, then another surface
     place     p(x | F) : at rest, or anywhere that max_contact_speed reaches from where it was;  p(x | O) : anywhere
     steepness p(x_k, x_k+1 | F, F) : free foam falls off over DECAY_PER_WIDTH w or more (a free end has no slope)
+    crossing  p(x_k, x_k+1 | F, O) : an occluder crosses the foam's edge at any angle;  p(... | F, F) : one edge goes on
     edge      p(no edge | F) = 0
 
 The variance about g Z and the part of Z's texture that an image shows (blur, JPEG) are those of the foam behind the
-edges of this very frame. F is joined to F along the strip, states persist in time for ``PERSISTENCE_S``; forward and
-backward over the points give p(z_k | all). What a contact's points are with probability 1 - q is the foam; the force
-is read while q < ``FALSE_ALARM``, and q (1 - q) of its square is in its variance.
+edges of this very frame; pixels beyond the edge count by the correlation of their own residuals. F is joined to F along the strip, states persist in time for ``PERSISTENCE_S``; forward and
+backward over the points give p(z_k | all). So do the probabilities P_ij that all points from i to j are
+something else than they are taken for, of which force and variance follow in ``deflection.py``.
 """
 
 from __future__ import annotations
@@ -25,21 +26,17 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ...tracking.contours.contour import PIXEL_PX
+from ._chain_kernels import FOAM, NOTHING, OCCLUDER, SHADOW, join
 from ._posterior_kernels import (
     COUNT,
     COV_PRESSED,
     COV_REST,
-    FOAM,
     GAIN_PRESSED,
     GAIN_REST,
-    NOTHING,
-    OCCLUDER,
     OWN,
-    SHADOW,
     VAR_PRESSED,
     VAR_REST,
     foam_bands,
-    join,
     shadow_odds,
 )
 from .strip.optics import ObservedStrip
@@ -51,7 +48,7 @@ __all__ = ["DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
 #: plates, wedges and cylinders stay above it with 3 % of the higher point and a four-hundredth of the width.
 DECAY_PER_WIDTH = 0.15
 _CHORD, _OPTICS = 0.03, 0.0025
-#: Probability that a contact which is read is none: one frame in a thousand.
+#: Probability that a run of points is none of the foam, and a frame that is read wrong by its force: one in a thousand.
 FALSE_ALARM = 1e-3
 #: States of an edge persist for so long [s].
 PERSISTENCE_S = 0.3
@@ -83,6 +80,9 @@ class EdgeStates:
     """States of K edges in one frame."""
 
     probability: Float[np.ndarray, "K 4"]  #: of foam, shadow, occluder, nothing
+    #: Probability that all points from one to another are something else than they are taken for; one or two alone
+    #: are bridged, and not counted.
+    runs: Float[np.ndarray, "K K"]
     against: Float[np.ndarray, "K 5"]  #: log-odds against foam of each kind of evidence
 
     @property
@@ -92,24 +92,13 @@ class EdgeStates:
 
     @property
     def undecided(self) -> Float[np.ndarray, "K"]:
-        """Probability that a point and two neighbours are not what they are taken for: one or two are bridged.
-
-        Beyond the ends of the strip there is nothing to bridge to.
-        """
-        other = np.concatenate([np.ones(2), 1.0 - self.probability.max(axis=1), np.ones(2)])
-        runs = np.minimum(np.minimum(other[:-2], other[1:-1]), other[2:])
-        result: Float[np.ndarray, "K"] = np.maximum(np.maximum(runs[:-2], runs[1:-1]), runs[2:])
-        return result
+        """Probability that a point lies in a run of something else than it is taken for."""
+        return self.runs.diagonal()
 
     @property
     def shadow(self) -> Bool[np.ndarray, "K"]:
         """Edges that most likely are a shadow's on foam at rest."""
         return self.probability.argmax(axis=1) == SHADOW
-
-    @property
-    def covered(self) -> Bool[np.ndarray, "K"]:
-        """Edges that most likely are an occluder's."""
-        return self.probability.argmax(axis=1) == OCCLUDER
 
     def evidence(self, points: Bool[np.ndarray, "K"]) -> str:
         """What spoke most against the foam at some points; empty where nothing did.
@@ -193,12 +182,13 @@ class EdgePosterior:
             stay = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S)
             # Neighbours share what they were: a run of ten counts once.
             unary += 0.1 * np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
-        probability = np.empty_like(unary)
+        probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, _OPTICS * self._width
-        join(unary, delta, sigma, REST_PX * strip.pixel_m, self._s, _ENTER, *rules, probability)
-        against[:, 3] = _fall(delta, sigma, self._s, seen, *rules)
+        crossing = _crossing(delta, sigma, self._s, self._width)
+        s_m, rest_m = self._s, REST_PX * strip.pixel_m
+        join(unary, crossing, delta, sigma, rest_m, s_m, _ENTER, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
-        states = EdgeStates(probability, against)
+        states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
         self._trusted_m[calm], self._since_s[calm] = delta[calm], strip.t_s
         return states
@@ -248,7 +238,8 @@ def _image_evidence(
     resting = rest_px / step
     blur = float(np.hypot(strip.blur_px, PIXEL_PX) / np.median(step)) if np.isfinite(strip.blur_px) else 1.0
     bands = np.empty((len(seen), 9))
-    foam_bands(strip.image, zero.image, front, resting, blur, seen, bands)
+    slope = strip.front.slope * strip.across_px / step
+    foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, bands)
     used = bands[:, COUNT] > 0.0
     if used.sum() < 6:
         return
@@ -281,7 +272,7 @@ def _image_evidence(
     unary[used, FOAM], unary[used, OCCLUDER] = foam, other
     unary[used, SHADOW] = np.logaddexp(np.log(0.9) + odds[1], _OTHER)
     against[used, 0] = other - foam
-    places = _Places(front, resting, strip.front.slope * strip.across_px / step, blur)
+    places = _Places(front, resting, slope, blur)
     gain = np.full(len(seen), np.nan)
     gain[used] = np.where(moved < fixed, b[:, GAIN_PRESSED], b[:, GAIN_REST])
     odds_shadow = _shadow_evidence(strip, zero, places, deflected & seen, gain, transfer, variance)
@@ -309,11 +300,14 @@ def _shadow_evidence(
     variance: float,
 ) -> Float[np.ndarray, "K"]:
     """Log-odds of a shadow's edge against a body's, by what lies between the edge and where it was at rest."""
-    found = np.empty((len(tested), 6))
+    found = np.empty((len(tested), 7))
     shadow_odds(
         strip.image, zero.image, at.front, at.resting, at.slope, at.blur, transfer, variance, tested, found
     )
-    texture, near, between, beyond, floor, misfit = found.T
+    texture, near, between, beyond, floor, misfit, alike = found.T
+    # A point whose texture agrees by chance leaves residuals that look independent; its neighbours know better.
+    known = np.isfinite(alike)
+    texture[known] /= np.nanmedian(_around(alike)[known], axis=1)
     light, foam = float(np.nanmedian(gain)), resting_grey(zero.image, at.resting)
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = np.hypot(_SAME_GREY * light * foam, math.sqrt(variance))
@@ -331,19 +325,47 @@ def _shadow_evidence(
         texture = np.where(clean, texture, np.minimum(texture, 0.0))
         levels = _ALIKE * np.log(shaded / body)
     # A shadow's edge that crosses the strip changes the light from one point to some other beside it.
-    around = np.lib.stride_tricks.sliding_window_view(
-        np.pad(np.log(np.maximum(gain, 1e-3)), 4, constant_values=np.nan), 9
-    )
+    around = _around(np.log(np.maximum(gain, 1e-3)))
     with np.errstate(invalid="ignore"):
         change = np.fmax.reduce(around, axis=1) - np.fmin.reduce(around, axis=1)
     lit = _ALIKE * np.clip(0.5 * (np.nan_to_num(change) / _SAME_GREY) ** 2 - 3.0, -3.0, 3.0)
     odds_shadow = (
         np.where(np.isfinite(near), lit, 0.0)
-        + np.nan_to_num(_INDEPENDENT * texture)
+        + np.nan_to_num(texture)
         + np.nan_to_num(levels)
         + np.nan_to_num(_INDEPENDENT * near)
     )
     result: Float[np.ndarray, "K"] = np.clip(odds_shadow, -_MAX_ODDS, _MAX_ODDS)
+    return result
+
+
+def _around(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
+    """A point with four to either side; NaN beyond the ends."""
+    padded = np.pad(values, 4, constant_values=np.nan)
+    result: Float[np.ndarray, "K 9"] = np.lib.stride_tricks.sliding_window_view(padded, 9)
+    return result
+
+
+def _crossing(
+    delta: Float[np.ndarray, "K"], sigma: Float[np.ndarray, "K"], s: Float[np.ndarray, "K"], width: float
+) -> Float[np.ndarray, "K 2"]:
+    """Log-likelihood of the step where an occluder's edge crosses the foam's, against that of one edge going on.
+
+    The step r is that from the straight line on through the foam. An occluder crosses at any angle alike, so that r
+    has a Cauchy distribution with the distance of the points; that of one edge has no scale between its error
+    and the width of the strip. A step that says less than nothing is a kink.
+    """
+    padded, place = np.pad(delta, 1, mode="edge"), np.pad(s, 1, mode="reflect", reflect_type="odd")
+    slope = np.diff(padded) / np.diff(place)  # before each point, and after the last one
+    apart = np.diff(s)
+    result = np.zeros((len(s), 2))
+    error = np.minimum(2.0 * np.hypot(sigma[1:], sigma[:-1]), 0.3 * width)
+    for column, side in enumerate((slope[:-2], slope[2:])):
+        r = np.abs(np.diff(delta) - side * apart)
+        same = 0.5 / ((r + error) * np.log(width / error))
+        result[1:, column] = np.log(
+            np.minimum(1.0 / (math.pi * apart * (1.0 + (r / apart) ** 2)) / same, 1.0)
+        )
     return result
 
 
@@ -361,24 +383,4 @@ def resting_grey(
     """
     stop = int(0.9 * resting.min())
     result: Float[np.ndarray, "K"] = image[:, :, stop // 2 : stop].mean(axis=(1, 2))
-    return result
-
-
-def _fall(
-    delta: Float[np.ndarray, "K"],
-    sigma: Float[np.ndarray, "K"],
-    s: Float[np.ndarray, "K"],
-    seen: Bool[np.ndarray, "K"],
-    decay: float,
-    chord: float,
-    margin: float,
-) -> Float[np.ndarray, "K"]:
-    """What speaks against a step to either neighbour, for the higher point [nats]."""
-    result = np.zeros(len(s))
-    low, high = np.maximum(np.minimum(delta[:-1], delta[1:]), 0.0), np.maximum(delta[:-1], delta[1:])
-    excess = high * np.exp(-np.diff(s) / decay) * (1.0 - chord) - low - margin
-    nats = 0.5 * (np.maximum(excess, 0.0) / np.hypot(sigma[:-1], sigma[1:])) ** 2
-    nats = np.where(seen[:-1] & seen[1:], np.minimum(nats, 60.0), 0.0)
-    upper = np.arange(len(nats)) + (delta[1:] > delta[:-1])
-    np.maximum.at(result, upper, nats)
     return result

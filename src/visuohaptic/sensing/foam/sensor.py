@@ -17,8 +17,8 @@ from ...core.camera.plane import PlaneView
 from ...core.errors import CalibrationError, InputError
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking.contours.contour import PointReason
-from ._posterior_kernels import OCCLUDER
-from .deflection import Deflection, edge_uncertainty_m, measure_deflection, with_states
+from ._chain_kernels import OCCLUDER
+from .deflection import NEGLIGIBLE_N, Deflection, edge_uncertainty_m, measure_deflection, with_states
 from .material.hysteresis import HysteresisState
 from .posterior import FALSE_ALARM, EdgePosterior
 from .profile import ContactRegion, FoamReading, read_profile
@@ -39,8 +39,8 @@ _REMEMBERED_IMAGES = 8
 _UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
 
 
-#: What hidden foam may press with at most [N], and as a part of the force: what a frame is asked to be right by.
-_UNSEEN_N, _UNSEEN = 0.05, 0.02
+#: What hidden foam may press with at most, beside ``NEGLIGIBLE_N``, as a part of the force.
+_UNSEEN = 0.02
 
 
 class FoamSensor:
@@ -228,9 +228,9 @@ class FoamSensor:
         found = measure_deflection(strip, watch.zero, geometry, rest_px, self._edges)
         contour = found.contour(geometry, float(np.hypot(strip.common_sigma_m, watch.sigma_m)))
         reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
-        reading, undecided = with_states(reading, found, material, geometry.s_m)
+        reading, wrong = with_states(reading, found, material, geometry.s_m)
         reading = self.reading = self._with_unknown_branch(reading, strip.t_s, found.gap)
-        reason = self._reason(reading, found, strip, undecided)
+        reason = self._reason(reading, found, strip, wrong)
         if reason is Reason.OK:
             usable = found.states.foam & strip.usable
             watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=usable)
@@ -303,22 +303,20 @@ class FoamSensor:
             found.delta_m[inside],
         )
 
-    def _reason(
-        self, reading: FoamReading, found: Deflection, strip: ObservedStrip, undecided: float
-    ) -> Reason:
+    def _reason(self, reading: FoamReading, found: Deflection, strip: ObservedStrip, wrong: float) -> Reason:
         """The first reason not to trust the frame, the gravest first."""
         assert self._watch is not None
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
         unseen_N = found.hidden_force_N(self.setup.material, self.setup.geometry.s_m)
-        if unseen_N > _UNSEEN_N + _UNSEEN * reading.force_N:
+        if unseen_N > NEGLIGIBLE_N + _UNSEEN * reading.force_N:
             lost = strip.front.reason != PointReason.OCCLUDED
             lost &= found.states.probability.argmax(axis=1) != OCCLUDER
             hidden = found.hidden_m > 0.0
             return Reason.LOST if 2 * (lost & hidden).sum() > hidden.sum() else Reason.OCCLUDED
         if self._watch.drifted:
             return Reason.DRIFTED
-        return Reason.OCCLUDED if undecided > FALSE_ALARM else reading.reason
+        return Reason.OCCLUDED if wrong > FALSE_ALARM else reading.reason
 
     def blank(self, t_s: float, reason: Reason) -> ForceProfile:
         """A profile without force, that says only why there is none.
