@@ -42,12 +42,14 @@ from ._posterior_kernels import (
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
+__all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
 
 #: Shortest decay length of free foam by the width of the strip: continuum simulations of five foams under
 #: plates, wedges and cylinders stay above it with 3 % of the higher point and a four-hundredth of the width.
 DECAY_PER_WIDTH = 0.15
 _CHORD, _OPTICS = 0.03, 0.0025
+#: Foam bulges beside a contact by this part of its depth, at the most.
+BULGE = 0.067
 #: Probability that a run of points is none of the foam, and a frame that is read wrong by its force: one in a thousand.
 FALSE_ALARM = 1e-3
 #: States of an edge persist for so long [s].
@@ -210,7 +212,7 @@ class EdgePosterior:
         reach = np.where(known, np.maximum(before, 0.0) + self._speed * waited, self._width)
         blunt = np.hypot(sigma, _OPTICS * self._width)
         fast = 0.5 * (np.maximum(delta - reach, 0.0) / blunt) ** 2
-        thick = 0.5 * (np.maximum(-delta - 0.067 * max(float(delta.max()), 0.0), 0.0) / (2.0 * blunt)) ** 2
+        thick = 0.5 * (np.maximum(-delta - BULGE * max(float(delta.max()), 0.0), 0.0) / (2.0 * blunt)) ** 2
         anywhere = self._width / np.clip(reach, blunt, self._width)
         step = 2.0 * (self._speed * np.where(known, waited, np.inf) + blunt)
         near = np.where(np.abs(delta - self._trusted_m) < 0.5 * step, self._width / step, 0.0)
