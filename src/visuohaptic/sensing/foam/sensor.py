@@ -310,7 +310,7 @@ class FoamSensor:
             return Reason.MOVED
         unseen_N = found.hidden_force_N(self.setup.material, self.setup.geometry.s_m)
         if unseen_N > NEGLIGIBLE_N + _UNSEEN * reading.force_N:
-            lost = strip.front.reason != PointReason.OCCLUDED
+            lost = ~found.seen & (strip.front.reason != PointReason.OCCLUDED)
             lost &= found.states.probability.argmax(axis=1) != OCCLUDER
             hidden = found.hidden_m > 0.0
             return Reason.LOST if 2 * (lost & hidden).sum() > hidden.sum() else Reason.OCCLUDED
