@@ -53,7 +53,7 @@ class Deflection:
     @property
     def gap(self) -> bool:
         """Whether more points are hidden than can be bridged."""
-        return bool((self.hidden_m > 0.0).any())
+        return bool((~self.seen & (self.hidden_m > 0.0)).any())
 
     def hidden_force_N(self, material: FoamMaterial, s_m: Float[np.ndarray, "K"]) -> float:
         """What the hidden points may press with at most [N].
