@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from visuohaptic.sensing.foam.deflection import fill_gaps, with_cancelled_texture
+from visuohaptic.sensing.foam.deflection import fill_gaps, with_cancelled_texture, with_states
 from visuohaptic.sensing.foam.posterior import EdgeStates
+from visuohaptic.sensing.foam.profile import FoamReading, read_profile
 from visuohaptic.sensing.foam.strip import StripGeometry
 
 GEOMETRY = StripGeometry.straight(0.25, 0.02)
@@ -73,3 +76,46 @@ def test_texture_that_the_zero_has_too_cancels() -> None:
     changed = np.hypot(5e-6, texture) * rng.standard_normal(K)
     sigma = with_cancelled_texture(changed, declared, noise, clean, pixel)
     assert 0.7 < np.median(sigma) / declared[0] < 1.4
+
+
+PLATE_M = 0.003 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.02, 0.0) / 0.006)
+
+
+def read_with(material, delta, runs) -> tuple[FoamReading, FoamReading, float]:
+    """The reading before and after the states of its points are known, and the probability that it is wrong."""
+    found = filled(delta, np.zeros(K, dtype=bool))
+    found = replace(found, states=replace(found.states, runs=runs))
+    before = read_profile(found.contour(GEOMETRY, 0.0), material)
+    return before, *with_states(before, found, material, GEOMETRY.s_m)
+
+
+def test_a_run_that_may_be_no_foam_is_in_sigma_and_refuses_the_frame(material) -> None:
+    runs = np.zeros((K, K))
+    before, after, wrong = read_with(material, PLATE_M, runs)
+    assert wrong == 0.0
+    assert after.budget.total_N < 1.1 * before.budget.total_N
+    # Five points of the plate, each 3 mm of 10 mm high foam under its stress at 3 mm, with one in a hundred.
+    part = slice(K // 2 - 2, K // 2 + 3)
+    runs[part, part] = 0.01
+    _, after, wrong = read_with(material, PLATE_M, runs)
+    force_N = 5 * np.diff(GEOMETRY.s_m).mean() * 0.01 * float(material.stress(np.array([0.003 / 0.02]))[0])
+    added_N = np.sqrt(after.budget.total_N**2 - before.budget.total_N**2)
+    np.testing.assert_allclose(added_N, 0.1 * force_N, rtol=0.05)
+    assert wrong == 0.01
+    # The same points hardly pressed: whatever they are, the force is right.
+    _, _, wrong = read_with(material, 0.002 * PLATE_M, runs)
+    assert wrong == 0.0
+
+
+def test_foam_that_bulges_beside_a_contact_is_no_error_of_the_zero(material) -> None:
+    bulged, shifted = (PLATE_M - part * 0.003 for part in (0.04, 0.15))
+    zero_N = [read_with(material, delta, np.zeros((K, K)))[1].budget.zero_N for delta in (bulged, shifted)]
+    assert zero_N[0] < 0.01
+    # 15 % of 3 mm less the bulge of 6.7 % at the most: a quarter of a millimetre over 4 cm at 0.1 N per mm and point.
+    assert zero_N[1] > 0.1
+
+
+def test_what_a_shadow_may_hide_is_not_out_of_sight() -> None:
+    found = filled(PLATE_M, np.zeros(K, dtype=bool))
+    assert not replace(found, hidden_m=np.where(PLATE_M > 1e-3, PLATE_M, 0.0)).gap
+    assert filled(PLATE_M, np.abs(GEOMETRY.s_m) < 0.01).gap

@@ -16,7 +16,7 @@ from visuohaptic.sensing.foam._posterior_kernels import (
     foam_bands,
     shadow_odds,
 )
-from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH
+from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH, edge_crossing
 
 ENTER = np.log([0.05, 0.01, 0.01, 0.01])
 
@@ -162,3 +162,15 @@ def test_texture_that_moves_with_the_foam_is_found() -> None:
     foam_bands(now.astype(np.float32), rest, front * ones, 85.0 * ones, 0 * ones, 1.0, ones > 0, bands)
     assert bands[:, COV_PRESSED].mean() > 0.9 * bands[:, VAR_PRESSED].mean()
     assert abs(bands[:, COV_REST].mean()) < 0.2 * bands[:, VAR_PRESSED].mean()
+
+
+def test_an_occluder_that_goes_on_in_one_line_with_the_foam_is_a_coincidence() -> None:
+    s = 0.003 * np.arange(9.0)
+    sigma = np.full(9, 1e-5)
+    straight = edge_crossing(0.002 + 0.1 * s, sigma, s, 0.02)
+    # Within 30 um of a line that it crosses at any angle: 30 um of 3 mm; one edge alone within 20 mm: one part in six.
+    assert (straight[2:-1] < -2.5).all()
+    assert (straight > -6.0).all()
+    step = edge_crossing(np.where(s > 0.0119, 0.005, 0.002), sigma, s, 0.02)
+    assert (step[4] > -0.5).all(), "a step between two points may be where they meet"
+    assert (step[[1, 2, 6, 7]] < -2.5).all()

@@ -42,7 +42,7 @@ from ._posterior_kernels import (
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
+__all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates", "edge_crossing"]
 
 #: Shortest decay length of free foam by the width of the strip: continuum simulations of five foams under
 #: plates, wedges and cylinders stay above it with 3 % of the higher point and a four-hundredth of the width.
@@ -186,7 +186,7 @@ class EdgePosterior:
             unary += 0.1 * np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, _OPTICS * self._width
-        crossing = _crossing(delta, sigma, self._s, self._width)
+        crossing = edge_crossing(delta, sigma, self._s, self._width)
         s_m, rest_m = self._s, REST_PX * strip.pixel_m
         join(unary, crossing, delta, sigma, rest_m, s_m, _ENTER, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
@@ -348,14 +348,25 @@ def _around(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
     return result
 
 
-def _crossing(
+def edge_crossing(
     delta: Float[np.ndarray, "K"], sigma: Float[np.ndarray, "K"], s: Float[np.ndarray, "K"], width: float
 ) -> Float[np.ndarray, "K 2"]:
     """Log-likelihood of the step where an occluder's edge crosses the foam's, against that of one edge going on.
 
+    Of each point beside the one before; with the foam before it, and with the foam at it.
+
     The step r is that from the straight line on through the foam. An occluder crosses at any angle alike, so that r
     has a Cauchy distribution with the distance of the points; that of one edge has no scale between its error
     and the width of the strip. A step that says less than nothing is a kink.
+
+    Parameters
+    ----------
+    delta, sigma
+        Deflection and its standard deviation [m].
+    s
+        Position along the strip [m].
+    width
+        Width of the strip [m].
     """
     padded, place = np.pad(delta, 1, mode="edge"), np.pad(s, 1, mode="reflect", reflect_type="odd")
     slope = np.diff(padded) / np.diff(place)  # before each point, and after the last one
