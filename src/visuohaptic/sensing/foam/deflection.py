@@ -132,19 +132,19 @@ def measure_deflection(
 
 
 def _merged_m(
-    strip: ObservedStrip,
-    delta_m: Float[np.ndarray, "K"],
-    sigma_m: Float[np.ndarray, "K"],
-    states: EdgeStates,
+    strip: ObservedStrip, delta_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"], states: EdgeStates
 ) -> Float[np.ndarray, "K"]:
     """What a shadow may hide: where its edge comes up to that of foam at rest, both are seen as one step."""
     from scipy.ndimage import binary_opening, label
 
-    merged = states.foam & (delta_m < EDGE * np.hypot(strip.blur_px, PIXEL_PX) * strip.pixel_m)
+    small = delta_m < EDGE * np.hypot(strip.blur_px, PIXEL_PX) * strip.pixel_m
+    merged, pressed = states.foam & small, states.foam & (delta_m > 3.0 * sigma_m)
+    # One or two shadows alone are chance where the foam goes on to be pressed deeper.
+    contacts, _ = label(pressed | states.shadow)
+    deep = np.isin(contacts, contacts[states.foam & ~small])
+    shadow = binary_opening(states.shadow, np.ones(_BRIDGED_POINTS + 1)) | (states.shadow & ~deep)
     runs, _ = label(merged | states.shadow)
-    # One or two shadows alone are chance.
-    shadow = binary_opening(states.shadow, np.ones(_BRIDGED_POINTS + 1))
-    beside = merged & np.isin(runs, runs[shadow]) & (delta_m > 3.0 * sigma_m)
+    beside = merged & pressed & np.isin(runs, runs[shadow])
     return np.where(beside, delta_m, 0.0)
 
 
