@@ -319,16 +319,32 @@ def run_worlds() -> None:
 
 
 def run_foam() -> None:
-    """Grey levels along two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
+    """Edges of two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
+    from visuohaptic.sensing.foam._chain_kernels import join
+    from visuohaptic.sensing.foam._posterior_kernels import foam_bands, shadow_odds
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions
-    from visuohaptic.sensing.foam.strip import front_grey, interior_grey
-    from visuohaptic.sensing.foam.validity._flank_kernels import below_chord
+    from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
 
-    image, points_px, extent_px = np.zeros((8, 8), np.uint8), np.zeros((2, 2)), np.zeros(2)
-    for grey in (interior_grey, front_grey):
-        grey(image, points_px, points_px, extent_px)
-    s_m, delta_m, sigma_m = np.linspace(0.0, 0.1, 11), np.zeros(11), np.full(11, 1e-5)
-    below_chord(s_m, delta_m, sigma_m, 0.0, 0.1, 0.01, 1e-4, 1e-4, 0.01, 3.0)
+    grey, points_px, one_px, seen = np.zeros((8, 8), np.uint8), np.zeros((2, 2)), np.ones(2), np.ones(2, bool)
+    now, rest = np.zeros((2, 5, 40), np.float32), np.zeros((2, 5, 40), np.uint8)
+    rectify(grey, points_px, points_px, one_px, one_px, np.zeros(2, np.int64), now)
+    front, states = np.full(2, 20.0), np.zeros((2, 4))
+    foam_bands(now, rest, front, front, one_px, 1.0, seen, np.zeros((2, 9)))
+    shadow_odds(now, rest, front, front + 9.0, one_px, 1.0, 1.0, 1.0, seen, np.zeros((2, 7)))
+    rules, pairs = (1.0, 0.0, 0.0), np.zeros((2, 2))
+    join(
+        states,
+        points_px,
+        one_px,
+        one_px,
+        one_px,
+        one_px.cumsum(),
+        np.zeros(4),
+        *rules,
+        states.copy(),
+        pairs,
+        states[:, 3],
+    )
     # Only compiled: its arguments are the tables of a calibrated foam.
     one, two, three = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]"
     numbers = "f8[::1], f8, f8, f8, f8, i8, f8, f8, i8"

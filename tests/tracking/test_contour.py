@@ -141,21 +141,6 @@ def test_plain_image_has_no_contour():
     assert np.isfinite(c.sigma_px[c.valid]).all()
 
 
-def test_an_object_on_the_foam_is_reported_as_occlusion():
-    scene = Scene(lambda s: 0.3 + 0 * s, rows=200, centre=(200.0, 140.0))
-    exact = scene.exact(3)
-    exact[80:100, 178:222] = 110.0  # lies on the foam, between reference and front
-    lines, truth = scene.lines(21, reach=100.0)
-    c = ContourTracker(BRIGHT_BEHIND).track(camera(exact, 3, np.random.default_rng(8)), lines)
-    x = lines.origin_px[:, 0]
-    inside = (x > 178) & (x < 221)
-    assert not c.valid[inside].any()
-    assert (c.reason[inside] == PointReason.OCCLUDED).all()
-    away = (x < 166) | (x > 234)
-    assert c.valid[away].all()
-    np.testing.assert_allclose(c.position_px[c.valid], truth[c.valid], atol=0.15)
-
-
 def test_an_object_over_the_whole_foam_gives_no_valid_points():
     scene = Scene(lambda s: 0.3 + 0 * s, rows=200, centre=(200.0, 140.0))
     exact = scene.exact(3)

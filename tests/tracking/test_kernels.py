@@ -112,14 +112,3 @@ def test_share_trusts_neighbours_as_far_as_they_agree():
         # Twenty neighbours: own noise / 20 when they agree, the scatter squared when not.
         low, high = (0.0, 0.25) if scatter == 0.0 else (5.0, 13.0)
         assert low < spread.mean() < high
-
-
-def test_foam_edge_sees_a_step_and_no_noise():
-    rng = np.random.default_rng(6)
-    grey = np.clip(100 + 3 * rng.standard_normal((100, 60)), 0, 255).astype(np.uint8)
-    grey[50:, 30:] = 160
-    origin = np.array([[10.0, 10.0], [45.0, 10.0]])
-    step = np.empty(2)
-    _kernels.foam_edge(grey, origin, np.tile([0.0, 1.0], (2, 1)), np.zeros(2), np.full(2, 80.0), step)
-    assert step[0] < 5 * 0.58 * 3  # five standard deviations
-    assert step[1] == pytest.approx(60, abs=8)

@@ -133,6 +133,7 @@ class ForceProfile:
     pressure_sigma_Pa: Float[np.ndarray, "K"]
     point_valid: Bool[np.ndarray, "K"]
     contacts: tuple[Contact, ...] = ()
+    evidence: str = ""  #: what spoke most against reading it; empty where nothing did
 
     def unread(self) -> ForceProfile:
         """The profile of a frame that is not to be believed: its contours, but neither force nor pressure."""

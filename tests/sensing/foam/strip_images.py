@@ -90,7 +90,10 @@ class World:
         x, s = self._x, self._s
         pressed = np.zeros(s.shape[1]) if delta is None else delta(s[0])
         front = self.width_m - pressed[None]
-        bare = (x >= 0) & (x <= front) & (np.abs(s) <= 0.5 * LENGTH_M)
+        # The front covers its sub-sample in part: a quarter of a pixel would be 0.06 mm.
+        bare = (
+            np.clip((front - x) / (PX_M / SUB[0]) + 0.5, 0.0, 1.0) * (x >= 0) * (np.abs(s) <= 0.5 * LENGTH_M)
+        )
         row, column = (np.indices(x.shape) // np.array(SUB)[:, None, None]).astype(np.intp)
         depth = np.clip(x / np.maximum(front, 1e-6), 0.0, 1.0) * (len(self._texture) - 1)
         grey = self.floor + self._ground[row, column]
@@ -98,9 +101,9 @@ class World:
             inside = body(x, s)
             grey = np.where(inside, self.body + self._skin[row, column], grey)
         grey = np.where(x < 0, BASE_GREY, grey)
-        grey = np.where(bare, self.foam + self._texture[np.rint(depth).astype(np.intp), column], grey)
-        if shadow is not None:
-            grey = grey * np.where(bare | floor_in_shadow, shadow(x, s), 1.0)
+        foam = self.foam + self._texture[np.rint(depth).astype(np.intp), column]
+        light = 1.0 if shadow is None else shadow(x, s)
+        grey = bare * foam * light + (1.0 - bare) * grey * (light if floor_in_shadow else 1.0)
         small = grey.reshape(ROWS, SUB[0], COLUMNS, SUB[1]).mean(axis=(1, 3))
         small = gaussian_filter(small, self.blur_px) + self.noise * self.rng.standard_normal(small.shape)
         return np.clip(np.rint(small), 0, 255).astype(np.uint8)

@@ -13,7 +13,6 @@ from visuohaptic.core import CalibrationError, Reason
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.foam import FoamSensor
 from visuohaptic.sensing.foam.material import StrainStress, calibrate_foam, read_plate
-from visuohaptic.sensing.foam.validity import stepped_points, thicker_than_at_rest
 
 FRAME_S = 1.0 / 30
 ZERO_FRAMES = 5
@@ -96,6 +95,17 @@ def test_no_shadow_on_the_bare_strip_is_a_force(images, config, seed) -> None:
             assert np.isnan([profile.force_N, profile.force_sigma_N]).all()
             assert np.isnan([profile.pressure_Pa, profile.pressure_sigma_Pa]).all()
             assert all(np.isnan(one.force_N) and not one.valid for one in profile.contacts)
+
+
+@pytest.mark.parametrize("seed", [2, 8, 20])
+def test_a_shadow_that_makes_foam_as_grey_as_the_lit_floor_is_no_force(images, config, seed) -> None:
+    world = images.World(seed)
+    sensor = zeroed(config, world)
+    # The resting front has no contrast any more: only the texture tells foam from floor.
+    shadow = images.edge_shadow(0.0165, 0.0, 0.3, 1.0 - world.floor / world.foam)
+    for i in range(3):
+        profile = sensor.read(frame(world.image(shadow=shadow, floor_in_shadow=False), i))
+        assert not profile.valid or profile.force_N <= 3.0 * profile.force_sigma_N + ALLOWED_N, i
 
 
 def test_a_shadow_is_no_force_after_loading_a_zero_either(images, config) -> None:
@@ -210,21 +220,3 @@ def test_a_width_within_a_tenth_is_accepted(tmp_path, images, reference_law) -> 
     path = write_sensor(tmp_path, images, reference_law.stress, width_m=0.0214)
     # Seven percent; the camera sees 20 mm within a twentieth of a millimetre.
     assert np.median(zeroed(path, images.World(1)).zero_reference.width_m) == pytest.approx(0.02, abs=5e-5)
-
-
-def test_the_bulge_of_a_free_end_is_neither_a_step_nor_another_edge() -> None:
-    s = 0.003 * (np.arange(83) - 41)
-    sigma = np.full(83, 5e-6)
-    seen = np.ones(83, dtype=bool)
-    for free_m in (0.018, 0.024):
-        for depth_m in (0.001, 0.002):
-            # Free foam beside a plate of 4 cm decays, and bulges by 0.2 mm towards the end of the strip.
-            beyond = np.maximum(s - (s[-1] - free_m), 0.0)
-            away = beyond + np.maximum(s[-1] - free_m - 0.04 - s, 0.0)
-            delta = depth_m * np.exp(-away / 0.006) - 2e-4 * (beyond / free_m) ** 2
-            assert delta[-1] < -5e-5
-            assert not stepped_points(s, delta, sigma, seen, 0.02, (0.0015, 0.0015)).any()
-    # Half a millimetre beside 8 mm: 6 % of it, less than the 6.7 % of a beam on its foundation.
-    assert not thicker_than_at_rest(np.array([-5e-4]), sigma[:1], 0.02, 0.008).any()
-    assert thicker_than_at_rest(np.array([-5e-4]), sigma[:1], 0.02, 0.0).all()
-    assert thicker_than_at_rest(np.array([-1.1e-3]), sigma[:1], 0.02, 0.008).all()

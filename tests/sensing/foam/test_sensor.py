@@ -78,10 +78,18 @@ def test_occluded(sensor, rest) -> None:
     sensor.read(rest[0])
     points = sensor.strip.reference_points_px[30:40], sensor.strip.front_points_px[30:40]
     columns = slice(int(points[0][:, 0].min()), int(points[0][:, 0].max()))
-    top, bottom = int(points[1][:, 1].min()) + 20, int(points[0][:, 1].max()) - 20
-    profile = sensor.read(_darker(rest[1], slice(top, bottom), columns, 0.4))
+    front, back = int(points[1][:, 1].min()), int(points[0][:, 1].max())
+    # What lies over the foam behind its front hides nothing of it.
+    assert sensor.read(_darker(rest[1], slice(front + 40, back - 20), columns, 0.4)).valid
+    covered = rest[2].image.copy()
+    covered[front - 40 : front + (back - front) // 2, columns] = np.random.default_rng(5).normal(
+        60, 8, (40 + (back - front) // 2, columns.stop - columns.start)
+    )
+    profile = sensor.read(replace(rest[2], image=covered))
     assert profile.reason is Reason.OCCLUDED
-    assert sensor.read(rest[2]).valid
+    assert profile.evidence
+    assert np.isnan(profile.force_N)
+    assert sensor.read(rest[3]).valid
 
 
 def test_moved(sensor, rest) -> None:

@@ -1,7 +1,8 @@
 from .deflection import Deflection as Deflection
 from .deflection import edge_uncertainty_m as edge_uncertainty_m
+from .deflection import fill_gaps as fill_gaps
 from .deflection import measure_deflection as measure_deflection
-from .deflection import with_unexplained as with_unexplained
+from .deflection import with_states as with_states
 from .finger import FingerReading as FingerReading
 from .finger import FingerSensor as FingerSensor
 from .finger import load_foam_sensor as load_foam_sensor
@@ -22,6 +23,8 @@ from .material.section import section_material as section_material
 from .material.section import sensitivity as sensitivity
 from .material.stress_curve import StressCurve as StressCurve
 from .material.tension import Tension as Tension
+from .posterior import EdgePosterior as EdgePosterior
+from .posterior import EdgeStates as EdgeStates
 from .profile import ContactRegion as ContactRegion
 from .profile import FoamContour as FoamContour
 from .profile import FoamReading as FoamReading

@@ -17,8 +17,9 @@ FLANK = 2.5
 TOUCH = 0.5
 
 
-#: A region ends one point beyond the last one that is deflected by more than this.
-EDGE_SIGMAS = 2.0
+#: A region ends one point beyond the last one that is deflected by more than this, in the mean of three neighbours.
+EDGE_SIGMAS = 1.0
+OF_THREE = EDGE_SIGMAS / math.sqrt(3.0)
 #: So many points inside and outside of an end may become the end by noise.
 INSIDE, OUTSIDE = 6, 3
 
@@ -30,7 +31,7 @@ def _total(sigma, uncertainty, zero_sigma, i):
 
 
 @kernel
-def _end_variance(s, delta, sigma, uncertainty, stress, factor, height, end, side, limit):
+def _end_variance(s, mean, sigma, uncertainty, stress, factor, height, end, side, limit):
     """Variance of a force by points at one end of its region that come and go with the noise [N^2].
 
     The region ends one point beyond the outermost one above its threshold. With the chance of each
@@ -43,18 +44,18 @@ def _end_variance(s, delta, sigma, uncertainty, stress, factor, height, end, sid
     """
     outermost = end
     for _ in range(OUTSIDE):
-        if 0 <= outermost + side < len(s) and delta[outermost + side] > 0.0:
+        if 0 <= outermost + side < len(s) and mean[outermost + side] > 0.0:
             outermost += side
     left_out = 0.0
     open_still = 1.0
-    mean = 0.0
+    average = 0.0
     square = 0.0
     j = outermost
     for _ in range(INSIDE + OUTSIDE + 1):
-        threshold = EDGE_SIGMAS * _total(sigma, uncertainty, 0.0, j)
-        above = 0.5 * math.erfc((threshold - delta[j]) / (math.sqrt(2.0) * max(sigma[j], 1e-12)))
+        threshold = OF_THREE * _total(sigma, uncertainty, 0.0, j)
+        above = 0.5 * math.erfc((threshold - mean[j]) / (math.sqrt(2.0 / 3.0) * max(sigma[j], 1e-12)))
         chance = open_still * above
-        mean += chance * left_out
+        average += chance * left_out
         square += chance * left_out * left_out
         open_still -= chance
         if j == limit or open_still < 1e-6:
@@ -68,8 +69,8 @@ def _end_variance(s, delta, sigma, uncertainty, stress, factor, height, end, sid
     total = 1.0 - open_still
     if total <= 0.0:
         return 0.0
-    mean /= total
-    return max(square / total - mean * mean, 0.0)
+    average /= total
+    return max(square / total - average * average, 0.0)
 
 
 @kernel
@@ -197,7 +198,8 @@ def integrate_regions(
         x -= knots[k]
         a, b, c, d = pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3]
         slope[i] = b + x * (2 * c + 3 * x * d)
-        stress[i] = a + x * (b + x * (c + x * d)) + slope[i] * max(eps - end, 0.0)
+        # A point that noise has beyond the resting front takes from the force what it gives elsewhere.
+        stress[i] = a + x * (b + x * (c + x * d)) + slope[i] * (max(eps - end, 0.0) + min(eps, 0.0))
         pressure_sigma[i] = (
             factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + uncertainty[i] ** 2 + zero_sigma**2)
         )
@@ -207,16 +209,26 @@ def integrate_regions(
     count = 0
     step = soft_end / (len(soft) - 1)
     gradient = np.zeros(n)
+    # Noise must not cut off the shallow end of a contact: three neighbours say where it is.
+    mean = np.zeros(n)
+    for i in range(n):
+        total = 0.0
+        number = 0
+        for j in range(max(i - 1, 0), min(i + 2, n)):
+            if abs(index[j] - index[i]) <= max_gap + 1:
+                total += delta[j]
+                number += 1
+        mean[i] = total / number
     i = 0
     while i < n:
         # A region grows from a seed: one point far above the noise, or two neighbours above it.
-        if delta[i] <= 0.0:
+        if mean[i] <= 0.0:
             i += 1
             continue
         first = i
         seeded = False
         previous = False
-        while i < n and delta[i] > 0.0:
+        while i < n and mean[i] > 0.0:
             if i > first and index[i] - index[i - 1] > max_gap + 1:
                 break
             scale = _total(sigma, uncertainty, zero_sigma, i)
@@ -229,9 +241,9 @@ def integrate_regions(
         if not seeded:
             continue
         # Free foam that is off by its own error is no part of the contact.
-        while first < last and delta[first + 1] <= EDGE_SIGMAS * _total(sigma, uncertainty, 0.0, first + 1):
+        while first < last and mean[first + 1] <= OF_THREE * _total(sigma, uncertainty, 0.0, first + 1):
             first += 1
-        while last > first and delta[last - 1] <= EDGE_SIGMAS * _total(sigma, uncertainty, 0.0, last - 1):
+        while last > first and mean[last - 1] <= OF_THREE * _total(sigma, uncertainty, 0.0, last - 1):
             last -= 1
         cut = 0.0
         # The trapezoid goes on to the neighbour outside, where the stress is zero.
@@ -309,8 +321,8 @@ def integrate_regions(
                 mode,
                 force,
             )
-        image = _end_variance(s, delta, sigma, uncertainty, stress, factor, height, first, -1, last)
-        image += _end_variance(s, delta, sigma, uncertainty, stress, factor, height, last, 1, first)
+        image = _end_variance(s, mean, sigma, uncertainty, stress, factor, height, first, -1, last)
+        image += _end_variance(s, mean, sigma, uncertainty, stress, factor, height, last, 1, first)
         systematic = 0.0
         zero = 0.0
         for j in range(first, last + 1):

@@ -17,15 +17,15 @@ from ...core.camera.plane import PlaneView
 from ...core.errors import CalibrationError, InputError
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking.contours.contour import PointReason
-from .deflection import Deflection, edge_uncertainty_m, measure_deflection, with_unexplained
+from ._chain_kernels import OCCLUDER
+from .deflection import NEGLIGIBLE_N, Deflection, edge_uncertainty_m, measure_deflection, with_states
 from .material.hysteresis import HysteresisState
+from .posterior import FALSE_ALARM, EdgePosterior
 from .profile import ContactRegion, FoamReading, read_profile
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.optics import ObservedStrip, StripOptics
 from .strip.stripe_view import StripeView
 from .strip.zero import ZeroReference, ZeroWatch, check_width
-from .validity.onset import NewContact, with_unverified
-from .validity.plausibility import FocusWatch, OnsetWatch
 
 __all__ = ["FoamSensor"]
 
@@ -38,8 +38,9 @@ _REMEMBERED_IMAGES = 8
 #: force is uncertain by this fraction until it is released.
 _UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
 
-#: Scatter from point to point, in declared sigmas, beyond which a frame is not trusted.
-_TOO_ROUGH = 4.0
+
+#: What hidden foam may press with at most, beside ``NEGLIGIBLE_N``, as a part of the force.
+_UNSEEN = 0.02
 
 
 class FoamSensor:
@@ -168,19 +169,15 @@ class FoamSensor:
             np.array(
                 [np.where(strip.usable | strip.low_confidence, strip.width_m, np.nan) for strip in seen]
             ),
-            np.array([strip.foam_grey for strip in seen]),
-            uncertainty_m=np.mean(
-                [np.where(strip.low_confidence, edge_uncertainty_m(strip), 0.0) for strip in seen], axis=0
-            ),
-            front_grey=np.array([strip.front_grey for strip in seen]),
-            contrast=np.array([np.where(strip.usable, strip.front.contrast, np.nan) for strip in seen]),
+            np.mean([strip.image for strip in seen], axis=0),
+            uncertainty_m=np.mean([np.nan_to_num(edge_uncertainty_m(strip)) for strip in seen], axis=0),
         )
         self._check_width(float(np.median(zero.width_m)), "zero")
         self._watch = ZeroWatch(zero)
         self._forget()
         self.optics.forget_motion()
         # Nothing touched it then: what is pressed in the next frame has come since.
-        self._onset.start(zero.t_s)
+        self._edges.start(zero.t_s)
         return zero
 
     def _check_width(self, measured_m: float, where: Path | str) -> None:
@@ -201,9 +198,9 @@ class FoamSensor:
         """Start a new history of the foam."""
         points = len(self.setup.geometry.s_m)
         self._memory = HysteresisState.at_rest(points)
-        self._onset = OnsetWatch(points, self.setup.config.max_contact_speed_m_s)
-        self._new = NewContact(points)
-        self._focus = FocusWatch()
+        geometry = self.setup.geometry
+        speed = self.setup.config.max_contact_speed_m_s
+        self._edges = EdgePosterior(geometry.s_m, geometry.width_m, speed)
         self._seen_t_s: float | None = None  # when the whole front was seen last
         self._frame_s = np.inf  # shortest time between two frames
         self._unseen_s = 0.0  # for how long the present contact was out of sight
@@ -224,9 +221,26 @@ class FoamSensor:
         if self._stale(frame):
             return self.blank(frame.t_s, Reason.STALE)
         strip = self.strip = self.optics.observe(frame, self.zero_reference)
-        if strip is None:
-            return self.blank(frame.t_s, Reason.LOST)
-        return self._interpret(strip)
+        watch, geometry, material = self._watch, self.setup.geometry, self.setup.material
+        if strip is None or watch is None:
+            return self.blank(frame.t_s, Reason.LOST if strip is None else Reason.NOT_ZEROED)
+        rest_px = self.optics.rest_px(strip, watch.zero.width_m)
+        found = measure_deflection(strip, watch.zero, geometry, rest_px, self._edges)
+        contour = found.contour(geometry, float(np.hypot(strip.common_sigma_m, watch.sigma_m)))
+        reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
+        reading, wrong = with_states(reading, found, material, geometry.s_m)
+        reading = self.reading = self._with_unknown_branch(reading, strip.t_s, found.gap)
+        reason = self._reason(reading, found, strip, wrong)
+        if reason is Reason.OK:
+            usable = found.states.foam & strip.usable
+            watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=usable)
+        profile = ForceProfile(
+            strip.t_s, reason is Reason.OK, reason, reading.force_N, reading.budget,
+            geometry.s_m, found.delta_m, found.sigma_m, reading.pressure_Pa, reading.pressure_sigma_Pa,
+            found.seen, tuple(self._contact(region, found) for region in reading.contacts),
+            found.states.evidence(~found.states.foam | (found.states.undecided > FALSE_ALARM)),
+        )  # fmt: skip
+        return profile if profile.valid else profile.unread()
 
     def _check_size(self, frame: Frame) -> None:
         camera = self.setup.camera
@@ -252,41 +266,6 @@ class FoamSensor:
             self._frame_s = min(self._frame_s, frame.t_s - self._last_t_s)
         self._last_t_s = frame.t_s
         return False
-
-    def _interpret(self, strip: ObservedStrip) -> ForceProfile:
-        """Widths to deflection, deflection to pressure and force, and whether to trust it."""
-        geometry, material, watch = self.setup.geometry, self.setup.material, self._watch
-        found = measure_deflection(strip, self.optics, watch.zero if watch is not None else None, self._onset)
-        common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
-        contour = found.contour(geometry, float(common))
-        reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
-        reading = self._with_unknown_branch(reading, strip.t_s, found.gap)
-        limit = watch.settings.limit * geometry.width_m if watch is not None else 0.0
-        reading = with_unexplained(reading, found, material, geometry.s_m, limit)
-        before = self._new.before(strip.t_s, found.delta_m)
-        reading = self.reading = with_unverified(
-            reading, geometry.s_m, before, found.delta_m, found.sigma_m, material
-        )
-        reason = self._reason(reading, found, strip)
-        if reason is Reason.OK and (self._focus.changing(strip.blur_px) or found.roughness > _TOO_ROUGH):
-            reason = Reason.LOST
-        if watch is not None and reason is Reason.OK:
-            watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=found.good)
-        profile = ForceProfile(
-            strip.t_s,
-            reason is Reason.OK,
-            reason,
-            reading.force_N,
-            reading.budget,
-            geometry.s_m,
-            found.delta_m,
-            found.sigma_m,
-            reading.pressure_Pa,
-            reading.pressure_sigma_Pa,
-            found.seen,
-            tuple(self._contact(region, found) for region in reading.contacts),
-        )
-        return profile if profile.valid else profile.unread()
 
     def _with_unknown_branch(self, reading: FoamReading, t_s: float, gap: bool) -> FoamReading:
         """Uncertainty of the hysteresis after a time in which the contact may have turned round unseen."""
@@ -324,20 +303,20 @@ class FoamSensor:
             found.delta_m[inside],
         )
 
-    def _reason(self, reading: FoamReading, found: Deflection, strip: ObservedStrip) -> Reason:
+    def _reason(self, reading: FoamReading, found: Deflection, strip: ObservedStrip, wrong: float) -> Reason:
         """The first reason not to trust the frame, the gravest first."""
-        if self._watch is None:
-            return Reason.NOT_ZEROED
+        assert self._watch is not None
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
-        if found.gap:
-            hidden = found.covered | (strip.front.reason == PointReason.OCCLUDED)
-            return (
-                Reason.OCCLUDED if 2 * hidden.sum() >= (~strip.usable | found.covered).sum() else Reason.LOST
-            )
+        unseen_N = found.hidden_force_N(self.setup.material, self.setup.geometry.s_m)
+        if unseen_N > NEGLIGIBLE_N + _UNSEEN * reading.force_N:
+            lost = ~found.seen & (strip.front.reason != PointReason.OCCLUDED)
+            lost &= found.states.probability.argmax(axis=1) != OCCLUDER
+            hidden = found.hidden_m > 0.0
+            return Reason.LOST if 2 * (lost & hidden).sum() > hidden.sum() else Reason.OCCLUDED
         if self._watch.drifted:
             return Reason.DRIFTED
-        return reading.reason
+        return Reason.OCCLUDED if wrong > FALSE_ALARM else reading.reason
 
     def blank(self, t_s: float, reason: Reason) -> ForceProfile:
         """A profile without force, that says only why there is none.

@@ -26,7 +26,7 @@ from ._fit_kernels import (
 
 @kernel(nogil=True)
 def classify_points(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
-          occlusion, foam_step, seen_clear, noise, sigma, reason):  # fmt: skip
+          noise, sigma, reason):  # fmt: skip
     """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``.
 
     Parameters
@@ -51,12 +51,6 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
         Largest distance between fit and start at slope 0 [px].
     jump_px
         Largest distance from both neighbours [px].
-    occlusion
-        Edge inside the foam that counts as an occluder, in parts of the contrast.
-    foam_step
-        From :func:`~visuohaptic.tracking.contours._search_kernels.foam_edge`, (n,).
-    seen_clear
-        False where something is known to hide the contour, (n,).
     noise, sigma, reason
         Filled, (n,) [px, px, code].
     """
@@ -99,8 +93,6 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
             code = 3
         elif s[CHI2] > max_chi2 * noise_var + (0.06 * height) ** 2:
             code = 5
-        elif not seen_clear[k] or foam_step[k] > max(occlusion * abs(height), 3.5 * math.sqrt(noise_var)):
-            code = 2
         reason[k] = code
     for k in range(n):
         if reason[k] == 0 and n > 2:

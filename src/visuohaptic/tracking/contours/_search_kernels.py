@@ -247,7 +247,7 @@ def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w
 
 @kernel(fastmath=True, nogil=True)
 def search(
-    grey, origin, direction, rest, start, stop, first, n, stride, polarity,
+    grey, origin, direction, start, stop, first, n, stride, polarity,
     cap, jump_scale, floor, w_edge, w_jump, weight, refinements,
 ):  # fmt: skip
     """Global optimum over the search positions ``first[k] + stride j``, j < n.
@@ -263,8 +263,6 @@ def search(
         Grey image.
     origin, direction
         Origins (x, y) [px] and unit directions of K lines, (K, 2).
-    rest
-        Shape that has no smoothness energy [px], (K,).
     start, stop
         Allowed range of each line [px], (K,).
     first, n, stride
@@ -297,9 +295,6 @@ def search(
     index = np.zeros(lines, np.int64)
     position = np.empty(lines)
     found = np.empty(lines)
-    relative = np.empty(lines)
-    for k in range(lines):
-        relative[k] = first[k] - rest[k]
     energy = 0.0
     for turn in range(refinements + 1):
         scale = jump_scale if jump_scale > 0.0 else 4.0 * cap
@@ -307,7 +302,7 @@ def search(
             strength, first, start, stop, stride, np.float32(cap), np.float32(scale), np.float32(floor),
             np.float32(w_edge), np.float32(w_jump), cost,
         )  # fmt: skip
-        energy = chain_minimum(cost, relative, float(stride), direction, weight, index)
+        energy = chain_minimum(cost, first, float(stride), direction, weight, index)
         total = 0.0
         for k in range(lines):
             middle = index[k] * stride
@@ -321,42 +316,3 @@ def search(
         if turn < refinements:
             cap = max(total / lines, 2.0 * floor, 1e-3)
     return position, found, energy, cap
-
-
-@kernel(fastmath=True, nogil=True)
-def foam_edge(grey, origin, direction, begin, end, largest):
-    """Largest step of the grey level on each line between ``begin`` and ``end`` (occluders).
-
-    A step is the difference of two means of 2 x 3 pixels, 4 px apart: 0.58 of the noise
-    of one pixel.
-
-    Parameters
-    ----------
-    grey
-        Grey image.
-    origin, direction
-        Origins (x, y) [px] and unit directions of n lines, (n, 2).
-    begin, end
-        Part of each line that is tested [px], (n,).
-    largest
-        Filled [grey levels], (n,).
-    """
-    rows, columns = grey.shape
-    for k in range(origin.shape[0]):
-        dx, dy = direction[k, 0], direction[k, 1]
-        largest[k] = 0.0
-        n = int((end[k] - begin[k]) / 2.0)
-        m1, m2, m3 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-        top = np.float32(0.0)
-        for j in range(n):
-            x = origin[k, 0] + (begin[k] + 2.0 * j) * dx + 0.5
-            y = origin[k, 1] + (begin[k] + 2.0 * j) * dy + 0.5
-            m0 = np.float32(0.0)
-            for i in range(-1, 2):
-                column = min(max(int(x - 3.0 * i * dy), 0), columns - 1)
-                row = min(max(int(y + 3.0 * i * dx), 0), rows - 1)
-                m0 += np.float32(grey[row, column])
-            if j >= 3:
-                top = max(top, abs(m0 + m1 - m2 - m3))
-            m3, m2, m1 = m2, m1, m0
-        largest[k] = top / 6.0

@@ -17,7 +17,7 @@ from ...core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, withi
 from . import _fit_kernels as columns
 from ._classify_kernels import classify_points
 from ._refine_kernels import refine, start_on_edge
-from ._search_kernels import foam_edge, search
+from ._search_kernels import search
 from .lines import ConstraintLines
 
 __all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason"]
@@ -34,7 +34,7 @@ class PointReason(IntEnum):
 
     OK = 0  #: valid
     LOST = 1  #: no edge of enough contrast, or the fit ran away from the edge that was found
-    OCCLUDED = 2  #: an edge between reference and point, or pixels in front that are not the stripe
+    OCCLUDED = 2  #: pixels in front that are not the stripe
     OUT_OF_RANGE = 3  #: outside the search range, or its pixels leave the image
     WRONG_POLARITY = 4  #: bright and dark are the wrong way round
     POOR_FIT = 5  #: the pixels do not look like one blurred step
@@ -74,8 +74,6 @@ class ContourSettings:
     max_jump: float = field(
         default=1.75, metadata=POSITIVE
     )  #: distance from both neighbours, in point spacings
-    occlusion: float = 0.35  #: edge inside the foam that counts as an occluder, in parts of the contrast
-    clear_margin_px: float = 6.0  #: distance from both contours that is not tested for occluders [px]
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -140,7 +138,6 @@ class ContourTracker:
         self._noise_var = 0.0
         self._cap = 0.0
         self._contrast = 0.0
-        self._good = 0.0
         self._age = 0
 
     def track(
@@ -149,8 +146,6 @@ class ContourTracker:
         lines: ConstraintLines,
         *,
         predicted_px: Float[np.ndarray, "k"] | None = None,
-        rest_px: Float[np.ndarray, "k"] | None = None,
-        clear: Bool[np.ndarray, "k"] | None = None,
     ) -> Contour:
         """Find the contour in one frame.
 
@@ -162,10 +157,6 @@ class ContourTracker:
             One line per point; the number of points may change only after ``reset``.
         predicted_px
             Expected positions; default: those of the previous frame.
-        rest_px
-            Shape that has no smoothness energy; default: the shape of the origins.
-        clear
-            False where something is known to hide the contour (see ``StripeModel.clear``).
 
         Raises
         ------
@@ -180,7 +171,6 @@ class ContourTracker:
             )
         grey = np.ascontiguousarray(grey)
         count = len(lines)
-        rest = _fitting("rest_px", rest_px, count) if rest_px is not None else np.zeros(count)
         guess = _fitting("predicted_px", predicted_px, count) if predicted_px is not None else self._position
         if guess is not None and guess.shape != (count,):
             raise InputError(
@@ -189,21 +179,12 @@ class ContourTracker:
                 field="lines",
                 remedy="call reset() first",
             )
-        if clear is not None and (clear.shape != (count,) or clear.dtype != np.bool_):
-            raise InputError(
-                "ContourTracker.track",
-                f"found {clear.dtype} {clear.shape}, expected bool ({count},)",
-                field="clear",
-            )
-        seen = clear if clear is not None else np.ones(count, dtype=np.bool_)
         due = guess is None or self._age >= self.settings.full_search_every
-        contour = self._attempt(grey, lines, None if due else guess, rest, seen)
-        # Fewer good points than before: the contour may have jumped out of the window.
-        if not due and _good_fraction(contour) < self._good - 0.08:
+        contour = self._attempt(grey, lines, None if due else guess)
+        # Some points have no edge: the contour, or what covered a part of it, may have jumped out of the window.
+        if not due and contour.valid.mean() < _FEW_VALID:
             due = True
-            contour = self._attempt(grey, lines, None, rest, seen)
-        good = _good_fraction(contour)
-        self._good = good if due else max(self._good, good)
+            contour = self._attempt(grey, lines, None)
         self._age = 0 if due else self._age + 1
         return contour
 
@@ -212,14 +193,12 @@ class ContourTracker:
         grey: UInt8[np.ndarray, "rows columns"],
         lines: ConstraintLines,
         guess: Float[np.ndarray, "k"] | None,
-        rest: Float[np.ndarray, "k"],
-        clear: Bool[np.ndarray, "k"],
     ) -> Contour:
         """Search around ``guess`` (or everywhere), fit, classify; remember for the next frame."""
         noise = self.settings.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
-        found, strength, energy = self._found(grey, lines, guess, rest, noise)
+        found, strength, energy = self._found(grey, lines, guess, noise)
         state, noise_var = self._fitted(grey, lines, found)
-        contour = self._classified(grey, lines, state, found, noise_var, clear)
+        contour = self._classified(lines, state, found, noise_var)
         self._noise_var = noise_var
         self._position = np.where(contour.valid, contour.position_px, found)
         if contour.valid.any():
@@ -233,7 +212,6 @@ class ContourTracker:
         grey: UInt8[np.ndarray, "rows columns"],
         lines: ConstraintLines,
         guess: Float[np.ndarray, "k"] | None,
-        rest: Float[np.ndarray, "k"],
         noise: float,
     ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], float]:
         """Positions of the least energy, Eq. (3.6), moved to the edge; strength there and the energy."""
@@ -251,7 +229,7 @@ class ContourTracker:
                 stride, turns, positions = 2, 0, chosen.window_px + 1
                 first = np.rint(np.clip(found, start, stop)) - chosen.window_px
             found, strength, energy, cap = search(
-                grey, lines.origin_px, lines.direction_px, rest, start, stop, first, positions, stride,
+                grey, lines.origin_px, lines.direction_px, start, stop, first, positions, stride,
                 chosen.polarity, cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
                 chosen.weight_smooth / lines.spacing_px**2, turns,
             )  # fmt: skip
@@ -265,15 +243,27 @@ class ContourTracker:
         self, grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines, found: Float[np.ndarray, "k"]
     ) -> tuple[Float[np.ndarray, "k states"], float]:
         """Blurred step at each point by maximum likelihood, and the variance of one pixel [grey levels^2]."""
-        chosen, cold = self.settings, self._blur is None
-        state = np.zeros((len(lines), columns.STATES))
-        state[:, columns.T] = found
-        state[:, columns.BLUR] = np.hypot(chosen.blur_px, PIXEL_PX) if self._blur is None else self._blur
+        chosen, last = self.settings, self._blur
         given = chosen.noise_grey**2 if chosen.noise_grey else 0.0
-        noise_var = refine(
-            grey, lines.origin_px, lines.direction_px, np.asarray(lines.half_width_px), state, given,
-            5 if cold else 2, 1.0 if cold else 0.3, chosen.min_contrast, chosen.plateau_px,
-        )  # fmt: skip
+        best: tuple[float, Float[np.ndarray, "k states"], float] | None = None
+        cold = np.hypot([chosen.blur_px, *_BLURS_PX], PIXEL_PX)
+        for start in cold if last is None else (last, *cold):
+            state = np.zeros((len(lines), columns.STATES))
+            state[:, columns.T], state[:, columns.BLUR] = found, start
+            noise_var = refine(
+                grey, lines.origin_px, lines.direction_px, np.asarray(lines.half_width_px), state, given,
+                *((2, 0.3) if start is last else (5, 1.0)), chosen.min_contrast, chosen.plateau_px,
+            )  # fmt: skip
+            misfit = float(np.median(state[:, columns.CHI2]))
+            if best is None or misfit < best[0]:
+                best = misfit, state, noise_var
+            height = np.median(np.abs(state[:, columns.HIGH] - state[:, columns.LOW]))
+            moved = abs(np.median(state[:, columns.BLUR]) / np.median(start) - 1.0)
+            # Another focus or motion: positions would lag behind the blur, and poor fits never reach it.
+            if misfit < 2.0 * noise_var + (_POOR * height) ** 2 and (start is not last or moved < _SAME_BLUR):
+                break
+        assert best is not None
+        _, state, noise_var = best
         if not given and self._noise_var > 0.0:
             # A dark or changed frame must not wait for the mean: never below half of this frame's value.
             noise_var = max(0.7 * self._noise_var + 0.3 * noise_var, 0.5 * noise_var)
@@ -281,27 +271,21 @@ class ContourTracker:
 
     def _classified(
         self,
-        grey: UInt8[np.ndarray, "rows columns"],
         lines: ConstraintLines,
         state: Float[np.ndarray, "k states"],
         found: Float[np.ndarray, "k"],
         noise_var: float,
-        clear: Bool[np.ndarray, "k"],
     ) -> Contour:
         """Validity, reason and standard deviation of each fitted point."""
         chosen = self.settings
         start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
         position, blur = state[:, columns.T].copy(), state[:, columns.BLUR]
-        step = np.empty(len(lines))
-        begin = np.maximum(start, 0.0) + chosen.clear_margin_px
-        end = position - chosen.clear_margin_px - 2.0 * blur
-        foam_edge(grey, lines.origin_px, lines.direction_px, begin, end, step)
         noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
         classify_points(
             state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
             chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
-            chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, noise_px, sigma, reason,
+            chosen.max_jump * lines.spacing_px, noise_px, sigma, reason,
         )  # fmt: skip
         return Contour(
             lines=lines,
@@ -320,6 +304,12 @@ class ContourTracker:
         )
 
 
+#: Fraction of valid points below which the whole range is searched: three of eighty may be dirt.
+_FEW_VALID = 0.96
+#: A blur that differs by more than this from the last frame's is another one: twice the noise of its median.
+_SAME_BLUR = 0.05
+#: Other blurs that are tried where a fit leaves this part of the contrast [px].
+_BLURS_PX, _POOR = (2.0, 3.5), 0.05
 #: Standard deviation of the box of one pixel [px]; adds to the blur in quadrature.
 PIXEL_PX = float(np.sqrt(1.0 / 12.0))
 
@@ -336,12 +326,6 @@ def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines
     row = np.clip(np.rint(points[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
     left, middle, right = (grey[row, column + i].astype(np.float64) for i in (-1, 0, 1))
     return max(2.0, 1.4826 * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0)))
-
-
-def _good_fraction(contour: Contour) -> float:
-    """Fraction of points that sit on an edge; hidden points do not call for another search."""
-    good = contour.valid | (contour.reason == PointReason.OCCLUDED)
-    return float(good.mean())
 
 
 def _fitting(name: str, values: Float[np.ndarray, "k"], count: int) -> Float[np.ndarray, "k"]:

@@ -1,7 +1,3 @@
-from .appearance import covered_points as covered_points
-from .appearance import front_grey as front_grey
-from .appearance import interior_grey as interior_grey
-from .appearance import other_surface as other_surface
 from .config import FoamSensorConfig as FoamSensorConfig
 from .config import FoamSetup as FoamSetup
 from .finger_optics import FingerOptics as FingerOptics

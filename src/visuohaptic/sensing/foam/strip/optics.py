@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Float32
 
 from ....core.camera.frame import Frame
 from ....core.camera.plane import PlaneView
 from ....core.errors import InputError
 from ....tracking.contours.contour import Contour, ContourSettings, ContourTracker, PointReason
 from ....tracking.contours.lines import ConstraintLines
+from ._rectify_kernels import rectify
 from ._reference import ImageMotion, fit_motion, motion_basis
-from .appearance import front_grey, interior_grey
 from .config import TrackingSection
 from .geometry import StripGeometry
 from .stripe_view import StripeView
-from .zero import ZeroReference
+from .zero import PARALLELS, ZeroReference
 
 __all__ = ["BaseView", "ObservedStrip", "StripOptics"]
 
@@ -31,6 +31,13 @@ _SEARCH_TO = 1.12
 #: Motion of the base shows a change of distance no better than with a lever of this length.
 _SHORTEST_LEVER_PX = 30.0
 
+#: The image of the strip goes on beyond the resting front by this part of the width, its parallels lie within
+#: this part of a spacing.
+_BEYOND, _BESIDE = 1.3, 0.8
+
+#: It is sampled from so far before the front: a band of foam and the blur of the edge [px].
+_BEFORE = 30
+
 #: A shaking camera moves within a frame up to this many times faster than from frame to frame.
 _SHAKE_FACTOR = 3.0
 
@@ -42,7 +49,6 @@ class ObservedStrip:
     """What one image shows of the strip; K points."""
 
     t_s: float
-    grey: UInt8[np.ndarray, "rows columns"]  #: the image
     reference: Contour  #: reference contour (B) as tracked
     front: Contour  #: front contour as tracked
     reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the model's lines
@@ -52,8 +58,12 @@ class ObservedStrip:
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
     width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
-    foam_grey: Float[np.ndarray, "K"]  #: mean grey level between both contours
-    front_grey: Float[np.ndarray, "K"]  #: mean grey level just before the front
+    #: Grey levels along the lines, parallels beside each point; as in :class:`ZeroReference`.
+    image: Float32[np.ndarray, "K parallels samples"]
+    step_px: Float[np.ndarray, "K"]  #: distance of its samples
+    across_px: Float[np.ndarray, "K"]  #: distance of its parallels
+    stripe: bool  #: whether the front is the edge of a colour stripe
+    pixel_m: Float[np.ndarray, "K"]  #: length of a pixel along the deflection, at the front
     usable: Bool[np.ndarray, "K"]
     low_confidence: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
@@ -105,6 +115,7 @@ class StripOptics:
         self._reference_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.base_is]))
         self.forget_motion()
         self.place(plane)
+        self._samples = int(_BEYOND * self._length_px.max()) + 2
 
     def reset(self) -> None:
         """Forget the previous frame."""
@@ -164,7 +175,7 @@ class StripOptics:
         """
         grey = frame.grey
         base = self.find_base(grey, zero)
-        return None if base is None else self.find_front(frame, grey, base)
+        return None if base is None else self.find_front(frame, grey, base, zeroed=zero is not None)
 
     def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
         """Track the reference contour; ``None`` when it cannot be found.
@@ -196,7 +207,9 @@ class StripOptics:
             sigma = reference.sigma_px
         return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
 
-    def find_front(self, frame: Frame, grey: np.ndarray, base: BaseView) -> ObservedStrip:
+    def find_front(
+        self, frame: Frame, grey: np.ndarray, base: BaseView, *, zeroed: bool = True
+    ) -> ObservedStrip:
         """Track the front contour, seen from the reference contour of the same image.
 
         Parameters
@@ -207,6 +220,8 @@ class StripOptics:
             The same frame in grey.
         base
             The reference contour in the same image.
+        zeroed
+            Whether there is a zero reference; without, the whole width is sampled.
         """
         base_px = self._origin_px + base.position_px[:, None] * self._direction_px
         # The visible width ends where the geometric model's front is, seen from the moved reference.
@@ -231,10 +246,8 @@ class StripOptics:
         sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
         noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
-        extent = np.nan_to_num(position, nan=-1.0)
         return ObservedStrip(
             frame.t_s,
-            grey,
             base.reference,
             front,
             base.position_px,
@@ -244,8 +257,9 @@ class StripOptics:
             width,
             sigma,
             noise,
-            interior_grey(grey, base_px, self._direction_px, extent),
-            front_grey(grey, np.nan_to_num(front_px, nan=-1.0), self._direction_px, extent),
+            *self._rectified(grey, base_px, position if zeroed else None),
+            self.stripe is not None,
+            front_slope,
             front.valid & finite,
             ~front.valid & finite & np.isin(front.reason, _LOW_CONFIDENCE),
             base.motion,
@@ -268,6 +282,23 @@ class StripOptics:
         back_m = self.plane.cast(base_px)[:, :2]
         front_px = self.plane.project(back_m + width_m[:, None] * self.geometry.outward)
         return np.einsum("ki,ki->k", front_px - base_px, self._direction_px)
+
+    def _rectified(
+        self, grey: np.ndarray, base_px: np.ndarray, front_px: Float[np.ndarray, "K"] | None
+    ) -> tuple[Float32[np.ndarray, "K parallels samples"], Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+        """Image of the strip along the lines, distance of its samples and of its parallels [px].
+
+        From the whole width on without ``front_px``, else from some way before the front.
+        """
+        step = _BEYOND * self._length_px / (self._samples - 1)
+        image = np.zeros((len(step), PARALLELS, self._samples), np.float32)
+        first = np.zeros(len(step), dtype=np.int64)
+        if front_px is not None:
+            place = np.minimum(np.nan_to_num(front_px), self._length_px) / step
+            first = np.maximum(place - _BEFORE, 0.0).astype(np.int64)
+        across = 2.0 * _BESIDE / (PARALLELS - 1) * self._half_width_px
+        rectify(grey, base_px, self._direction_px, step, across, first, image)
+        return image, step, across
 
     @property
     def direction_px(self) -> Float[np.ndarray, "K 2"]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from pydantic import Field, FiniteFloat
 
 from ....core.errors import CalibrationError, InputError
-from ....core.files import load_yaml_model, save_yaml
+from ....core.files import decode_image, load_yaml_model, save_yaml
 from ...config_fields import Section
 
 __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
@@ -24,8 +25,10 @@ _WIDTH_TOLERANCE = 0.10
 _UNSEEN_FRACTION, _UNSEEN_SIGMA = 0.04, 0.01
 
 #: Arrays of the file.
-_REQUIRED = ("reference_px", "width_m", "width_sigma_m", "foam_grey")
-_OPTIONAL = ("front_ratio", "contrast")
+_ARRAYS = ("reference_px", "width_m", "width_sigma_m")
+#: Parallel lines per point in the image of the strip.
+PARALLELS = 5
+_ZERO_AGAIN = "zero again: visuohaptic sense foam --zero"
 
 Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
 
@@ -33,11 +36,14 @@ Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
 class _ZeroFile(Section):
     t_s: FiniteFloat
     frames: Annotated[int, Field(ge=1)]
-    gain: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     reference_px: Numbers
     width_m: Numbers
     width_sigma_m: Numbers
-    foam_grey: Numbers
+    #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
+    image_png: str | None = None
+    # Fields of older versions, so that their files are refused for what they lack.
+    gain: FiniteFloat | None = None
+    foam_grey: Numbers | None = None
     front_ratio: Numbers | None = None
     contrast: Numbers | None = None
 
@@ -51,11 +57,8 @@ class ZeroReference:
     reference_px: Float[np.ndarray, "K"]  #: reference contour along the lines of the geometric model
     width_m: Float[np.ndarray, "K"]  #: distance from back to front
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation
-    foam_grey: Float[np.ndarray, "K"]  #: mean grey level of the foam along each line
-    gain: float = 1.0  #: mean of ``foam_grey``, for tests of the light
-    #: Grey level just before the front by ``foam_grey``; ``None`` in files of older versions.
-    front_ratio: Float[np.ndarray, "K"] | None = None
-    contrast: Float[np.ndarray, "K"] | None = None  #: step at the front, signed [grey levels]
+    #: Mean image of the strip along the lines, parallels beside each point; samples reach beyond the front.
+    image: UInt8[np.ndarray, "K parallels samples"]
 
     @classmethod
     def from_samples(
@@ -63,11 +66,9 @@ class ZeroReference:
         t_s: float,
         reference_px: Float[np.ndarray, "n K"],
         width_m: Float[np.ndarray, "n K"],
-        foam_grey: Float[np.ndarray, "n K"],
+        image: Float[np.ndarray, "K parallels samples"],
         *,
         uncertainty_m: Float[np.ndarray, "K"] | float = 0.0,
-        front_grey: Float[np.ndarray, "n K"] | None = None,
-        contrast: Float[np.ndarray, "n K"] | None = None,
         where: str = "zero",
     ) -> ZeroReference:
         """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
@@ -80,12 +81,10 @@ class ZeroReference:
             Reference contour along the lines [px].
         width_m
             Distance from back to front [m].
-        foam_grey
-            Mean grey level of the foam along each line.
+        image
+            Mean image of the strip along the lines.
         uncertainty_m
             What each width may be wrong by in all frames alike, for example by texture at its edge.
-        front_grey, contrast
-            Grey level just before the front, and the step there.
         where
             What error messages name.
 
@@ -105,9 +104,7 @@ class ZeroReference:
             )
         if len(missing):
             known = np.setdiff1d(np.arange(width_m.shape[1]), missing)
-            width_m, reference_px, foam_grey = (
-                _filled(values, known, missing) for values in (width_m, reference_px, foam_grey)
-            )
+            width_m, reference_px = (_filled(values, known, missing) for values in (width_m, reference_px))
             uncertainty_m = np.broadcast_to(np.asarray(uncertainty_m, dtype=np.float64), seen.shape).copy()
             uncertainty_m[missing] = _UNSEEN_SIGMA * float(np.nanmedian(width_m))
         width = np.nanmedian(width_m, axis=0)
@@ -132,10 +129,7 @@ class ZeroReference:
             width,
             # The median costs a factor sqrt(pi/2) over the mean.
             np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m),
-            np.nanmedian(foam_grey, axis=0),
-            float(np.nanmean(foam_grey)),
-            _middle(front_grey / foam_grey) if front_grey is not None else None,
-            _middle(contrast) if contrast is not None else None,
+            np.clip(np.rint(image), 0, 255).astype(np.uint8),
         )
 
     def save(self, path: Path | str) -> None:
@@ -146,19 +140,13 @@ class ZeroReference:
         path
             Where to write.
         """
-        save_yaml(
-            path,
-            {
-                "t_s": self.t_s,
-                "frames": self.frames,
-                "gain": self.gain,
-                **{
-                    name: [float(f"{value:.9g}") for value in getattr(self, name)]
-                    for name in (*_REQUIRED, *_OPTIONAL)
-                    if getattr(self, name) is not None
-                },
-            },
-        )
+        import cv2
+
+        _, coded = cv2.imencode(".png", self.image.reshape(-1, self.image.shape[2]))
+        arrays = {name: [float(f"{value:.9g}") for value in getattr(self, name)] for name in _ARRAYS}
+        image = base64.b64encode(coded.tobytes()).decode("ascii")
+        data = {"t_s": self.t_s, "frames": self.frames}
+        save_yaml(path, data | arrays | {"image_png": image})
 
     @classmethod
     def load(cls, path: Path | str, count: int) -> ZeroReference:
@@ -172,20 +160,22 @@ class ZeroReference:
             Number of contour points of the sensor.
         """
         data = load_yaml_model(path, _ZeroFile)
-        arrays = {}
-        for name in (*_REQUIRED, *(name for name in _OPTIONAL if getattr(data, name) is not None)):
-            values = np.array(getattr(data, name))
+        arrays = {name: np.array(getattr(data, name)) for name in _ARRAYS}
+        for name, values in arrays.items():
             if len(values) != count:
-                raise InputError(
-                    path,
-                    f"has {len(values)} points, the sensor has {count}",
-                    field=name,
-                    remedy="zero again: visuohaptic sense foam --zero",
-                )
-            arrays[name] = values
+                problem = f"has {len(values)} points, the sensor has {count}"
+                raise InputError(path, problem, field=name, remedy=_ZERO_AGAIN)
         if (arrays["width_m"] <= 0).any() or (arrays["width_sigma_m"] < 0).any():
             raise InputError(path, "found widths or sigmas that are not positive", field="width_m")
-        return cls(data.t_s, data.frames, **arrays, gain=data.gain)
+        try:
+            coded = base64.b64decode(data.image_png or "", validate=True)
+            image = decode_image(coded, path, "grey")
+            if len(image) != PARALLELS * count:
+                raise ValueError
+        except (ValueError, InputError) as error:
+            problem = "found no image of the strip (an older version's file, or a damaged one)"
+            raise InputError(path, problem, field="image_png", remedy=_ZERO_AGAIN) from error
+        return cls(data.t_s, data.frames, **arrays, image=image.reshape(count, PARALLELS, -1))
 
 
 def check_width(measured_m: float, declared_m: float, where: Path | str, *, stripe_m: float = 0.0) -> None:
@@ -219,16 +209,6 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
             f"+- {100 * _WIDTH_TOLERANCE:.0f} % (width_m of the foam)",
             remedy="calibrate the foam again with the true --width, or mend T_camera_foam in sensor.yaml",
         )
-
-
-def _middle(values: Float[np.ndarray, "n K"]) -> Float[np.ndarray, "K"] | None:
-    """Median over the frames, the strip's median where nothing was seen; ``None`` without any value."""
-    if not np.isfinite(values).any():
-        return None
-    seen = np.isfinite(values).any(axis=0)
-    result: Float[np.ndarray, "K"] = np.full(values.shape[1], float(np.nanmedian(values)))
-    result[seen] = np.nanmedian(values[:, seen], axis=0)
-    return result
 
 
 def _filled(

@@ -1,0 +1,278 @@
+"""Compiled evidence of the pixels beside the edges; the model is in ``posterior.py``."""
+
+# mypy: disable-error-code="no-untyped-def, assignment"
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+#: Samples behind the edge in which the foam is compared with the zero, and beyond the resting front.
+BAND, AHEAD = 12, 6
+#: Residuals are correlated over less than so many samples.
+LAGS = 10
+#: An edge is left out up to this many blurs from it.
+EDGE = 2.0
+#: Columns of the bands: samples, mean grey now, gain against the zero where it was and as if the foam was
+#: compressed; variance now, and covariance and variance of both predictions.
+COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
+
+
+@kernel(nogil=True)
+def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
+    """Compare the foam just behind each edge with the zero, both without their linear trend.
+
+    Parameters
+    ----------
+    now, rest
+        Strip in this image and at rest, (K, parallels, samples).
+    front, resting
+        Place of the edge now and at rest [samples], (K,).
+    slope
+        Shift of the edge from one parallel to the next [samples], (K,).
+    blur
+        Standard deviation of the edges' blur [samples].
+    seen
+        Points with an edge, (K,).
+    bands
+        Filled, (K, 9), columns as above; zero where nothing can be compared.
+    """
+    for k in range(len(front)):
+        for i in range(9):
+            bands[k, i] = 0.0
+        if not seen[k]:
+            continue
+        ratio = resting[k] / front[k]
+        s = np.zeros(13)
+        for lane in range(now.shape[1]):
+            edge = front[k] + (lane - 0.5 * (now.shape[1] - 1)) * slope[k]
+            last = min(int(min(edge, resting[k] + BAND) - EDGE * blur), rest.shape[2] - 2)
+            first = max(last - BAND, int(0.12 * resting[k]))
+            if last - first < 3:
+                continue
+            for j in range(first, last + 1):
+                t = j - 0.5 * (first + last)
+                i = float(now[k, lane, j])
+                z = float(rest[k, lane, j])
+                at = min(max(j * ratio, 0.0), rest.shape[2] - 1.001)
+                m = int(at)
+                p = rest[k, lane, m] + (at - m) * (float(rest[k, lane, m + 1]) - rest[k, lane, m])
+                s[0] += 1.0
+                s[1] += t * t
+                s[2] += i
+                s[3] += z
+                s[4] += p
+                s[5] += i * i
+                s[6] += z * z
+                s[7] += p * p
+                s[8] += i * z
+                s[9] += i * p
+                s[10] += t * i
+                s[11] += t * z
+                s[12] += t * p
+        n = s[0]
+        if n == 0.0:
+            continue
+        b = bands[k]
+        b[COUNT], b[MEAN] = n, s[2] / n
+        b[GAIN_REST], b[GAIN_PRESSED] = s[2] / max(s[3], 1.0), s[2] / max(s[4], 1.0)
+        b[OWN] = (s[5] - s[2] * s[2] / n - s[10] * s[10] / s[1]) / n
+        b[COV_REST] = b[GAIN_REST] * (s[8] - s[2] * s[3] / n - s[10] * s[11] / s[1]) / n
+        b[VAR_REST] = b[GAIN_REST] ** 2 * (s[6] - s[3] * s[3] / n - s[11] * s[11] / s[1]) / n
+        b[COV_PRESSED] = b[GAIN_PRESSED] * (s[9] - s[2] * s[4] / n - s[10] * s[12] / s[1]) / n
+        b[VAR_PRESSED] = b[GAIN_PRESSED] ** 2 * (s[7] - s[4] * s[4] / n - s[12] * s[12] / s[1]) / n
+
+
+@kernel(nogil=True)
+def _solve(normal, right, size):
+    """Solve a small symmetric system in place by Cholesky with a ridge; the solution is in ``right``."""
+    for i in range(size):
+        normal[i, i] = normal[i, i] * (1.0 + 1e-6) + 1e-6
+        for j in range(i + 1):
+            value = normal[i, j]
+            for k in range(j):
+                value -= normal[i, k] * normal[j, k]
+            normal[i, j] = math.sqrt(max(value, 1e-9)) if i == j else value / normal[j, j]
+    for i in range(size):
+        for k in range(i):
+            right[i] -= normal[i, k] * right[k]
+        right[i] /= normal[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            right[i] -= normal[k, i] * right[k]
+        right[i] /= normal[i, i]
+
+
+@kernel(nogil=True)
+def _fit(now, template, over, out, first, last, mean, transfer, size, after, solution, residual, texture):
+    """Least squares of light on the template and of what is beyond; the sum of squared residuals.
+
+    ``size`` 4: the template in one light up to the edge, in another beyond it up to the resting front, with a
+    linear change, then a floor. ``size`` 3: the template up to the edge, then a surface with a linear change.
+    The sum is that of the samples of which more than ``after`` lies beyond the edge. Their residuals and the
+    template's texture as fitted are filled in, zero elsewhere.
+    """
+    normal = np.zeros((4, 4))
+    design = np.zeros(4)
+    for a in range(4):
+        solution[a] = 0.0
+    squares = 0.0
+    for turn in range(2):
+        for lane in range(now.shape[0]):
+            for j in range(first, last + 1):
+                value = float(now[lane, j])
+                foam = mean + transfer * (template[lane, j] - mean)
+                p1, p0, tau = over[lane, j], out[j], (j - first) / 20.0
+                if size == 4:
+                    design[0] = foam * (1.0 - p1) * (1.0 - p0)
+                    design[1] = foam * p1 * (1.0 - p0)
+                    design[2] = design[1] * tau
+                    design[3] = 100.0 * p0
+                else:
+                    design[0] = foam * (1.0 - p1)
+                    design[1] = 100.0 * p1
+                    design[2] = 100.0 * p1 * tau
+                if turn == 0:
+                    for a in range(size):
+                        solution[a] += design[a] * value
+                        for b in range(a + 1):
+                            normal[a, b] += design[a] * design[b]
+                    continue
+                residual[lane, j], texture[lane, j] = 0.0, 0.0
+                if p1 > after:
+                    for a in range(size):
+                        value -= solution[a] * design[a]
+                    squares += value * value
+                    light = solution[0] * (1.0 - p1) + (solution[1] + solution[2] * tau) * p1
+                    residual[lane, j] = value
+                    texture[lane, j] = light * (foam - mean) * (1.0 - p0)
+        if turn == 0:
+            _solve(normal, solution, size)
+    return squares
+
+
+@kernel(nogil=True)
+def _dependence(residual, texture, first, last):
+    """By what their correlation raises the variance of the sum of residual by texture over that of white noise.
+
+    The sum of the products of both autocorrelations over all lags (Bartlett), along the lines and across them.
+    """
+    lanes = residual.shape[0]
+    result = 1.0
+    own = 0.0
+    for lane in range(lanes):
+        for j in range(first, last + 1):
+            own += residual[lane, j] ** 2
+    power = 0.0
+    for lane in range(lanes):
+        for j in range(first, last + 1):
+            power += texture[lane, j] ** 2
+    if own * power <= 0.0:
+        return result
+    for across in range(2):
+        total = 1.0
+        for lag in range(1, lanes if across else LAGS):
+            a, b = (lag, 0) if across else (0, lag)
+            one, other = 0.0, 0.0
+            for lane in range(lanes - a):
+                for j in range(first, last + 1 - b):
+                    one += residual[lane, j] * residual[lane + a, j + b]
+                    other += texture[lane, j] * texture[lane + a, j + b]
+            total += 2.0 * max(one * other / (own * power), 0.0)
+        result *= total
+    return result
+
+
+@kernel(nogil=True)
+def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, tested, result):
+    """Does the zero go on beyond each edge, in another light? Three answers for each tested point.
+
+    Parameters
+    ----------
+    now, rest
+        Strip in this image and at rest, (K, parallels, samples).
+    front, resting
+        Place of the edge now and at rest [samples], (K,).
+    slope
+        Shift of the edge from one parallel to the next [samples], (K,).
+    blur
+        Standard deviation of the edges' blur [samples].
+    transfer
+        Part of the zero's texture that this image shows.
+    variance
+        Variance of the foam's grey about its prediction [grey levels^2].
+    tested
+        Points to test, (K,).
+    result
+        Filled, (K, 7): log-likelihood of the zero's texture beyond the edge against none, as if all pixels were
+        independent; that of a second edge at
+        the resting front against one edge, where both are too close to be told apart; grey level between edge and
+        resting front, beyond it, and beyond it at rest; mean squared residual by the variance; number
+        of pixels that are as good as one independent one.
+    """
+    parallels, samples = now.shape[1], now.shape[2]
+    over = np.zeros((parallels, samples))
+    out = np.zeros(samples)
+    template = np.zeros((parallels, samples))
+    solution = np.zeros(4)
+    other = np.zeros(4)
+    left, texture = np.zeros((parallels, samples)), np.zeros((parallels, samples))
+    scale = 1.0 / (math.sqrt(2.0) * blur)
+    for k in range(len(front)):
+        for i in range(7):
+            result[k, i] = np.nan
+        x0 = resting[k]
+        first = max(int(min(front[k], x0) - EDGE * blur - 2.0), 0)
+        last = min(int(x0 + EDGE * blur) + AHEAD, samples - 1)
+        edge = int(x0 - max(EDGE, 2.5) * blur)  # the template is foam up to here
+        if not tested[k] or edge < 4 or last - first < 6:
+            continue
+        mean, beyond = 0.0, 0.0
+        begin = max(min(first, edge - BAND), 0)
+        for lane in range(parallels):
+            for j in range(begin, edge + 1):
+                mean += rest[k, lane, j]
+            beyond += rest[k, lane, last] + rest[k, lane, last - 1] + rest[k, lane, last - 2]
+        mean /= parallels * (edge + 1 - begin)
+        for j in range(first, last + 1):
+            out[j] = 0.5 * math.erfc((x0 - j) * scale)
+        for lane in range(parallels):
+            x1 = front[k] + (lane - 0.5 * (parallels - 1)) * slope[k]
+            for j in range(first, last + 1):
+                template[lane, j] = rest[k, lane, j] if j <= edge else mean
+                over[lane, j] = 0.5 * math.erfc((x1 - j) * scale)
+        count = parallels * (last + 1 - first)
+        result[k, 4] = beyond / (3.0 * parallels)
+        if x0 - front[k] > 2.0 * EDGE * blur:
+            without = _fit(now[k], template, over, out, first, last, mean, 0.0, 4, 0.5, other, left, texture)
+            with_texture = _fit(
+                now[k], template, over, out, first, last, mean, transfer, 4, 0.5, solution, left, texture
+            )
+            count = 0
+            for lane in range(parallels):
+                for j in range(first, last + 1):
+                    count += over[lane, j] > 0.5
+            noise = variance * max(count, 1)
+            result[k, 0] = 0.5 * count * math.log(max(without, noise) / max(with_texture, noise))
+            result[k, 6] = _dependence(left, texture, first, last)
+            middle = 0.5 * (front[k] + x0)
+            result[k, 2] = mean * (solution[1] + solution[2] * (middle - first) / 20.0)
+            result[k, 3] = 100.0 * solution[3]
+            result[k, 5] = with_texture / (max(count, 1) * variance)
+        else:
+            single = _fit(
+                now[k], template, over, out, first, last, mean, transfer, 3, -1.0, solution, left, texture
+            )
+            best = 1e300
+            for i in range(3):
+                x1 = x0 - (1.5 + 1.5 * i) * blur
+                for lane in range(parallels):
+                    for j in range(first, last + 1):
+                        over[lane, j] = 0.5 * math.erfc((x1 - j) * scale)
+                double = _fit(
+                    now[k], template, over, out, first, last, mean, transfer, 4, -1.0, other, left, texture
+                )
+                best = min(best, double)
+            result[k, 1] = 0.5 * (single - best) / max(variance, best / count) - math.log(count)

@@ -1,0 +1,122 @@
+"""What hidden foam may do, and errors that the zero has, too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visuohaptic.sensing.foam.deflection import fill_gaps, with_cancelled_texture, with_states
+from visuohaptic.sensing.foam.posterior import EdgeStates
+from visuohaptic.sensing.foam.profile import FoamReading, read_profile
+from visuohaptic.sensing.foam.strip import StripGeometry
+
+GEOMETRY = StripGeometry.straight(0.25, 0.02)
+K = len(GEOMETRY.s_m)
+SIGMA = np.full(K, 1e-5)
+
+
+def filled(delta, hidden):
+    """The contour with an occluder on some of its points."""
+    probability = np.zeros((K, 4))
+    probability[:, 0], probability[hidden] = 1.0, [0.0, 0.0, 1.0, 0.0]
+    states = EdgeStates(probability, np.zeros((K, K)), np.zeros((K, 5)))
+    return fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, 0.0 * SIGMA, delta, states)
+
+
+def test_what_is_hidden_is_bounded_by_what_it_draws_along(continuum, reference_law) -> None:
+    # As sharp as a pencil: whatever is blunter draws more foam along beside it.
+    presses = continuum.press(
+        reference_law, continuum.cylinder(0.006), (0.001, 0.003), length=0.05, fine=6e-4, rows=8
+    )
+    for depth, _, s, delta in presses:
+        for half_m in (0.005, 0.008, 0.012):
+            contour = np.interp(np.abs(GEOMETRY.s_m), s, delta)
+            found = filled(contour, np.abs(GEOMETRY.s_m) < half_m)
+            assert found.gap
+            assert (found.hidden_m[~found.seen] >= contour[~found.seen]).all(), (depth, half_m)
+
+
+def test_a_finger_beside_nothing_hides_little_and_a_hand_hides_anything(material) -> None:
+    force = [
+        filled(np.zeros(K), np.abs(GEOMETRY.s_m) < half_m).hidden_force_N(material, GEOMETRY.s_m)
+        for half_m in (0.007, 0.04)
+    ]
+    # 5 points of 3 mm, at most 9 mm from the last one seen: 10 um exp(9 / 3) each at 0.1 N per mm and point.
+    assert force[0] < 5 * 0.1 * 0.01 * np.exp(9 / 3)
+    assert force[1] > 0.5
+
+
+def test_a_gap_at_the_end_of_the_strip_is_bounded_from_one_side() -> None:
+    found = filled(np.zeros(K), np.arange(K) < 4)
+    assert np.all(np.diff(found.hidden_m[:4]) < 0.0)
+    assert np.isfinite(found.delta_m).all()
+
+
+def test_two_points_are_bridged_and_not_hidden() -> None:
+    delta = 0.004 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.01, 0.0) / 0.006)
+    found = filled(delta, np.isin(np.arange(K), (45, 46)))
+    assert not found.gap
+    assert (np.abs(found.delta_m - delta) < 3.0 * found.sigma_m)[45:47].all()
+
+
+def test_texture_that_the_zero_has_too_cancels() -> None:
+    rng = np.random.default_rng(4)
+    noise, texture = np.full(K, 5e-6), 3e-5
+    pixel, clean = np.full(K, 2e-4), np.ones(K, dtype=bool)
+    declared = np.full(K, np.hypot(5e-6, texture))
+    rest = 5e-6 * rng.standard_normal(K)
+    sigma = with_cancelled_texture(rest, declared, noise, clean, pixel)
+    # Its scatter over 81 second differences is known to a fifth.
+    assert np.median(sigma) < 1.5 * 5e-6
+    moved = np.where(np.abs(GEOMETRY.s_m) < 0.02, 0.003, rest)
+    sigma = with_cancelled_texture(moved, declared, noise, clean, pixel)
+    np.testing.assert_allclose(sigma[np.abs(GEOMETRY.s_m) < 0.02], declared[0], rtol=1e-6)
+    # Another light at every point: nothing cancels.
+    changed = np.hypot(5e-6, texture) * rng.standard_normal(K)
+    sigma = with_cancelled_texture(changed, declared, noise, clean, pixel)
+    assert 0.7 < np.median(sigma) / declared[0] < 1.4
+
+
+PLATE_M = 0.003 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.02, 0.0) / 0.006)
+
+
+def read_with(material, delta, runs) -> tuple[FoamReading, FoamReading, float]:
+    """The reading before and after the states of its points are known, and the probability that it is wrong."""
+    found = filled(delta, np.zeros(K, dtype=bool))
+    found = replace(found, states=replace(found.states, runs=runs))
+    before = read_profile(found.contour(GEOMETRY, 0.0), material)
+    return before, *with_states(before, found, material, GEOMETRY.s_m)
+
+
+def test_a_run_that_may_be_no_foam_is_in_sigma_and_refuses_the_frame(material) -> None:
+    runs = np.zeros((K, K))
+    before, after, wrong = read_with(material, PLATE_M, runs)
+    assert wrong == 0.0
+    assert after.budget.total_N < 1.1 * before.budget.total_N
+    # Five points of the plate, each 3 mm of 10 mm high foam under its stress at 3 mm, with one in a hundred.
+    part = slice(K // 2 - 2, K // 2 + 3)
+    runs[part, part] = 0.01
+    _, after, wrong = read_with(material, PLATE_M, runs)
+    force_N = 5 * np.diff(GEOMETRY.s_m).mean() * 0.01 * float(material.stress(np.array([0.003 / 0.02]))[0])
+    added_N = np.sqrt(after.budget.total_N**2 - before.budget.total_N**2)
+    np.testing.assert_allclose(added_N, 0.1 * force_N, rtol=0.05)
+    assert wrong == pytest.approx(0.01)
+    # The same points hardly pressed: whatever they are, the force is right.
+    _, _, wrong = read_with(material, 0.002 * PLATE_M, runs)
+    assert wrong == 0.0
+
+
+def test_foam_that_bulges_beside_a_contact_is_no_error_of_the_zero(material) -> None:
+    bulged, shifted = (PLATE_M - part * 0.003 for part in (0.04, 0.15))
+    zero_N = [read_with(material, delta, np.zeros((K, K)))[1].budget.zero_N for delta in (bulged, shifted)]
+    assert zero_N[0] < 0.01
+    # 15 % of 3 mm less the bulge of 6.7 % at the most: a quarter of a millimetre over 4 cm at 0.1 N per mm and point.
+    assert zero_N[1] > 0.1
+
+
+def test_what_a_shadow_may_hide_is_not_out_of_sight() -> None:
+    found = filled(PLATE_M, np.zeros(K, dtype=bool))
+    assert not replace(found, hidden_m=np.where(PLATE_M > 1e-3, PLATE_M, 0.0)).gap
+    assert filled(PLATE_M, np.abs(GEOMETRY.s_m) < 0.01).gap

@@ -1,0 +1,176 @@
+"""What an edge is: kernels against plain twins, and made images of foam, shadows and bodies."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from visuohaptic.sensing.foam._chain_kernels import join
+from visuohaptic.sensing.foam._posterior_kernels import (
+    COV_PRESSED,
+    COV_REST,
+    OWN,
+    VAR_PRESSED,
+    foam_bands,
+    shadow_odds,
+)
+from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH, edge_crossing
+
+ENTER = np.log([0.05, 0.01, 0.01, 0.01])
+
+
+def plain_join(
+    unary, crossing, delta, sigma, rest_sigma, s, decay, chord, margin
+) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior of each state, and of runs that are none of the likeliest, by the sum over all sequences."""
+    n = len(s)
+    total, weights = np.zeros((n, 4)), {}
+    for path in itertools.product(range(4), repeat=n):
+        value = 0.0 if path[0] == 0 else ENTER[path[0]]
+        value += sum(unary[k, z] for k, z in enumerate(path))
+        for k in range(1, n):
+            a, b = path[k - 1], path[k]
+            here = 0.0 if a == b else ENTER[b]
+            if a <= 1 and b <= 1:
+                pair = [
+                    (delta[i], sigma[i]) if z == 0 else (0.0, rest_sigma[i]) for i, z in ((k - 1, a), (k, b))
+                ]
+                high, low = max(pair[0][0], pair[1][0]), max(min(pair[0][0], pair[1][0]), 0.0)
+                fall = max(high, 0.0) * np.exp(-(s[k] - s[k - 1]) / decay) * (1 - chord) - low - margin
+                here -= 0.5 * max(fall, 0.0) ** 2 / (np.hypot(pair[0][1], pair[1][1]) + 1e-9) ** 2
+            here += {(0, 2): crossing[k, 0], (2, 0): crossing[k, 1]}.get((a, b), 0.0)
+            value += max(here, -60.0)
+        weights[path] = np.exp(value)
+        for k, z in enumerate(path):
+            total[k, z] += np.exp(value)
+    posterior = total / total.sum(axis=1, keepdims=True)
+    other = np.array(list(weights)) != posterior.argmax(axis=1)
+    weight = np.array(list(weights.values())) / sum(weights.values())
+    exact = {(a, b): float(weight @ other[:, a : b + 1].all(axis=1)) for a in range(n) for b in range(a, n)}
+    runs = np.zeros((n, n))
+    for (a, b), value in exact.items():
+        # One or two alone are bridged, but not at the ends.
+        windows = [(max(i, 0), min(i + 2, n - 1)) for i in range(b - 2, a + 1)]
+        runs[a, b] = runs[b, a] = max((exact[one] for one in windows), default=value)
+    return posterior, runs
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_chain_equals_the_sum_over_all_sequences(seed) -> None:
+    rng = np.random.default_rng(seed)
+    n = 6
+    unary, crossing = rng.normal(0, 2, (n, 4)), -rng.exponential(1.0, (n, 2))
+    delta, sigma = rng.uniform(-1e-4, 4e-3, n), rng.uniform(1e-5, 1e-3, n)
+    rest_sigma, s = np.full(n, 1e-4), np.cumsum(rng.uniform(2e-3, 4e-3, n))
+    rules = DECAY_PER_WIDTH * 0.02, 0.03, 5e-5
+    found, runs = np.empty((n, 4)), np.empty((n, n))
+    join(unary, crossing, delta, sigma, rest_sigma, s, ENTER, *rules, found, runs, np.empty(n))
+    posterior, plain_runs = plain_join(unary, crossing, delta, sigma, rest_sigma, s, *rules)
+    np.testing.assert_allclose(found, posterior, atol=1e-9)
+    np.testing.assert_allclose(runs, plain_runs, atol=1e-9)
+
+
+def strip(rng, front, texture, *, shade=1.0, beyond="body", noise=2.0, blur=1.0):
+    """Rest and now, (30, 5, 110): foam of grey 170 up to 85, then a floor of 70; an edge at ``front``.
+
+    Beyond the edge the foam goes on in a shadow, or a body of the grey of shaded foam begins.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    shape, j = (30, 5, 110), np.arange(110.0)
+    grains = 170.0 * (1.0 + texture * rng.standard_normal(shape))
+    clean = np.where(j < 85.0, grains, 70.0)
+    light = np.where(j < front, 1.0, shade)
+    body = 170.0 * shade * (1.0 + texture * rng.standard_normal(shape))
+    # The hard case: the floor is as grey as the shaded foam.
+    floor = np.full(shape, 170.0 * shade)
+    scene = (
+        np.where(j < front, grains, body) if beyond == "body" else np.where(j < 85.0, grains * light, floor)
+    )
+    rest, now = (gaussian_filter1d(one, blur, axis=2) for one in (clean, scene))
+    rest = np.mean([rest + noise * rng.standard_normal(shape) for _ in range(8)], axis=0)
+    now = now + noise * rng.standard_normal(shape)
+    return np.clip(np.rint(rest), 0, 255).astype(np.uint8), now.astype(np.float32)
+
+
+def texture_odds(rest, now, front, texture_part=1.0, variance=4.5) -> np.ndarray:
+    result, ones = np.empty((30, 7)), np.ones(30)
+    shadow_odds(now, rest, front * ones, 84.5 * ones, 0 * ones, 1.0, texture_part, variance, ones > 0, result)
+    return result[:, 0] / np.median(result[:, 6])
+
+
+def test_texture_decides_where_a_shaded_foam_is_as_grey_as_the_floor() -> None:
+    rng = np.random.default_rng(1)
+    rest, now = strip(rng, 70.0, 0.03, shade=0.5, beyond="foam")
+    assert texture_odds(rest, now, 69.5).sum() > 30.0
+    rest, now = strip(rng, 70.0, 0.03, shade=0.5, beyond="body")
+    assert texture_odds(rest, now, 69.5).sum() < -30.0
+
+
+def test_without_texture_the_pixels_say_nothing() -> None:
+    rng = np.random.default_rng(2)
+    for beyond in ("foam", "body"):
+        rest, now = strip(rng, 70.0, 0.0, shade=0.5, beyond=beyond)
+        # What is left of the zero's noise and rounding, over 30 points.
+        assert abs(texture_odds(rest, now, 69.5)).max() < 3.0
+
+
+@pytest.mark.parametrize("beyond", ["body", "foam"])
+def test_smooth_textures_that_agree_by_chance_say_little(beyond) -> None:
+    """Blotches as large as those of the foam: a few of them lie beyond each edge, not 250 pixels."""
+    from scipy.ndimage import gaussian_filter, gaussian_filter1d
+
+    rng, j = np.random.default_rng(5), np.arange(110.0)
+    blotches = (gaussian_filter(rng.standard_normal((30, 5, 110)), (0, 2, 2), mode="wrap") for _ in range(2))
+    foam, body = (170.0 + 6.0 * one / one.std() for one in blotches)
+    rest = np.where(j < 85.0, foam, 70.0)
+    shaded = np.where(j < 85.0, 0.6 * foam, 42.0) if beyond == "foam" else 0.6 * body
+    rest, now = (gaussian_filter1d(one, 1.0, axis=2) for one in (rest, np.where(j < 60.0, foam, shaded)))
+    now = (now + rng.standard_normal(now.shape)).astype(np.float32)
+    texture = texture_odds(np.rint(rest).astype(np.uint8), now, 59.5, variance=1.0)
+    if beyond == "foam":
+        assert np.median(texture) > 10.0, "only white noise is left, and the blotches prove the foam"
+    else:
+        # Honest log-odds are wrong by more than 4 once in 55 points; three of 30 are rare, and pixels taken for
+        # independent are wrong in ten.
+        assert (texture > 4.0).sum() <= 3
+
+
+def test_the_foam_behind_a_slanted_edge_is_compared_without_what_lies_beyond_it() -> None:
+    rng, j = np.random.default_rng(6), np.arange(110.0)
+    rest, _ = strip(rng, 85.0, 0.03)
+    slope = 4.0
+    edge = 60.0 + slope * (np.arange(5.0) - 2.0)
+    now = np.where(j < edge[:, None], rest, 40.0) + 2.0 * rng.standard_normal(rest.shape)
+    bands, ones = np.empty((30, 9)), np.ones(30)
+    given = 60.0 * ones, 85.0 * ones, slope * ones, 1.0, ones > 0
+    foam_bands(now.astype(np.float32), rest, *given, bands)
+    # The variance is that of the texture, of 5 grey levels smoothed by a pixel, and of the noise, not that of a step of 130.
+    assert bands[:, OWN].max() < 2.0 * (170.0 * 0.03) ** 2
+
+
+def test_texture_that_moves_with_the_foam_is_found() -> None:
+    rng = np.random.default_rng(3)
+    rest, _ = strip(rng, 85.0, 0.03)
+    front, place = 70.0, np.arange(110.0)
+    # Pressed: what was at 85 is at 70.
+    moved = np.array([[np.interp(place * 85.0 / front, place, line) for line in point] for point in rest])
+    now = np.where(place < front, moved, 60.0) + 2.0 * rng.standard_normal(rest.shape)
+    bands, ones = np.empty((30, 9)), np.ones(30)
+    foam_bands(now.astype(np.float32), rest, front * ones, 85.0 * ones, 0 * ones, 1.0, ones > 0, bands)
+    assert bands[:, COV_PRESSED].mean() > 0.9 * bands[:, VAR_PRESSED].mean()
+    assert abs(bands[:, COV_REST].mean()) < 0.2 * bands[:, VAR_PRESSED].mean()
+
+
+def test_an_occluder_that_goes_on_in_one_line_with_the_foam_is_a_coincidence() -> None:
+    s = 0.003 * np.arange(9.0)
+    sigma = np.full(9, 1e-5)
+    straight = edge_crossing(0.002 + 0.1 * s, sigma, s, 0.02)
+    # Within 30 um of a line that it crosses at any angle: 30 um of 3 mm; one edge alone within 20 mm: one part in six.
+    assert (straight[2:-1] < -2.5).all()
+    assert (straight > -6.0).all()
+    step = edge_crossing(np.where(s > 0.0119, 0.005, 0.002), sigma, s, 0.02)
+    assert (step[4] > -0.5).all(), "a step between two points may be where they meet"
+    assert (step[[1, 2, 6, 7]] < -2.5).all()
