@@ -86,7 +86,7 @@ def test_objects(old: Path) -> None:
         assert thing.id == "box"
         assert thing.tag is not None
         assert thing.tag.dynamic_friction_N is not None
-        assert thing.tag.dynamic_friction_N.value == 3.2
+        assert thing.tag.dynamic_friction_N.value == pytest.approx(3.2)
         assert thing.geometry is not None
         assert thing.geometry.faces is not None
         assert len(thing.geometry.faces) == 4

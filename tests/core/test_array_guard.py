@@ -64,7 +64,7 @@ def test_the_same_numbers_in_another_type_are_converted():
         assert points.dtype.isnative
         np.testing.assert_array_equal(points, POINTS)
     assert measure(POINTS)[0] is POINTS, "nothing is copied where nothing has to change"
-    assert measure(POINTS, 2.5)[1] == 2.5
+    assert measure(POINTS, 2.5)[1] == pytest.approx(2.5)
     _, _, faces, *_ = measure(POINTS, faces=np.zeros((2, 3), ">i4"))
     assert faces.dtype == np.dtype("=i4")
     for shape in ((4, 5), (4, 5, 3)):
