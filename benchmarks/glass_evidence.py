@@ -98,6 +98,10 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
     started = time.process_time()
     found = reconstruct(frames_of(scene), noise=sensor_noise(SENSOR), **options)
     centroids = np.array([region.centroid_m for region in found.regions]).reshape(-1, 3)
+    # Where a part has an outline, the axis of that is its place.
+    for centroid, region in zip(centroids, found.regions, strict=True):
+        if region.body is not None:
+            centroid[:2] = region.body.axis_m
     own = np.zeros(len(centroids), dtype=bool)
     errors: list[float | None] = []
     axes = np.array([vessel.position_m[:2] for vessel in scene.vessels]).reshape(-1, 2)

@@ -69,9 +69,7 @@ class EvidenceSettings:
     radius_m: float = 0.015  #: of the smallest object that is sought
     neighbours: int = 10  #: views that each one is compared with
     min_angle_rad: float = math.radians(4.0)  #: between compared views: nearer ones see the same glass alike
-    independent_rad: float = math.radians(
-        10.0
-    )  #: between independent views: what is dark here is nearby, too
+    independent_rad: float = math.radians(10.0)  #: between independent views
     max_wrong: float = 0.3  #: views with a larger fraction of contradicted rays are left out
 
     def __post_init__(self) -> None:
@@ -236,7 +234,7 @@ class EvidenceDetector:
             inside[box] = part
             self._inside |= inside
             regions = find_regions(self.score(), inside, inside, self.grid, min_voxels=1)
-            found.extend(region.standing_at(body) for region in regions)
+            found.extend(replace(region, body=body) for region in regions)
         self._found = tuple(sorted(found, key=lambda region: -region.voxels))
 
     def _unexplained(

@@ -11,7 +11,7 @@ views; the rates of each context are counted in the sequence itself (:mod:`.evid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8, UInt16
@@ -34,36 +34,25 @@ _WIDTH = 2.5
 _MANY = 8
 #: Views whose agreement is measured, residuals that it takes, and the factor by which a noise may be larger than known.
 _PROBES, _MIN_RESIDUALS, _TRUSTED = 6, 1000, 4.0
-#: Residuals of a pair that are used, rounds of their fit, pixels to both sides over which a slope is measured, and the
-#: part of a depth from which on a residual is another surface's.
-_MAX_RESIDUALS, _SHIFT_ROUNDS, _BESIDE_PX, _OTHER_SURFACE = 10_000, 20, 4, 0.1
 #: Tangent of the angle of incidence beyond which nothing is read.
 _GRAZING_SLOPE = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedNoise:
-    """Deviation of a depth from what another view predicts for it: of the camera, and of the poses.
-
-    What the poses add is measured in the sequence, for it decides what contradicts a surface: poses that were fitted
-    to each other are several times better than those that an arm reports. An error of a pose shifts a whole image
-    against another one, unlike the noise of its pixels or what glass does to some of them.
-    """
+    """Deviation of a depth from what another view predicts for it: of the camera, and of the poses."""
 
     device: DepthNoise = SENSOR_NOISE["kinect"]
-    tracking_m: float = (
-        0.003  #: by the position of the camera [m]; without a measurement that of a hand-held one
-    )
+    tracking_m: float = 0.003  #: by the position of the camera [m]
     turn_rad: float = 0.0015  #: by its direction [rad]
-    factor: float = 1.0  #: of all, as measured in the sequence
+
+    factor: float = 1.0  #: of both, as measured in the sequence
 
     @classmethod
     def measured(
         cls, frames: Sequence[DepthFrame], near: Sequence[Sequence[int]], device: DepthNoise
     ) -> TrackedNoise:
         """The noise that a sequence shows: how well depths of some views agree with their nearest neighbour's.
-
-        What is known without it counts as one pair of views more.
 
         Parameters
         ----------
@@ -74,25 +63,24 @@ class TrackedNoise:
         device
             What is known of the camera.
         """
-        noise, found = cls(device), []
+        from ._background_kernels import warp_views
+
+        noise, ratios = cls(device), []
         paired = [i for i in range(len(frames)) if near[i]]
         for i in paired[:: max(1, len(paired) // _PROBES)]:
-            residuals = _PairResiduals.of_views(frames[i], frames[near[i][0]])
-            if len(residuals.depth_m) >= _MIN_RESIDUALS:
-                found.append((residuals, *residuals.shift(noise)))
-        if not found:
+            here, there = (ViewDepth.of_frame(frames[k], noise) for k in (i, near[i][0]))
+            pose = here.frame.T_world_camera
+            warped = np.empty((1, *here.depth_m.shape), np.float32)
+            motion = motions(pose, [there.frame.T_world_camera])
+            warp_views(there.depth_m[None], motion, *intrinsics(here.frame.camera), warped)
+            residual = np.abs(warped[0] - here.depth_m) / (np.sqrt(2) * here.sigma_m)
+            ratios.append(residual[residual < 2 * _WIDTH])
+        found = np.concatenate(ratios) if ratios else np.zeros(0)
+        if len(found) < _MIN_RESIDUALS:
             return noise
-        focal_px = frames[0].camera.focal_px
-        count = len(found) + 1
-        shift2_px2 = sum(float(shift[:2] @ shift[:2]) / 4 for _, shift, _ in found)
-        turn_rad = float(np.sqrt((noise.turn_rad**2 + shift2_px2 / focal_px**2) / count))
-        tracking2_m2 = sum(float(shift[2] ** 2) / 2 + between_m2 for _, shift, between_m2 in found)
-        tracking_m = float(np.sqrt((noise.tracking_m**2 + tracking2_m2) / count))
-        known = cls(device, tracking_m, turn_rad)
-        deviates = np.concatenate([residuals.deviates(known, focal_px) for residuals, *_ in found])
         # Half of the deviates of a normal distribution are within 0.67 of its standard deviation.
-        factor = float(np.clip(np.median(deviates[deviates < 2 * _WIDTH]) / 0.6745, 1.0, _TRUSTED))
-        return replace(known, factor=factor)
+        factor = float(np.clip(np.median(found) / 0.6745, 1.0, _TRUSTED))
+        return cls(device, noise.tracking_m, noise.turn_rad, factor)
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """Standard deviation of depths of a surface that is seen at right angles [m].
@@ -116,70 +104,6 @@ class TrackedNoise:
             Focal length [px].
         """
         return float(np.hypot(np.sqrt(2 / 12), focal_px * self.turn_rad))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _PairResiduals:
-    """Depths of one view against those of another, where both see a smooth surface."""
-
-    residual_m: Float[np.ndarray, "n"]
-    across: Float[np.ndarray, "n 2"]  #: slopes of the depth along columns and rows [m/px]
-    depth_m: Float[np.ndarray, "n"]
-
-    @classmethod
-    def of_views(cls, here: DepthFrame, there: DepthFrame) -> _PairResiduals:
-        from ._background_kernels import warp_views
-
-        depth_m = ideal_depth(here)
-        warped = np.empty((1, *depth_m.shape), np.float32)
-        motion = motions(here.T_world_camera, [there.T_world_camera])
-        warp_views(ideal_depth(there)[None], motion, *intrinsics(here.camera), warped)
-        inner = (slice(_BESIDE_PX, -_BESIDE_PX),) * 2
-        own = depth_m[inner]
-        right = (depth_m[inner[0], 2 * _BESIDE_PX :] - depth_m[inner[0], : -2 * _BESIDE_PX]) / (
-            2 * _BESIDE_PX
-        )
-        down = (depth_m[2 * _BESIDE_PX :, inner[1]] - depth_m[: -2 * _BESIDE_PX, inner[1]]) / (2 * _BESIDE_PX)
-        residual = warped[0][inner] - own
-        with np.errstate(invalid="ignore"):
-            smooth = np.hypot(right, down) < _GRAZING_SLOPE / here.camera.focal_px * own
-            kept = np.flatnonzero(smooth & (np.abs(residual) < _OTHER_SURFACE * own))
-        kept = kept[:: max(1, len(kept) // _MAX_RESIDUALS)]
-        across = np.column_stack([right.ravel()[kept], down.ravel()[kept]])
-        return cls(
-            residual.ravel()[kept].astype(float), across.astype(float), own.ravel()[kept].astype(float)
-        )
-
-    def shift(self, noise: TrackedNoise) -> tuple[Float[np.ndarray, "3"], float]:
-        """Shift of the image along columns and rows [px] and of the depth [m], and variance of a depth besides [m2].
-
-        Maximum likelihood (EM) of normal residuals and of others that are as likely anywhere in ``_OTHER_SURFACE``: glass
-        and what has moved.
-        """
-        # A point of the other view is taken to the nearest pixel of this one.
-        rounding2 = (self.across**2).sum(axis=1) / 12
-        device2 = 2 * noise.device.with_tracking(0.0).sigma_m(self.depth_m) ** 2 + rounding2
-        columns = np.column_stack([self.across, np.ones(len(self.depth_m))])
-        anywhere = 1 / (2 * _OTHER_SURFACE * self.depth_m)
-        shift, between_m2, others = np.zeros(3), noise.tracking_m**2, 0.5
-        for _ in range(_SHIFT_ROUNDS):
-            variance = device2 + 2 * between_m2
-            off = self.residual_m - columns @ shift
-            normal = (1 - others) * np.exp(-0.5 * off**2 / variance) / np.sqrt(2 * np.pi * variance)
-            own = normal / (normal + others * anywhere)
-            others = float(np.clip(1 - own.mean(), 1e-3, 0.9))
-            pull = columns * (own / variance)[:, None]
-            shift = np.linalg.lstsq(pull.T @ columns, pull.T @ self.residual_m, rcond=None)[0]
-            square = float((own * (off**2 - device2) / variance**2).sum() / (own / variance**2).sum())
-            between_m2 = max(0.5 * square, 0.0)
-        return shift, between_m2
-
-    def deviates(self, noise: TrackedNoise, focal_px: float) -> Float[np.ndarray, "n"]:
-        """Absolute standardised residuals under a noise."""
-        slope2 = (self.across**2).sum(axis=1)
-        variance = noise.sigma_m(self.depth_m) ** 2 + noise.pixels(focal_px) ** 2 * slope2
-        found: Float[np.ndarray, "n"] = np.abs(self.residual_m) / np.sqrt(2 * variance)
-        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,14 +172,13 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     warped = np.empty_like(depths)
     warp_views(depths, motions(pose, poses), *camera, warped)
     there = np.array([(other.inverse() @ pose).matrix[:3] for other in poses], np.float32)
-    deepest_m = np.float32(noise.factor * noise.device.with_tracking(0.0).sigma_m(np.array(1.0)))
-    numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * noise.tracking_m)
+    expected_m = np.float32(noise.sigma_m(np.array(1.0)))
     shape = view.depth_m.shape
     predicted_m = np.empty(shape, np.float32)
     votes, empty, reading = (np.empty(shape, np.uint8) for _ in range(3))
     quorum = 2 if len(others) < _MANY else 3
     own = (view.depth_m, view.sigma_m, depths, sigmas, there, warped)
-    read_rays(*own, *camera, *numbers, quorum, predicted_m, votes, empty, reading)
+    read_rays(*own, *camera, np.float32(_WIDTH), expected_m, quorum, predicted_m, votes, empty, reading)
     focal_px = view.frame.camera.focal_px
     margin_px = noise.device.edge_px(focal_px) + noise.pixels(focal_px)
     distance = _from_failures(predicted_m, noise, focal_px) / margin_px

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +23,12 @@ class TransparentRegion:
 
     hull_m: Float[np.ndarray, "vertices 3"]  #: corners of the convex hull, world [m]
     faces: Int[np.ndarray, "faces 3"]  #: triangles of the hull, outside counter-clockwise
-    centroid_m: Float[
-        np.ndarray, "3"
-    ]  #: mean of its voxels, at the axis of its body where there is one, world [m]
+    centroid_m: Float[np.ndarray, "3"]  #: mean of its voxels, world [m]
     size_m: Float[np.ndarray, "3"]  #: edges of its axis-aligned box [m]
     score: float  #: mean score of its voxels
     voxels: int  #: number of voxels
     volume_m3: float  #: of the hull [m3]
     body: UprightBody | None = None  #: upright body that its outlines show
-
-    def standing_at(self, body: UprightBody) -> TransparentRegion:
-        """The same part with its centre on the axis of a body.
-
-        Parameters
-        ----------
-        body
-            Body that the outlines show.
-        """
-        return replace(self, centroid_m=np.array([*body.axis_m, self.centroid_m[2]]), body=body)
 
     def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Whether points of the world are in the hull.

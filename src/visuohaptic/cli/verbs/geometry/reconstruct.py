@@ -96,11 +96,8 @@ def run(args: Arguments) -> dict[str, Any]:
     found.save(args.out)
     for region in found.regions:
         x, y, z = region.centroid_m
-        known = f" +- {max(region.body.axis_sigma_m):.3f}" if region.body else ""
         size = " x ".join(f"{edge:.3f}" for edge in region.size_m)
-        args.report(
-            f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}){known} m, {size} m, score {region.score:.2f}"
-        )
+        args.report(f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}")
     parts = f"{len(found.regions)} transparent part{'s' * (len(found.regions) != 1)}"
     args.report(f"{parts}, {len(found.surface.faces)} triangles in {args.out}")
     args.report(f"{'searched' if found.search.found else 'nothing found'}: {found.search.text}")
