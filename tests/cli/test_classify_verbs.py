@@ -104,6 +104,26 @@ def test_the_page_walks_with_the_touches(tmp_path: Path, capsys, monkeypatch) ->
     assert f"It is: {found['answer']}" in shown["planner"].text()
 
 
+def test_an_afternoon_of_squeezing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two objects at one place each, and then one of them again, without a tree."""
+    rows = ["label,at,side,force_N,deformation_m"]
+    for label, stiffness in (("sponge", 8e2), ("bottle", 1e4)):
+        rows += [f"{label},0.5,x+,{stiffness * d},{d}" for d in np.arange(1, 19) / 6000]
+    squeezed, asked = tmp_path / "squeezed.csv", tmp_path / "asked.csv"
+    squeezed.write_text("\n".join(rows) + "\n")
+    asked.write_text("\n".join(row.partition(",")[2] for row in rows[:19]) + "\n")
+    mine = str(tmp_path / "mine.json")
+    assert main(["classify", "train", str(squeezed), "--out", mine, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["classes"] == ["sponge", "bottle"]
+    assert main(["classify", "run", mine, str(asked), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["answer"] == "sponge"
+    assert found["tree"] == {"answer": None, "next_touch": None}
+    assert found["doubt"] == ""
+    assert main(["classify", "plan", mine]) == 2
+    assert "has no tree" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
