@@ -16,9 +16,9 @@ __all__ = ["check_container", "check_represented", "has_top", "represented_fract
 SAMPLES = 10_000
 #: Heights and angles of the wall's points.
 LEVELS, ANGLES = 200, 96
-#: A container stands on this much of its height at most without a wall all round, and a handle is at most as long as
-#: the container is wide and a half.
-LEGS, LONGEST_REACH = 0.1, 2.5
+#: A container stands on this much of its height at most without a wall all round, and a handle is at most 1.6
+#: times as long as the radius of the container.
+LEGS, LONGEST_REACH = 0.1, 2.6
 #: A ledge is this fraction of the radius within a two-hundredth of the height, in that fraction of the directions.
 LEDGE = 0.25
 #: A lid is level to 10 degrees within the uppermost tenth; a ball has ``pi (r sin 10)^2`` of that.

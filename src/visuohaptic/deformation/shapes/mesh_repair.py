@@ -133,7 +133,7 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
     if holes or _usual_length(vertices, _loaded(state)) > limit:
         vertices, faces = split_edges(vertices, faces, limit, clamped_foot(vertices))
         # Halves of long triangles are as narrow as they are short: what is too narrow is one again.
-        vertices, faces, _ = collapse_edges(vertices, faces, limit / 2, tolerance)
+        vertices, faces, _ = collapse_edges(vertices, faces, 0.75 * limit, 2 * tolerance)
     faces = flip_edges(vertices, faces, tolerance)
     state = _state(state, vertices, faces)
     if "obtuse" in why_not_as_it_is(state):
