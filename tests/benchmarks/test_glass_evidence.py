@@ -28,7 +28,7 @@ def scene():
 
 
 def _found(monkeypatch, centroids):
-    regions = [SimpleNamespace(centroid_m=np.array(centroid)) for centroid in centroids]
+    regions = [SimpleNamespace(centroid_m=np.array(centroid), body=None) for centroid in centroids]
     result = SimpleNamespace(regions=regions, search=SimpleNamespace(text=""))
     monkeypatch.setattr(glass_evidence, "reconstruct", lambda *_, **__: result)
 

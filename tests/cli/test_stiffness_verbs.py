@@ -108,7 +108,7 @@ def test_a_face_that_names_no_vertex_is_named(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["none.yaml"], "no such file"),
+        (["none.yaml"], "does not exist"),
         (["cup", "--out", "map.stl"], ".npz"),
         (["cup", "--material", "mud"], "PET"),
         (["cup", "--thickness", "-1"], "expected more than 0"),
@@ -188,7 +188,7 @@ def test_a_squeeze_says_its_curve(tube: Path, tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["none.yaml"], "no such file"),
+        (["none.yaml"], "does not exist"),
         (["cup", "--out", "curve.txt"], "expected .csv"),
         (["cup", "--at", "0", "0", "0", "--height", "0.1"], "expected one of them"),
         (["cup", "--force", "-3"], "more than 0"),

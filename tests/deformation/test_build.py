@@ -144,7 +144,7 @@ def test_a_cluster_needs_its_extra(plan: Path, tmp_path: Path, monkeypatch: pyte
     ("text", "said"),
     [
         ("classes: []", "classes"),
-        ("classes: [{class: nope}]", "no such file"),
+        ("classes: [{class: nope}]", "does not exist"),
         ("classes: [{class: cup}, {class: cup}]", "twice"),
         ("classes: [{class: cup, variants: 0}]", "variants"),
         ("classes: [{class: cup}]\naround: 17", "around"),
