@@ -314,6 +314,14 @@ def _build(folder: Path, world: World) -> None:
             )
             listed.append({"file": file, "class": name})
     (folder / "objects" / "manifest.json").write_text(json.dumps({"objects": listed}))
+    with (folder / "squeezes.csv").open("w") as stream:
+        stream.write("label,object,at,side,force_N,deformation_m\n")
+        for k, name in enumerate(("bottle", "cup")):
+            for i, at in enumerate((0.4, 0.5, 0.6)):
+                stiffness = 1000.0 * (1 + 3 * k) * (1 + 0.02 * i)
+                for depth_m in np.arange(1, 19) / 6000:
+                    for side in ("x+", "x-"):
+                        stream.write(f"{name},{name}{i},{at},{side},{stiffness * depth_m},{depth_m}\n")
 
 
 def _curves(folder: Path, world: World) -> None:
@@ -574,6 +582,7 @@ def _objects_add(folder: Path, results: list[Any]) -> None:
 def _classify_train(folder: Path, results: list[Any]) -> None:
     assert results[0]["classes"] == ["bottle", "cup", "elliptic"]
     assert "elliptic" in results[1]["classes"]
+    assert results[2]["classes"] == ["bottle", "cup"]
 
 
 def _classify_run(folder: Path, results: list[Any]) -> None:

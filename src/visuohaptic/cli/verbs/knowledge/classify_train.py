@@ -24,7 +24,7 @@ writes  the tree as JSON, and beside it the training objects as NPZ; with --plot
 
 example: visuohaptic classify train --objects objects --classes bottle,cup,elliptic --out tree.json
          visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json
-         visuohaptic classify train curves.csv --out mine.json
+         visuohaptic classify train squeezes.csv --out mine.json
          visuohaptic classify train --states isana --fill 0.5 --out state.json
 """
 
