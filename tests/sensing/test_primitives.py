@@ -206,7 +206,7 @@ def test_a_turned_frame_turns_the_result() -> None:
 
 
 def test_bad_input_is_named() -> None:
-    with pytest.raises(InputError, match=r"points_m: found shape \(5,\), expected \(K, 2\)"):
+    with pytest.raises(InputError, match=r"points_m: found shape \(5,\), expected numbers \(K, 2\)"):
         fit_primitive(np.zeros(5), np.ones(5))
     with pytest.raises(InputError, match="not finite"):
         fit_primitive(np.full((5, 2), np.nan), np.ones(5))

@@ -52,8 +52,8 @@ class ContourTruth:
 
 def crossings(
     curve_px: Float[np.ndarray, "n 2"],
-    origin_px: Float[np.ndarray, "lines 2"],
-    direction_px: Float[np.ndarray, "lines 2"],
+    origin_px: Float[np.ndarray, "*lines 2"],
+    direction_px: Float[np.ndarray, "*lines 2"],
 ) -> Float[np.ndarray, "lines"]:
     """Parameter t of the crossing of each line ``origin + t direction`` with a curve.
 

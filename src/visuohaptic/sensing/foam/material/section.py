@@ -154,7 +154,7 @@ def section_material(
 
 def sensitivity(
     material: FoamMaterial,
-    strain: Float[np.ndarray, "n"],
+    strain: Float[np.ndarray, "*n"],
     *,
     distance_m: float = 0.3,
     gamma_rad: float = np.radians(70.0),
