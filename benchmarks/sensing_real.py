@@ -15,7 +15,7 @@ import numpy as np
 
 from visuohaptic.tracking.contours import ConstraintLines, ContourSettings, ContourTracker
 from visuohaptic.tracking.points import apply_homography
-from visuohaptic.tracking.templates import EsmTemplate, Template, align, detect_templates
+from visuohaptic.tracking.templates import EsmTemplate, Template, align, detect_templates, matching_blur
 
 from .harness import ROOT
 
@@ -36,6 +36,15 @@ def _grey(path: Path) -> np.ndarray:
     return image
 
 
+def _refined(template: EsmTemplate, image: np.ndarray, start: np.ndarray):
+    """Aligned, its blur matched, and aligned again: what the tracker does over two frames."""
+    found = align(template, image, start)
+    if not found.valid:
+        return found
+    again = align(template, image, found.homography, blur=matching_blur(template, image, found))
+    return again if again.valid else found
+
+
 def _row(name: str, ours: float, unit: str, note: str) -> dict:
     return {"name": name, "ours": ours, "unit": unit, "note": note}
 
@@ -50,7 +59,7 @@ def graf(folder: Path) -> Iterator[dict]:
         image = _grey(folder / f"img{view}.png")
         published = np.loadtxt(folder / f"H1to{view}p") @ np.array([[1, 0, x], [0, 1, y], [0, 0, 1.0]])
         found = detect_templates((template,), image).get("graf")
-        refined = align(template.esm, image, found.homography) if found is not None else None
+        refined = _refined(template.esm, image, found.homography) if found is not None else None
         if refined is None or not refined.valid:
             yield _row(f"graf, view {view}", float("nan"), "px", "not found")
             continue
@@ -85,7 +94,7 @@ def dots(folder: Path) -> Iterator[dict]:
                 continue
             tracked += 1
             homography = found.homography
-            blur = found.blur
+            blur = matching_blur(template, image, found, start=blur)
             expected = apply_homography(homography, marks - low)
             distance = np.linalg.norm(expected[:, None] - dot_centres(image)[None], axis=2).min(axis=1)
             # A dot that a threshold cannot separate in this frame says nothing.
@@ -151,7 +160,7 @@ def _tags(
     errors = []
     for template in templates:
         if template.name in found:
-            refined = align(template.esm, image, found[template.name].homography)
+            refined = _refined(template.esm, image, found[template.name].homography)
             if refined.valid:
                 seen = apply_homography(refined.homography, template.tag_corners)
                 truth = corners[template.tag_id] - shift
@@ -184,7 +193,7 @@ def photos(folder: Path) -> Iterator[dict]:
             box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
             found = detect_templates((template,), image, region=box)
             if template.name in found:
-                refined = align(template.esm, image, found[template.name].homography)
+                refined = _refined(template.esm, image, found[template.name].homography)
                 if refined.valid:
                     seen = apply_homography(refined.homography, template.tag_corners)
                     errors.append(np.linalg.norm(seen[:, None] - quad[None], axis=2).min(axis=1).max())

@@ -90,7 +90,7 @@ def fields(x: float, y: float) -> np.ndarray:
 
 def twin(sums, x, y, softened, independent, noise, blur, passes):
     """What :func:`block_step` does, by least squares on every block and dense algebra."""
-    motions, squares, chance, variances, told = [], [], [], [], []
+    motions, squares, chance, variances = [], [], [], []
     for s in sums.reshape(-1, 28):
         a = np.zeros((7, 7))
         a[UPPER] = s
@@ -101,7 +101,6 @@ def twin(sums, x, y, softened, independent, noise, blur, passes):
         rho2 = left[0, 3] ** 2 / (left[0, 0] * left[3, 3])
         beside = left[1:, 1:] - np.outer(left[1:, 0], left[0, 1:]) / left[0, 0]
         metric = beside[:2, :2] + np.eye(2) * (1e-5 * np.trace(beside[:2, :2]) + 1e-9)
-        told.append(np.trace(np.linalg.solve(metric, beside[:2, :2])))
         seen = np.linalg.solve(metric, beside[:2, 2])
         motions.append(-seen / gain)
         squares.append(gain**2 * metric)
@@ -128,10 +127,10 @@ def twin(sums, x, y, softened, independent, noise, blur, passes):
         step = np.linalg.solve(matrix, np.einsum("n,nai,nab,nb->i", probability, design, metric, motions))
         off = motions - design @ step
         chi2 = np.einsum("na,nab,nb->n", off, metric, off)
-        total, count = probability @ chi2, probability @ told
+        total, count = probability @ chi2, probability.sum()
         ratio = np.clip(chance + np.log(wider) + 0.5 * chi2 * (1 / wider - 1), -30, 30)
         probability = expit(ratio)
-        scatter = max(scatter * total / max(count - 11, 1.0), 1.0)
+        scatter = max(scatter * total / max(2 * count - 11, 1.0), 1.0)
     variance = np.average(variances, weights=probability * size)
     return np.log(0.5 + 0.5 * np.exp(ratio)).sum(), variance, step, matrix, probability, used
 
@@ -143,7 +142,7 @@ def test_the_step_equals_its_numpy_twin(seed: int) -> None:
     sums, x, y, softened = scene(rng, theta)
     independent = np.full((DOWN, ACROSS), 30.0)
     step, matrix, probability = np.zeros(11), np.zeros((11, 11)), np.zeros((DOWN, ACROSS))
-    fits = np.zeros((DOWN, ACROSS, 10))
+    fits = np.zeros((DOWN, ACROSS, 9))
     odds, variance = block_step(
         sums, x, y, softened, independent, 0.5 * SIDE**2, 1.5, 6.0, 4, step, matrix, probability, fits
     )

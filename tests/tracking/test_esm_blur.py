@@ -15,6 +15,7 @@ from visuohaptic.tracking.templates import (
     Work,
     align,
     detect_templates,
+    matching_blur,
 )
 
 
@@ -35,7 +36,7 @@ def test_the_blur_is_found(view, variance):
     rng = np.random.default_rng(1)
     image = np.clip(np.round(clean + rng.normal(0, 3, clean.shape)), 0, 255).astype(np.uint8)
     found = align(template, image, true)
-    blur = found.blur
+    blur = matching_blur(template, image, found)
     # The next one on the ladder is as near as it gets.
     steps = np.array(BLUR_VARIANCES)
     nearest = int(np.argmin(np.abs(steps - variance)))
@@ -53,7 +54,7 @@ def test_a_softer_image_declares_what_it_scatters_by(view):
     for k in range(60):
         image = np.clip(np.round(clean + rng.normal(0, 5, clean.shape)), 0, 255).astype(np.uint8)
         if k == 0:
-            blur = align(template, image, true).blur
+            blur = matching_blur(template, image, align(template, image, true))
         for which, errors in ((0, sharp), (1, matched)):
             found = align(template, image, true, blur=blur if which else 0.0)
             errors.append(found.corners - apply_homography(true, template.corners))

@@ -1,5 +1,6 @@
 from .alignment.esm import Alignment as Alignment
 from .alignment.esm import align as align
+from .alignment.esm_blur import matching_blur as matching_blur
 from .alignment.esm_pyramid import EsmSettings as EsmSettings
 from .alignment.esm_pyramid import GaussNewton as GaussNewton
 from .alignment.esm_pyramid import Work as Work

@@ -23,6 +23,7 @@ from ...core.resources import Closing
 from ..points.homography import apply_homography, estimate_homography
 from ..pose.plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
 from .alignment.esm import Alignment, align
+from .alignment.esm_blur import matching_blur
 from .alignment.esm_pyramid import EsmSettings
 from .alignment.warp import is_proper
 from .detector import DetectorSettings
@@ -203,6 +204,7 @@ class TemplateTracker(Closing):
             )
         if not alignment.valid:
             return self._loose(track, t_s, alignment.reason, alignment)
+        alignment = self._with_blur(track, grey, alignment)
         poses = self._poses(track, alignment)
         if poses and self.camera.distortion.any():
             alignment, poses = self._with_distortion(track, grey, alignment, poses)
@@ -227,18 +229,29 @@ class TemplateTracker(Closing):
         )
 
     def _align(self, track: _Track, grey: UInt8[np.ndarray, "height width"], start: np.ndarray) -> Alignment:
-        """Align one template with a frame; now and then look how soft the image is."""
-        corners = _corners(track, start)
-        size = float(np.linalg.norm(corners[2] - corners[0]))
+        return align(track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur)
+
+    def _with_blur(
+        self, track: _Track, grey: UInt8[np.ndarray, "height width"], alignment: Alignment
+    ) -> Alignment:
+        """Look now and then how soft the image is, and align once more if that changed."""
+        size = float(np.linalg.norm(alignment.corners[2] - alignment.corners[0]))
         track.blur_age += 1
-        if abs(size / max(track.blur_scale, 1e-9) - 1) > 0.05 or track.blur_age > self.settings.blur_frames:
-            track.blur = None
-        found = align(
-            track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur
-        )
-        if found.valid and track.blur is None:
-            track.blur, track.blur_age, track.blur_scale = found.blur, 0, size
-        return found
+        if abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames:
+            return alignment
+        track.blur_age, track.blur_scale = 0, size
+        # A template of the wrong blur is aligned badly, which in turn misleads the next look.
+        for _ in range(3):
+            blur = matching_blur(
+                track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
+            )
+            if blur == track.blur:
+                break
+            track.blur = blur
+            again = self._align(track, grey, alignment.homography)
+            if again.valid:
+                alignment = again
+        return alignment
 
     def _prediction(self, track: _Track) -> np.ndarray | None:
         """Corners continued with their last motion; the last place while lost."""

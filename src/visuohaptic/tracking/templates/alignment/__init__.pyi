@@ -1,5 +1,6 @@
 from .esm import Alignment as Alignment
 from .esm import align as align
+from .esm_blur import matching_blur as matching_blur
 from .esm_pyramid import EsmSettings as EsmSettings
 from .esm_pyramid import GaussNewton as GaussNewton
 from .esm_pyramid import Work as Work

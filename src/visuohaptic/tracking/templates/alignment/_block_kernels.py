@@ -159,11 +159,11 @@ def _block_fit(s, m, fit):
         Scratch, (7, 7).
     fit
         Filled with the products of the gradients xx, xy, yy times the squared gain, the motion x, y, the squared
-        correlation beside bias and slopes, the variance of a pixel, the gain, the sum that tells it, and how many
-        directions of motion its texture tells; all 0 where nothing is known, (10,).
+        correlation beside bias and slopes, the variance of a pixel, the gain, and the sum that tells it; all 0
+        where nothing is known, (9,).
     """
     k = 0
-    for i in range(10):
+    for i in range(9):
         fit[i] = 0.0
     for i in range(7):
         for j in range(i, 7):
@@ -190,8 +190,6 @@ def _block_fit(s, m, fit):
     x, y = (r * m[4, 6] - q * m[5, 6]) / det, (p * m[5, 6] - q * m[4, 6]) / det
     # Grey levels are whole: a variance of 1 / 12.
     fit[6] = max((m[6, 6] - x * m[4, 6] - y * m[5, 6]) / max(s[0] - 6.0, 1.0), 1.0 / 12.0)
-    # An edge tells one of two directions.
-    fit[9] = 2.0 - damp * (p + r) / det
     factor = gain * gain
     fit[0], fit[1], fit[2] = factor * p, factor * q, factor * r
     fit[3], fit[4] = -x / gain, -y / gain
@@ -239,7 +237,7 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
     probability
         Filled: that a block shows the template, (rows, columns).
     fits
-        Filled with the fit of each block as :func:`_block_fit` says, (rows, columns, 10).
+        Filled with the fit of each block as :func:`_block_fit` says, (rows, columns, 9).
     """
     down, across = sums.shape[0], sums.shape[1]
     scratch = np.zeros((7, 7))
@@ -301,7 +299,7 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 chi2 = fit[0] * dx * dx + 2.0 * fit[1] * dx * dy + fit[2] * dy * dy
                 chi2 /= noise * scatter * max(fit[6], variance)
                 total += probability[j, i] * chi2
-                motions += probability[j, i] * fit[9]
+                motions += probability[j, i]
                 # By chance the motion is that of few independent values instead of many pixels.
                 wider = sums[j, i, 0] / max(independent[j, i], 3.0)
                 ratio = chance[j, i] + np.log(wider) + 0.5 * chi2 * (1.0 / wider - 1.0)
@@ -312,5 +310,5 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 count += probability[j, i] * sums[j, i, 0]
         variance = rest / max(count, 1e-9)
         # What else than noise scatters the motions: compression, aliasing, paper that is not flat.
-        scatter = max(scatter * total / max(motions - 11.0, 1.0), 1.0)
+        scatter = max(scatter * total / max(2.0 * motions - 11.0, 1.0), 1.0)
     return odds, variance

@@ -89,7 +89,7 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     if k == 0:
         image = work.spline(image, h, level)
     down, across = level.independent.shape
-    sums, fits = (np.zeros((down, across, n)) for n in (28, 10))
+    sums, fits = (np.zeros((down, across, n)) for n in (28, 9))
     probability = np.zeros((down, across))
     to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
     matrix, step, growth = np.zeros((11, 11)), np.zeros(11), np.zeros((3, 3))

@@ -49,7 +49,6 @@ class Alignment:
     ncc: float  #: normalised cross-correlation with the template, -1..1
     inside: float  #: fraction of the template that is inside the image, 0..1
     weight: float  #: mean weight of the pixels inside, 0..1: not covered, not saturated
-    blur: float  #: variance of the Gaussian by which the image is softer than the template [template px^2]
     noise: float  #: standard deviation of one image pixel as estimated from the residual [grey levels]
     gain: float  #: image = gain * template + bias
     bias: float
@@ -87,8 +86,8 @@ def align(
         Added to the warped position of every template pixel on the finest level [px]:
         what lens distortion does beyond the homography.
     blur
-        How much softer than the template the image is, as the variance of a Gaussian [template px^2], e.g. of the
-        last frame; it is estimated where it is not given.
+        How much softer than the template the image is, as the variance of a Gaussian [template px^2]
+        (a usual camera's for sharp prints, none for images); see :func:`visuohaptic.tracking.templates.alignment.esm_blur.matching_blur`.
 
     Returns
     -------
@@ -225,18 +224,7 @@ def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignme
     """An alignment that says that there is none."""
     nothing = np.full((8, 8), np.nan)
     return Alignment(
-        homography,
-        False,
-        reason,
-        0.0,
-        0.0,
-        0.0,
-        np.nan,
-        np.nan,
-        np.nan,
-        np.nan,
-        np.full((4, 2), np.nan),
-        nothing,
+        homography, False, reason, 0.0, 0.0, 0.0, np.nan, np.nan, np.nan, np.full((4, 2), np.nan), nothing
     )
 
 
@@ -274,7 +262,6 @@ def _judged(work: Work, fit: BlockFit | None, start: Float[np.ndarray, "3 3"]) -
         ncc=work.ncc,
         inside=float(n / level.image.size),
         weight=float(s1 / n),
-        blur=work.template.variance(work.chain, work.blur),
         noise=float(np.sqrt(_noise_variance(work))),
         gain=float(work.light[0]),
         bias=float(work.light[1]),
@@ -289,27 +276,26 @@ def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
     By the criterion of Hannan and Quinn; and where both say the same of the motion, with an error rate of a hundredth
     (Hausman, Econometrica 46 (1978)). ``even``: the last passes were in the right blur and in even light.
     """
-    for shaded in (False, True) if even and not fit.shade[1:].any() else (True,):
-        if shaded:
-            work.homography = fit.homography
-            work.shade(fit.shade)
-            if not _refined(work):
-                break
-        homography = work.centred @ work.pair(0)[0].from_template
-        # Samples that are finer than the image's pixels are not independent.
-        samples = work.stats[0] * min(1.0, work.relative**2)
-        variance = work.stats[5] * work.light[4] / max(work.stats[0], 1.0)
-        blocks = work.pair(0)[0].independent.size
-        # Four parameters of light and two of motion for every block.
-        limit = 2 * 6 * blocks * np.log(np.log(max(samples, 16.0)))
-        mine, other = (apply_homography(h, work.template.corners) for h in (homography, fit.homography))
-        off = (mine - other).ravel() * 2.0**work.image_base
-        if (
-            samples * np.log(max(variance, 1e-9) / fit.variance) < limit
-            and off @ np.linalg.solve(fit.covariance, off) < 20.1  # chi^2 of 8 degrees of freedom
-        ):
-            return replace(fit, homography=homography, covariance=_covariance(work, work.centred))
-    return fit
+    if not even or fit.shade[1:].any():
+        work.homography = fit.homography
+        work.shade(fit.shade)
+        if not _refined(work):
+            return fit
+    homography = work.centred @ work.pair(0)[0].from_template
+    # Samples that are finer than the image's pixels are not independent.
+    samples = work.stats[0] * min(1.0, work.relative**2)
+    variance = work.stats[5] * work.light[4] / max(work.stats[0], 1.0)
+    blocks = work.pair(0)[0].independent.size
+    # Four parameters of light and two of motion for every block.
+    limit = 2 * 6 * blocks * np.log(np.log(max(samples, 16.0)))
+    mine, other = (apply_homography(h, work.template.corners) for h in (homography, fit.homography))
+    off = (mine - other).ravel() * 2.0**work.image_base
+    if (
+        samples * np.log(max(variance, 1e-9) / fit.variance) >= limit
+        or off @ np.linalg.solve(fit.covariance, off) >= 20.1  # chi^2 of 8 degrees of freedom
+    ):
+        return fit
+    return replace(fit, homography=homography, covariance=_covariance(work, work.centred))
 
 
 def _noise_variance(work: Work) -> float:

@@ -1,0 +1,79 @@
+"""How much softer than the template a camera shows it.
+
+Lens, pixels, distance and focus decide that, so that it is constant or changes slowly. A
+template that is sharper than the image promises gradients that are not there: its residual
+is not noise, and its declared covariance too small; a template with sharp print (a tag) leaves
+large residuals along its edges, and declares one too large. The blur with the smallest
+residual mends both.
+"""
+
+# mypy: allow-untyped-calls
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from .esm import Alignment
+from .esm_pyramid import EsmSettings, GaussNewton, Work
+from .esm_template import BLUR_VARIANCES, EsmTemplate
+
+__all__ = ["matching_blur"]
+
+
+def matching_blur(
+    template: EsmTemplate,
+    image: UInt8[np.ndarray, "height width"],
+    alignment: Alignment,
+    settings: EsmSettings | None = None,
+    *,
+    offset: Float32[np.ndarray, "2 R C"] | None = None,
+    start: float | None = None,
+) -> float:
+    """Variance of the Gaussian [template px^2] with which the template explains an aligned image best.
+
+    Parameters
+    ----------
+    template, image, alignment
+        A valid alignment of both.
+    settings, offset
+        As given to :func:`visuohaptic.tracking.templates.alignment.esm.align`.
+    start
+        Where to begin; from there it goes downhill.
+    """
+    settings = settings or EsmSettings()
+    work = Work(template, image, alignment.homography, settings, offset, start)
+    if not work.enough:
+        return 0.0 if start is None else start
+    # Nothing is cut: where the blur is wrong, the residual sits on the edges, which would be taken for
+    # outliers. What covers the template fits no blur, so that it changes nothing.
+    light = np.array([alignment.gain, alignment.bias, 1e6, 1e6, 1.0])
+    spline: np.ndarray | None = None
+    misfits: dict[int, float] = {}
+
+    def residual(blur: int) -> float:
+        """Mean squared residual after the best gain and bias [grey levels^2]."""
+        nonlocal spline
+        if blur not in misfits:
+            work.finest = template.finest(work.chain, blur)
+            level, first, h = work.pair(0)
+            h = np.ascontiguousarray(h / h[2, 2])
+            if spline is None:
+                spline = work.spline(first, h, level)
+            work.light[:] = light
+            work.run(0, level, spline, h, level.rows, GaussNewton(1, cubic=True, cut=1.0, tolerance=np.inf))
+            s1, t, tt, r, tr, rr = work.stats[:6]
+            if s1 <= 0:
+                return np.inf
+            # Regression of the residual on the template: gain and bias are not those of this blur.
+            spread = max(tt - t * t / s1, 1e-9)
+            misfits[blur] = float((rr - r * r / s1 - (tr - t * r / s1) ** 2 / spread) / s1)
+        return misfits[blur]
+
+    best, last = work.blur, len(BLUR_VARIANCES) - 1
+    while True:
+        near = [blur for blur in (best - 1, best, best + 1) if 0 <= blur <= last]
+        lower = min(near, key=residual)
+        if lower == best:
+            return template.variance(work.chain, best)
+        best = lower
