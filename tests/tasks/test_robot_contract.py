@@ -243,7 +243,7 @@ def test_a_robot_without_parts_is_refused():
 
 
 def test_the_doctor_tries_a_robot(capsys, tmp_path, monkeypatch):
-    (tmp_path / "my_robot.py").write_text(
+    (tmp_path / "a_robot_of_this_test.py").write_text(
         "from tests.tasks import example_robot, test_robot_contract as wrong\n"
         "connect = example_robot.connect\n"
         "def run_away():\n"
@@ -251,9 +251,9 @@ def test_the_doctor_tries_a_robot(capsys, tmp_path, monkeypatch):
         "    return {'base': base, 'wait': base.wait}\n"
     )
     monkeypatch.chdir(tmp_path)
-    assert main(["doctor", "--robot", "my_robot:connect"]) == 0
+    assert main(["doctor", "--robot", "a_robot_of_this_test:connect"]) == 0
     assert "kept" in capsys.readouterr().out
-    assert main(["doctor", "--robot", "my_robot:run_away"]) == 2
+    assert main(["doctor", "--robot", "a_robot_of_this_test:run_away"]) == 2
     assert "it stands a second after stop()" in capsys.readouterr().err
     assert main(["doctor", "--robot", "no_such_module:connect"]) == 2
     assert "cannot be imported" in capsys.readouterr().err
