@@ -63,7 +63,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         1,
         probe.default_outline,
     ),
-    Chapter("squeeze", "The gripper squeezes: class and state", ("probe",), hand.recognise_the_bottle, 2),
+    Chapter("squeeze", "The gripper squeezes: class and contents", ("probe",), hand.recognise_the_bottle, 2),
     Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle),
 )
 

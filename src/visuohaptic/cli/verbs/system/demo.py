@@ -25,7 +25,7 @@ parts
   beam      zero the beam sensor and read known loads
   navigate  map the office, find the door blocked, push something aside, arrive
   glass     find what is transparent, and complete it with the probe
-  bottle    squeeze: class and state; plan the grasp and lift
+  bottle    squeeze: class and contents; plan the grasp and lift
   without one: all of it, from the first round with the laser to the lifted bottle
 reads
   --map     any map_server YAML: touch three obstacles in it (the foam part only)
