@@ -11,6 +11,7 @@ import pytest
 from visuohaptic.cli.main import VERBS, main
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.sinks import FORCE_COLUMNS
 from visuohaptic.sensing.beam import Beam, save_beam
 
 #: BAD is the file in question; the files beside it are right, as far as the verb gets to see them.
@@ -26,6 +27,8 @@ COMMANDS = (
     "track --templates templates --source BAD.mcap --camera camera.yaml",
     "track --templates templates --source photos --camera BAD.yaml",
     "template check BAD.png --width-m 0.1",
+    "compare BAD.csv scale.csv",
+    "compare run.csv BAD.csv",
     "calibrate foam BAD.csv --width 0.02 --height 0.01",
     "calibrate beam BAD.csv --beam beam.yaml",
     "calibrate beam loads.csv --beam BAD.yaml",
@@ -118,6 +121,8 @@ def desk(tmp_path, monkeypatch):
     (tmp_path / "templates" / "tags.yaml").write_text("tags: {tool: {id: 9, size_m: 0.04}}\n")
     save_beam(tmp_path / "beam.yaml", Beam())
     (tmp_path / "objects.yaml").write_text("objects: []\n")
+    (tmp_path / "scale.csv").write_text("t_s,mass_g\n0,0\n1,100\n")
+    (tmp_path / "run.csv").write_text(f"{','.join(FORCE_COLUMNS)}\n0,false,lost,nan,nan,0,nan,nan,nan,nan\n")
     (tmp_path / "robot.yaml").write_text(
         "{radius_m: 0.17, v_max_m_s: 0.3, v_min_m_s: 0.05, v_push_m_s: 0.05, push_force_max_N: 20.0,"
         " setup_time_s: 4.0}\n"

@@ -112,6 +112,22 @@ def _flatten(name: str) -> Callable[[Path, World], None]:
     return prepare
 
 
+def _scaled(folder: Path, world: World) -> None:
+    """The example of the foam, and a kitchen scale beside it: grams, ten a second, 0.4 s late."""
+    shutil.copytree(world.run("example foam")[0] / "try", folder, dirs_exist_ok=True)
+    t_s, force_N = np.array([(float(r["t_s"]), float(r["force_N"])) for r in rows(folder / "truth.csv")]).T
+    with (folder / "scale.csv").open("w", newline="") as stream:
+        grams = np.round(force_N / 9.80665e-3)
+        csv.writer(stream).writerows([["t_s", "mass_g"], *zip(t_s[::3] + 0.4, grams[::3], strict=True)])
+
+
+def _compared(folder: Path, world: World) -> None:
+    """What `sense foam` wrote, and the scale."""
+    written = world.run("sense foam")[0]
+    shutil.copy(written / "run.csv", folder)
+    shutil.copy(written / "scale.csv", folder)
+
+
 def _scene(folder: Path, world: World) -> None:
     """A drive of 6 cm towards a box, told by 30 frames a second, and its wheels."""
     from tests.sensing import scenes
@@ -467,6 +483,15 @@ def _sense_foam(folder: Path, results: list[Any]) -> None:
     read = max(float(row["force_N"]) for row in rows(folder / "run.csv") if row["valid"] in {"1", "true"})
     assert read == pytest.approx(truth, rel=0.03)  # the sensor's figure is 2.5 % of a force
     assert (folder / "force.png").stat().st_size > 5000
+    _compare(folder, [results[-1]["against"]])
+    assert (folder / "scale.html").stat().st_size > 20_000
+
+
+def _compare(folder: Path, results: list[Any]) -> None:
+    (found,) = results
+    assert found["offset_s"] == pytest.approx(0.4, abs=0.03)  # a frame is 0.033 s
+    assert found["gain"] == pytest.approx(1.0, abs=0.03)
+    assert found["read"] > 0.9
 
 
 def _sense_scene(folder: Path, results: list[Any]) -> None:
@@ -617,7 +642,8 @@ def _demo(folder: Path, results: list[Any]) -> None:
 
 STORIES: dict[str, Story] = {
     "cameras": Story(lambda f, r: _cameras(r)),
-    "sense foam": Story(_sense_foam, _flatten("example foam")),
+    "sense foam": Story(_sense_foam, _scaled),
+    "compare": Story(_compare, _compared),
     "sense scene": Story(_sense_scene, _scene),
     "track": Story(lambda f, r: _all_seen(r), _tags),
     "template check": Story(_template_check, _cover),

@@ -38,6 +38,7 @@ _TABLE = (
     ("system", "start", "set up a foam sensor step by step, from a camera to live newtons"),
     ("system", "cameras", "list the cameras that are connected"),
     ("sensing", "sense foam", "measure force and shape with a strip of foam that a camera watches"),
+    ("sensing", "compare", "hold a measured force against a scale, or against another run"),
     ("sensing", "sense scene", "track obstacles ahead, the motion of the floor and the pushed object"),
     ("sensing", "track", "track printed templates and AprilTags, and estimate their 6D poses"),
     ("sensing", "template check", "predict how well an image can be detected and tracked as a template"),

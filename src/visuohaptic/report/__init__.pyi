@@ -7,6 +7,10 @@ from .charts import error_budget as error_budget
 from .charts import force_against_truth as force_against_truth
 from .charts import force_over_time as force_over_time
 from .charts import pressure_profile as pressure_profile
+from .comparison import ForceComparison as ForceComparison
+from .comparison import ForceRecord as ForceRecord
+from .comparison import compare_forces as compare_forces
+from .comparison import write_comparison as write_comparison
 from .floor_chart import MapObject as MapObject
 from .floor_chart import floor_map as floor_map
 from .html_report import Report as Report

@@ -17,7 +17,14 @@ from ...core.files import file_size
 from ...core.measurement import Reason, Wrench
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
-__all__ = ["ForceTable", "read_force_table", "read_wrench_table"]
+__all__ = ["ForceTable", "read_force_table", "read_reference_table", "read_wrench_table"]
+
+#: What a reference may record: its column, that of its standard deviation, and newtons of one unit.
+_REFERENCE_COLUMNS = (
+    ("force_N", "force_sigma_N", 1.0),
+    ("mass_g", "mass_sigma_g", 9.80665e-3),
+    ("mass_kg", "mass_sigma_kg", 9.80665),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +98,63 @@ def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
             columns["t_s"], columns["valid"], columns["reason"], values, strict=True
         )
     )
+
+
+def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
+    """Read what a scale or another sensor recorded: ``t_s`` and one column of force or mass.
+
+    Parameters
+    ----------
+    path
+        CSV with ``t_s`` and ``force_N`` or, of a scale, ``mass_g`` or ``mass_kg`` (times 9.80665 m/s^2); a
+        column ``force_sigma_N`` or ``mass_sigma_g`` is its standard deviation.
+
+    Returns
+    -------
+    dict
+        ``t_s`` [s], rising, ``force_N`` and ``sigma_N`` [N].
+
+    Raises
+    ------
+    InputError
+        With the line of the first bad field, or what columns were found.
+    """
+    path = Path(path)
+    header = _header(path)
+    known = [columns for columns in _REFERENCE_COLUMNS if columns[0] in header]
+    if not known:
+        expected = ", ".join(columns[0] for columns in _REFERENCE_COLUMNS)
+        raise InputError(
+            path,
+            f"found columns {', '.join(header) or 'none'}; expected t_s and one of {expected}",
+            field="line 1",
+        )
+    force, sigma, newton = known[0]
+    has_sigma = sigma in header
+    columns = _read(path, ("t_s", force, *((sigma,) if has_sigma else ())))
+    found = {
+        "t_s": np.array(columns["t_s"], dtype=np.float64),
+        "force_N": newton * np.array(columns[force], dtype=np.float64),
+        "sigma_N": newton * np.array(columns[sigma], dtype=np.float64)
+        if has_sigma
+        else np.zeros(len(columns["t_s"])),
+    }
+    if (np.diff(found["t_s"]) <= 0).any():
+        row = int(np.argmax(np.diff(found["t_s"]) <= 0)) + 3
+        raise InputError(path, "found a time that is not after the one before", field=f"line {row}, t_s")
+    return found
+
+
+def _header(path: Path) -> list[str]:
+    """First line of a CSV."""
+    file_size(path)
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            return next(csv.reader(stream), [])
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"is not CSV text ({error})") from error
 
 
 def _read(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:

@@ -15,10 +15,12 @@ from ..._sensor_run import (
     shown_frames,
     zero_frames,
 )
+from ._reference import add_reference, checked_reference, reported
 
 if TYPE_CHECKING:
     from ....core.measurement import ForceProfile
     from ....core.robots import FrameSource
+    from ....report.comparison import ForceRecord
     from ....sensing.foam.finger import FingerSensor
     from ....sensing.foam.sensor import FoamSensor
     from ....sensing.readers.foam_reader import FoamReader
@@ -38,11 +40,13 @@ writes
   --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, a row a frame
   --parquet  the same, with the profiles along the strip
   --plot     force over time with its uncertainty, events, and why frames are not valid
+  --page     with --against: a page with the measured force beside that of a scale (see `compare`)
   --zero     the zero reference that sensor.yaml names, from frames of a strip that nothing touches
 
 examples
   visuohaptic sense foam --config sensor.yaml --source rest.mp4 --zero
   visuohaptic sense foam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv --plot force.png
+  visuohaptic sense foam --config sensor.yaml --source push.mp4 --against scale.csv --page scale.html
 """
 
 
@@ -54,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=Path, help="table to write")
     parser.add_argument("--parquet", type=Path, help="table with profiles to write")
     parser.add_argument("--plot", type=Path, help="plot of the force to write (PNG)")
+    add_reference(parser, "--against")
     parser.add_argument("--zero", action="store_true", help="take and store the zero reference, then stop")
     parser.add_argument(
         "--zero-frames",
@@ -77,6 +82,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....sensing.foam.finger import load_foam_sensor
 
     zero_frames(args)
+    checked_reference(args, args.against)
     sensor = load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:
         return _zero(args, sensor, source) if args.zero else _measure(args, sensor, source)
@@ -117,7 +123,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
             max_profile = profile
         if finger is not None and finger.finger.valid:
             positions.append(finger.finger.position_m)
-        if args.plot:
+        if args.plot or args.against:
             readings.append(reading)
 
     done = run_sensor(args, reader, shown_frames(args, source, "measuring"), force_outputs(), note)
@@ -125,6 +131,8 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
         _plot(args.plot, readings)
         done.out.append(str(args.plot))
     result = _summary(args, done, max_profile)
+    if args.against:
+        result["against"] = reported(args, _record(args, readings), args.against)
     if finger is not None:
         result["finger"] = _stroke(args, positions)
     return result
@@ -147,6 +155,24 @@ def _plot(path: Path, readings: list[SensorReading[ForceProfile]]) -> None:
     )
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:] or "png", dpi=150)
+
+
+def _record(args: Any, readings: list[SensorReading[ForceProfile]]) -> ForceRecord:
+    """The forces that were read."""
+    import numpy as np
+
+    from ....report.comparison import ForceRecord
+
+    profiles = [reading.measured for reading in readings]
+    t_s, force_N, sigma_N = np.array([(p.t_s, p.force_N, p.force_sigma_N) for p in profiles]).reshape(-1, 3).T
+    return ForceRecord(
+        Path(args.source).name,
+        t_s,
+        force_N,
+        sigma_N,
+        np.array([p.valid for p in profiles], dtype=bool),
+        tuple(p.reason.value for p in profiles),
+    )
 
 
 def _summary(args: Any, done: SensorRun, max_profile: ForceProfile | None) -> dict[str, Any]:

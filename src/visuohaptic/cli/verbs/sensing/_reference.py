@@ -1,0 +1,104 @@
+"""What a measured force is held against: options, file and page, for the verbs that do."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....core.errors import InputError
+
+if TYPE_CHECKING:
+    from ....report.comparison import ForceRecord
+
+__all__ = ["add_reference", "checked_reference", "reported"]
+
+
+def add_reference(parser: argparse.ArgumentParser, reference: str) -> None:
+    """Options of a reference.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    reference
+        Name of the argument that names the file.
+    """
+    text = "what a scale or another sensor recorded: CSV with t_s and force_N, mass_g or mass_kg"
+    parser.add_argument(reference, type=Path, metavar="REFERENCE", help=text)
+    parser.add_argument("--page", type=Path, help="page of both to write (HTML)")
+    parser.add_argument(
+        "--offset", type=float, metavar="S", help="time of the reference at time 0 of the run [s]; estimated"
+    )
+    parser.add_argument(
+        "--max-offset", type=float, default=2.0, metavar="S", help="how far apart the clocks may be [s] (2)"
+    )
+
+
+def checked_reference(args: Any, path: Path | None) -> ForceRecord | None:
+    """The reference, read before anything is measured.
+
+    Parameters
+    ----------
+    args
+        With ``page`` and ``max_offset``.
+    path
+        Of the reference.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or an option cannot be.
+    """
+    import numpy as np
+
+    if args.page and path is None:
+        raise InputError("--page", "found without --against, expected what to compare with")
+    if args.page and args.page.suffix.lower() not in (".html", ".htm"):
+        raise InputError(args.page, f"found suffix {args.page.suffix!r}, expected .html")
+    if not args.max_offset > 0:
+        raise InputError("--max-offset", f"found {args.max_offset:g}, expected more than 0 s")
+    if path is None:
+        return None
+    from ....io.sinks.table_reader import read_reference_table
+    from ....report.comparison import ForceRecord
+
+    columns = read_reference_table(path)
+    known = np.isfinite(columns["force_N"])
+    return ForceRecord(path.name, columns["t_s"], columns["force_N"], columns["sigma_N"], known)
+
+
+def reported(args: Any, run: ForceRecord, path: Path) -> dict[str, Any]:
+    """Compare, say it, write the page; the mapping is what ``--json`` prints.
+
+    Parameters
+    ----------
+    args
+        With ``page``, ``offset``, ``max_offset`` and ``report``.
+    run
+        What was measured.
+    path
+        Of the reference.
+    """
+    from ....report.comparison import compare_forces, write_comparison
+
+    reference = checked_reference(args, path)
+    assert reference is not None
+    found = compare_forces(run, reference, offset_s=args.offset, max_offset_s=args.max_offset)
+    for line in found.lines():
+        args.report(line)
+    if args.page:
+        args.report(f"page written to {write_comparison(found, args.page)}")
+    return {
+        "reference": str(path),
+        "compared": found.compared,
+        "read": found.read,
+        "offset_s": found.offset_s,
+        "offset_sigma_s": found.offset_sigma_s,
+        "bias_N": found.bias_N,
+        "rms_N": found.rms_N,
+        "gain": found.gain,
+        "rms_over_sigma": found.rms_over_sigma,
+        "coverage_90": found.coverage_90,
+        "page": str(args.page) if args.page else None,
+    }

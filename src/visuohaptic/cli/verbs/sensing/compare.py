@@ -1,0 +1,41 @@
+"""``visuohaptic compare``: a run beside a scale, or beside another run."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ._reference import add_reference, reported
+
+__all__ = ["EPILOG", "add_arguments", "run"]
+
+EPILOG = """\
+reads   RUN, a table that `sense foam` wrote (CSV or Parquet), and what it is held against: a second run, or
+        what a scale recorded (CSV with t_s and mass_g, mass_kg or force_N; force_sigma_N where it is known)
+writes  with --page a page with both forces, their difference, and whether the declared sigma is true
+
+Two clocks are laid on each other where the forces agree best; --offset 0 takes them as they are.
+How to record a scale beside a strip is in the docs (Record a reference).
+
+example: visuohaptic compare run.csv scale.csv --page compare.html
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("table", type=Path, metavar="RUN", help="table of a run: .csv or .parquet")
+    add_reference(parser, "reference")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Compare; the mapping is what ``--json`` prints."""
+    from ....io.sinks.table_reader import read_force_table
+    from ....report.comparison import ForceRecord
+
+    table = read_force_table(args.table)
+    record = ForceRecord(
+        args.table.name, table.t_s, table.force_N, table.force_sigma_N, table.valid,
+        tuple(reason.value for reason in table.reason),
+    )  # fmt: skip
+    return {"run": str(args.table), **reported(args, record, args.reference)}

@@ -1,0 +1,221 @@
+"""Two records of one force: a run of a sensor beside a scale, another sensor, or another run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..core.errors import InputError
+from .charts import ForceRun, force_against_truth, force_over_time
+from .html_report import Report
+
+__all__ = ["ForceComparison", "ForceRecord", "compare_forces", "write_comparison"]
+
+#: Half width of the interval that holds 90 % of a normal variable, in standard deviations.
+_BAND_90 = 1.6449
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceRecord:
+    """A force over time, n samples in the order of time."""
+
+    name: str
+    t_s: Float[np.ndarray, "n"]
+    force_N: Float[np.ndarray, "n"]
+    sigma_N: Float[np.ndarray, "n"]  #: declared standard deviation; 0 where none is declared
+    valid: Bool[np.ndarray, "n"]
+    reasons: tuple[str, ...] = ()  #: why a sample is not valid, one text a sample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceComparison:
+    """A run beside a reference, on the clock of the run."""
+
+    run: ForceRecord
+    reference: ForceRecord
+    expected_N: Float[np.ndarray, "n"]  #: the reference at the samples of the run; NaN beyond its ends
+    offset_s: float  #: time of the reference at time 0 of the run
+    offset_sigma_s: float  #: 0 where the offset was given
+    compared: int  #: samples that both read
+    read: float  #: fraction of the run's samples that are valid, of those that the reference covers
+    bias_N: float  #: mean of run minus reference
+    rms_N: float  #: root mean square of run minus reference
+    gain: float  #: run = gain * reference, least squares
+    rms_over_sigma: float  #: root mean square of the error over its declared sigma; 1 if that is honest
+    coverage_90: float  #: fraction of the samples whose reference is inside the declared 90 % interval
+
+    def lines(self) -> tuple[str, ...]:
+        """What was found, a line each."""
+        clock = f"clocks {self.offset_s:+.3f} s apart"
+        if self.offset_sigma_s > 0:
+            clock += f" +- {self.offset_sigma_s:.3f} s, as the forces agree best"
+        return (
+            f"{self.compared} samples compared, {100 * self.read:.0f} % of the run read, {clock}",
+            f"error {self.rms_N:.3f} N rms, mean {self.bias_N:+.3f} N, scale {100 * (self.gain - 1):+.1f} %",
+            f"rms of error / sigma {self.rms_over_sigma:.2f} (1 if honest), "
+            f"{100 * self.coverage_90:.0f} % inside the declared 90 % interval",
+        )
+
+
+def compare_forces(
+    run: ForceRecord, reference: ForceRecord, *, offset_s: float | None = None, max_offset_s: float = 2.0
+) -> ForceComparison:
+    """Compare a run with a reference that may have another clock.
+
+    The reference is interpolated linearly between its samples. Where the offset of the clocks is not given, it is
+    the one with the smallest sum of squares, refined by a parabola whose curvature gives its standard deviation.
+
+    Parameters
+    ----------
+    run
+        What is judged.
+    reference
+        What it is held against.
+    offset_s
+        Time of the reference at time 0 of the run [s]; estimated without it.
+    max_offset_s
+        How far apart the clocks may be [s].
+
+    Returns
+    -------
+    ForceComparison
+        Errors, and whether the declared sigma is what they are.
+
+    Raises
+    ------
+    InputError
+        Fewer than ten samples can be compared, or the force does not change, so that it tells no offset.
+
+    Examples
+    --------
+    >>> t_s = np.linspace(0.0, 4.0, 121)
+    >>> press_N = 2.0 * np.sin(t_s) ** 2
+    >>> always = np.ones(121, dtype=bool)
+    >>> run = ForceRecord("foam", t_s, press_N + 0.02, np.full(121, 0.02), always)
+    >>> scale = ForceRecord("scale", t_s + 0.5, press_N, np.zeros(121), always)
+    >>> found = compare_forces(run, scale)
+    >>> round(found.offset_s, 2)
+    0.5
+    """
+    truth_N = np.where(reference.valid, reference.force_N, np.nan)
+    if np.isfinite(truth_N).sum() < 2:
+        raise InputError(
+            reference.name, f"found {np.isfinite(truth_N).sum()} valid samples, expected two or more"
+        )
+    sigma_s = 0.0
+    if offset_s is None:
+        offset_s, sigma_s = _clock_offset(run, reference.name, reference.t_s, truth_N, max_offset_s)
+    expected_N, expected_sigma_N = (
+        _at(run.t_s + offset_s, reference.t_s, values) for values in (truth_N, reference.sigma_N)
+    )
+    covered = np.isfinite(expected_N)
+    good = covered & run.valid & np.isfinite(run.force_N)
+    if good.sum() < 10:
+        raise InputError(
+            run.name,
+            f"found {good.sum()} valid samples while {reference.name} was recorded, expected ten or more; "
+            "check the clocks",
+        )
+    error_N = (run.force_N - expected_N)[good]
+    sigma_N = np.hypot(run.sigma_N, expected_sigma_N)[good]
+    declared = bool((sigma_N > 0).all())
+    squares = float(expected_N[good] @ expected_N[good])
+    return ForceComparison(
+        run=run,
+        reference=reference,
+        expected_N=expected_N,
+        offset_s=float(offset_s),
+        offset_sigma_s=sigma_s,
+        compared=int(good.sum()),
+        read=float(good.sum() / covered.sum()),
+        bias_N=float(error_N.mean()),
+        rms_N=float(np.sqrt(np.mean(error_N**2))),
+        gain=float(run.force_N[good] @ expected_N[good]) / squares if squares > 0 else float("nan"),
+        rms_over_sigma=float(np.sqrt(np.mean((error_N / sigma_N) ** 2))) if declared else float("nan"),
+        coverage_90=float(np.mean(np.abs(error_N) <= _BAND_90 * sigma_N)) if declared else float("nan"),
+    )
+
+
+def write_comparison(comparison: ForceComparison, path: Path | str) -> Path:
+    """Write a page with both forces over time, one against the other, and what they say.
+
+    Parameters
+    ----------
+    comparison
+        From :func:`compare_forces`.
+    path
+        Of the HTML file.
+    """
+    run, reference = comparison.run, comparison.reference
+    report = Report(
+        f"{run.name} beside {reference.name}", about="Force of one sensor held against another record."
+    )
+    report.section("What they say").text("\n\n".join(comparison.lines()))
+    report.section("Over time")
+    report.figure(
+        force_over_time(
+            run.t_s, run.force_N, run.sigma_N,
+            truth_N=comparison.expected_N, valid=run.valid, reasons=run.reasons,
+        ),
+        f"{run.name} with its declared band, {reference.name} as the true force; below the difference of both",
+    )  # fmt: skip
+    report.section("One against the other")
+    good = run.valid & np.isfinite(comparison.expected_N)
+    report.figure(
+        force_against_truth([ForceRun(run.name, comparison.expected_N[good], run.force_N[good])]),
+        f"Force of {run.name} against that of {reference.name}",
+    )
+    return report.write(path)
+
+
+def _at(
+    t_s: Float[np.ndarray, "n"], known_s: Float[np.ndarray, "m"], values: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "n"]:
+    """Values between samples; NaN beyond the first and the last, and beside one that is NaN."""
+    return np.interp(t_s, known_s, values, left=np.nan, right=np.nan)
+
+
+def _clock_offset(
+    run: ForceRecord,
+    name: str,
+    known_s: Float[np.ndarray, "m"],
+    known_N: Float[np.ndarray, "m"],
+    max_offset_s: float,
+) -> tuple[float, float]:
+    """Offset of the reference's clock with which both forces agree best, and its standard deviation [s]."""
+    good = run.valid & np.isfinite(run.force_N)
+    t_s, force_N = run.t_s[good], run.force_N[good]
+    step_s = 0.5 * float(np.median(np.diff(run.t_s))) if len(run.t_s) > 1 else max_offset_s
+    count = int(np.ceil(max_offset_s / max(step_s, 1e-4)))
+    offsets = step_s * np.arange(-count, count + 1)
+    mean_square = np.full(len(offsets), np.inf)
+    for k, offset in enumerate(offsets):
+        error = force_N - _at(t_s + offset, known_s, known_N)
+        inside = np.isfinite(error)
+        # At least half of the run must lie inside the reference: an empty overlap agrees with everything.
+        if inside.sum() >= max(10, len(t_s) // 2):
+            mean_square[k] = float(np.mean(error[inside] ** 2))
+    best = int(np.argmin(mean_square))
+    if not np.isfinite(mean_square[best]):
+        raise InputError(
+            name,
+            f"covers less than half of the run for every offset within {max_offset_s:g} s; check the clocks",
+        )
+    if not 0 < best < len(offsets) - 1 or not np.isfinite(mean_square[best - 1 : best + 2]).all():
+        raise InputError(
+            name,
+            f"the forces agree best at the end of the search, {offsets[best]:+.2f} s; "
+            "expected a force that changes, or a larger --max-offset",
+        )
+    lower, middle, upper = mean_square[best - 1 : best + 2]
+    curvature = float(lower - 2 * middle + upper)
+    if curvature <= 0:
+        raise InputError(name, "the force does not change: the offset of the clocks cannot be told")
+    shift = 0.5 * float(lower - upper) / curvature
+    least = float(middle) - 0.25 * float(lower - upper) * shift
+    # chi^2 = n * mean square / its least value rises by 1 one standard deviation away.
+    sigma_s = step_s * float(np.sqrt(max(least, 0.0) * 2.0 / (curvature * len(t_s))))
+    return float(offsets[best] + shift * step_s), sigma_s
