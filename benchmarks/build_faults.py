@@ -236,7 +236,7 @@ def _cluster_build(
 
 def _collect(jobs: Any, folder: Path, address: str, found: list[Any]) -> None:
     try:
-        found.append(build(jobs, folder, cluster=address))
+        found.append(build(jobs, folder, workers=address))
     except VisuohapticError as error:
         found.append(error)
 
