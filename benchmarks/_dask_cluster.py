@@ -79,6 +79,21 @@ class DaskCluster:
         self._first = count
         self.__enter__()
 
+    def wait(self) -> None:
+        """Until all workers have come."""
+        import distributed
+
+        with distributed.Client(self.address, timeout="60s", set_as_default=False) as client:
+            client.wait_for_workers(len(self.workers), timeout=120)
+
+    @staticmethod
+    def ports(worker: subprocess.Popen[bytes]) -> list[str]:
+        """Ports on which a worker listens."""
+        import psutil
+
+        found = psutil.Process(worker.pid).net_connections("tcp")
+        return [str(one.laddr.port) for one in found if one.status == psutil.CONN_LISTEN]
+
     def _started(self, kind: str, *words: str) -> subprocess.Popen[bytes]:
         process: Any = subprocess.Popen(
             [sys.executable, "-m", f"distributed.cli.dask_{kind}", *words, "--no-dashboard"],
