@@ -27,7 +27,7 @@ $(VENV)/.installed-%: pyproject.toml constraints.txt
 	@touch $@
 
 demo: $(VENV)/.installed-demo ## The whole story: look, touch, plan, push, arrive, complete, squeeze, grasp
-	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --jobs $(JOBS))
+	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --workers $(JOBS))
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
 test: $(VENV)/.installed-all ## All tests
@@ -50,7 +50,7 @@ layers: $(VENV)/.installed-all
 	$(BIN)/lint-imports
 
 warmup: $(VENV)/.installed-all
-	$(BIN)/visuohaptic warmup --jobs $(JOBS)
+	$(BIN)/visuohaptic warmup --workers $(JOBS)
 
 wheel: $(VENV)/.installed-all ## What a release uploads, in dist/: the library, and its compiled kernels
 	$(BIN)/python -m pip wheel -q --no-deps --wheel-dir dist .

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+from visuohaptic.core.map_tasks import map_tasks
 
 __all__ = ["Journal"]
 
@@ -42,3 +45,11 @@ class Journal:
         if self.path is not None:
             with self.path.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"key": key, "row": row}) + "\n")
+
+    def fill(self, function: Callable[[Any], Any], tasks: Mapping[str, Any], workers: int | str = 1) -> None:
+        """Compute the rows that are missing, each from its task; on processes or a cluster as :func:`map_tasks` says."""
+        missing = [key for key in tasks if key not in self]
+        found = map_tasks(function, [tasks[key] for key in missing], name="campaign", workers=workers)
+        for done, (number, row) in enumerate(found, 1):
+            self.put(missing[number], row)
+            print(f"{missing[number]}: {done} of {len(missing)}", flush=True)

@@ -11,8 +11,6 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -20,7 +18,6 @@ import threading
 import time
 import zipfile
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +26,7 @@ import numpy as np
 from visuohaptic.core import VisuohapticError
 from visuohaptic.deformation.maps import BuildJob, build, load_plan, plan_jobs
 
+from ._dask_cluster import DaskCluster
 from ._journal import Journal
 
 SEED = 20261121
@@ -173,45 +171,10 @@ def _cluster_build(
 ) -> dict[str, Any]:
     """A scheduler and two workers as processes of their own; a worker is killed -9 and another comes."""
     rng = np.random.default_rng([SEED, number])
-    with tempfile.TemporaryDirectory() as scratch, ExitStack() as stack:
-        port, begin = str(_free_port()), [sys.executable, "-m"]
-        address = f"tcp://127.0.0.1:{port}"
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": scratch}
-        scheduler = subprocess.Popen(
-            [
-                *begin,
-                "distributed.cli.dask_scheduler",
-                "--host",
-                "127.0.0.1",
-                "--port",
-                port,
-                "--no-dashboard",
-            ],
-            **quiet,
-        )
-        stack.callback(_end, scheduler)
-
-        def worker() -> subprocess.Popen[bytes]:
-            # Without a nanny: its process is the one that computes.
-            process: subprocess.Popen[bytes] = subprocess.Popen(
-                [
-                    *begin,
-                    "distributed.cli.dask_worker",
-                    address,
-                    "--nthreads",
-                    "1",
-                    "--no-nanny",
-                    "--no-dashboard",
-                ],
-                **quiet,
-            )
-            stack.callback(_end, process)
-            return process
-
-        running = [worker(), worker()]
+    with tempfile.TemporaryDirectory() as scratch, DaskCluster(2, Path(scratch)) as cluster:
         kills = 0
         found: list[Any] = []
-        builder = threading.Thread(target=_collect, args=(jobs, folder, address, found))
+        builder = threading.Thread(target=_collect, args=(jobs, folder, cluster.address, found))
         builder.start()
         while builder.is_alive() and kills < min(left, 5):
             before = len(_written(folder))
@@ -220,10 +183,7 @@ def _cluster_build(
                 time.sleep(0.005)
             time.sleep(float(rng.uniform(0, 0.05)))
             if builder.is_alive():
-                which = int(rng.integers(len(running)))
-                running[which].send_signal(signal.SIGKILL)
-                running[which].wait()
-                running[which] = worker()
+                cluster.kill_worker(int(rng.integers(len(cluster.workers))))
                 kills += 1
         builder.join(900)
     report = found[0] if found else None
@@ -236,20 +196,9 @@ def _cluster_build(
 
 def _collect(jobs: Any, folder: Path, address: str, found: list[Any]) -> None:
     try:
-        found.append(build(jobs, folder, cluster=address))
+        found.append(build(jobs, folder, workers=address))
     except VisuohapticError as error:
         found.append(error)
-
-
-def _free_port() -> int:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return int(server.getsockname()[1])
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.kill()
-    process.wait()
 
 
 def _files(count: int, done: Journal) -> dict[str, Any]:

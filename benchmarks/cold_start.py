@@ -82,15 +82,15 @@ def cold_rows() -> Iterator[tuple[str, float]]:
         assert not (folder / "import").exists(), "an import has compiled a kernel"
         yield (
             "all kernels, one process",
-            _cpu_s(["-m", "visuohaptic", "warmup", "--jobs", "1"], folder / "one"),
+            _cpu_s(["-m", "visuohaptic", "warmup", "--workers", "1"], folder / "one"),
         )
         yield (
             "all kernels, two processes",
-            _cpu_s(["-m", "visuohaptic", "warmup", "--jobs", "2"], folder / "two"),
+            _cpu_s(["-m", "visuohaptic", "warmup", "--workers", "2"], folder / "two"),
         )
         yield (
             "the same again, from the cache",
-            _cpu_s(["-m", "visuohaptic", "warmup", "--jobs", "1"], folder / "two"),
+            _cpu_s(["-m", "visuohaptic", "warmup", "--workers", "1"], folder / "two"),
         )
         for name, words in first_verbs(folder):
             yield name, _cpu_s(["-m", "visuohaptic", *words], folder / name.replace(" ", "_"))

@@ -12,11 +12,13 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
 from visuohaptic.rigs import HOLE, SIGMA_M, STAGES, TOUCHES, blown_up, explore, touches_to_tenth
 from visuohaptic.simulation.tabletop import random_bottle
@@ -34,20 +36,18 @@ def study(
     touches: int = TOUCHES,
     priors: bool = True,
     journal: Path | None = None,
+    workers: int | str = 1,
 ) -> dict[str, Any]:
-    """Planned and random exploration of many bottles; ``journal`` keeps each, so that a stopped study goes on."""
+    """Planned and random exploration of many bottles; ``journal`` keeps each, so that a stopped study goes on.
+
+    ``workers`` as of :func:`map_tasks`.
+    """
     about = {"study": "completion", "seed": seed, "touches": touches, "priors": priors}
     done = Journal(journal, about)
-    runs: dict[str, list[dict[str, Any]]] = {"planned": [], "random": []}
-    for number in range(objects):
-        for name, found in runs.items():
-            key = f"{number} {name}"
-            if key not in done:
-                rng = np.random.default_rng([seed, number])
-                bottle = random_bottle(rng)
-                planned = name == "planned"
-                done.put(key, explore(bottle, rng, planned=planned, priors=priors, touches=touches))
-            found.append(done.rows[key])
+    names = ("planned", "random")
+    tasks = {f"{number} {name}": (seed, number, name) for number in range(objects) for name in names}
+    done.fill(partial(_explored, priors=priors, touches=touches), tasks, workers)
+    runs = {name: [done.rows[f"{number} {name}"] for number in range(objects)] for name in names}
     mean = {name: np.mean([run["mse"] for run in found], axis=0) for name, found in runs.items()}
     ratio = {
         name: np.mean([np.array(run["mse"]) / run["mse"][0] for run in found], axis=0)
@@ -76,6 +76,12 @@ def study(
         "step_s": float(np.median([step for run in planned for step in run["step_s"]])),
         "never": sum(touches_to_tenth(run["mse"]) == float("inf") for run in planned),
     }
+
+
+def _explored(task: tuple[int, int, str], *, priors: bool, touches: int) -> dict[str, Any]:
+    seed, number, name = task
+    rng = np.random.default_rng([seed, number])
+    return explore(random_bottle(rng), rng, planned=name == "planned", priors=priors, touches=touches)
 
 
 def _by_stage(runs: list[dict[str, Any]], name: str) -> dict[str, float]:
@@ -204,6 +210,7 @@ if __name__ == "__main__":
     parser.add_argument("--touches", type=int, default=TOUCHES)
     parser.add_argument("--no-priors", action="store_true")
     parser.add_argument("--report", type=Path)
+    add_worker_arguments(parser)
     arguments = parser.parse_args()
     harness.use_one_thread()
     result = study(
@@ -212,6 +219,7 @@ if __name__ == "__main__":
         touches=arguments.touches,
         priors=not arguments.no_priors,
         journal=arguments.report and arguments.report.with_suffix(".jsonl"),
+        workers=chosen_workers(arguments),
     )
     figures = study_rows(result, f"{arguments.objects} bottles")
     if arguments.report:

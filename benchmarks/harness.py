@@ -34,6 +34,7 @@ __all__ = ["Report", "Row", "benchmark_names", "cpu_seconds", "run", "save", "ta
 CAMPAIGNS = (
     "beam",
     "build_faults",
+    "cluster",
     "completion",
     "crown_cap",
     "foam_evidence",

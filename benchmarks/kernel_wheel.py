@@ -54,7 +54,7 @@ def compiled_entries(folder: Path, jobs: int | None) -> tuple[str, list[Path]]:
     settings = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "", "VISUOHAPTIC_CACHE_DIR": str(folder)}
     kept = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     environment = {**kept, **settings}
-    command = [sys.executable, "-m", "visuohaptic", "warmup", *(["--jobs", str(jobs)] if jobs else [])]
+    command = [sys.executable, "-m", "visuohaptic", "warmup", *(["--workers", str(jobs)] if jobs else [])]
     subprocess.run(command, env=environment, check=True)
     names = [sys.executable, "-c", _NAMES]
     said = subprocess.run(names, env=environment, check=True, capture_output=True, text=True).stdout

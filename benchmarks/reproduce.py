@@ -17,7 +17,7 @@ from visuohaptic.reproduce import EXPERIMENTS, reproduce, reproduce_all
 
 #: Nothing was chosen on these seeds; 0 was looked at.
 SEEDS = (101, 102, 103)
-JOBS = 2
+WORKERS = 2
 
 
 def table_rows(seeds: tuple[int, ...] = SEEDS) -> list[dict[str, Any]]:
@@ -43,9 +43,9 @@ def table_rows(seeds: tuple[int, ...] = SEEDS) -> list[dict[str, Any]]:
 
 
 def all_rows(folder: Path) -> list[dict[str, Any]]:
-    """Wall time of all experiments, ``JOBS`` at a time, and how many have a result."""
+    """Wall time of all experiments, ``WORKERS`` at a time, and how many have a result."""
     begin = time.perf_counter()
-    outcomes = reproduce_all(list(EXPERIMENTS), folder, force=True, jobs=JOBS)
+    outcomes = reproduce_all(list(EXPERIMENTS), folder, force=True, workers=WORKERS)
     minutes = (time.perf_counter() - begin) / 60
     cpu = sum(one.cpu_seconds for one in outcomes) / 60
     empty = 0
@@ -58,7 +58,7 @@ def all_rows(folder: Path) -> list[dict[str, Any]]:
             minutes,
             60,
             30,
-            f"{JOBS} at a time; {cpu:.0f} min of CPU time",
+            f"{WORKERS} at a time; {cpu:.0f} min of CPU time",
         ),
         _row("experiments without a picture", empty, 0, 0, f"of {len(outcomes)}"),
     ]

@@ -25,6 +25,7 @@ from typing import Any
 from tests.worlds.shell_meshes import KINDS, REFUSED
 from tests.worlds.shell_touches import CONDITIONS
 
+from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
 from visuohaptic.core.threads import one_blas_thread
 
@@ -90,18 +91,18 @@ def few(
 
 
 def meshes(
-    chosen: Sequence[int], kinds: Sequence[str] = (), journal: Path | None = None
+    chosen: Sequence[int], kinds: Sequence[str] = (), journal: Path | None = None, workers: int | str = 1
 ) -> list[dict[str, Any]]:
     """Rows of ``meshes``: every kind for every seed."""
     done = Journal(journal, {"campaign": "shell meshes"})
-    rows = []
-    for seed in chosen:
-        for kind in kinds or (*KINDS, *REFUSED):
-            if (key := f"{seed} {kind}") not in done:
-                done.put(key, mesh_row(kind, seed) if kind in KINDS else refused_row(kind, seed))
-            rows.append({"seed": seed, **done.rows[key]})
-        print(f"meshes: seed {seed}", flush=True)
-    return rows
+    tasks = {f"{seed} {kind}": (seed, kind) for seed in chosen for kind in kinds or (*KINDS, *REFUSED)}
+    done.fill(_mesh_or_refused, tasks, workers)
+    return [{"seed": seed, **done.rows[key]} for key, (seed, _) in tasks.items()]
+
+
+def _mesh_or_refused(task: tuple[int, str]) -> dict[str, Any]:
+    seed, kind = task
+    return mesh_row(kind, seed) if kind in KINDS else refused_row(kind, seed)
 
 
 def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -149,6 +150,7 @@ def main() -> None:
     parser.add_argument("--variants", type=int, default=VARIANTS, help="training objects of a class")
     parser.add_argument("--cache", type=Path, help="folder that keeps training data and objects")
     parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
+    add_worker_arguments(parser)
     arguments = parser.parse_args()
     widths = [use for use in (True, False) if not (arguments.no_width if use else arguments.width)]
     chosen = [2 * k + (arguments.seeds == "closed") for k in range(arguments.count)]
@@ -162,7 +164,7 @@ def main() -> None:
             if name == "few_curves":
                 rows = few(chosen, cache, journal)
             elif name == "meshes":
-                rows = meshes(chosen, arguments.kinds, journal)
+                rows = meshes(chosen, arguments.kinds, journal, chosen_workers(arguments))
             else:
                 rows = recognition(
                     name, chosen, cache, journal=journal, conditions=arguments.conditions,

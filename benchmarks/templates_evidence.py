@@ -13,6 +13,7 @@ import numpy as np
 from tests.worlds.views import View, mapped, view
 
 from benchmarks._journal import Journal
+from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.tracking.templates import EsmTemplate, align
 
 #: A pose whose worst corner is further off than this is wrong [px].
@@ -76,14 +77,18 @@ def figures(rows: list[dict]) -> list[dict]:
     ]
 
 
-def campaign(*, seeds: str = "open", count: int = 450, report: Path | None = None) -> list[dict]:
+def campaign(
+    *, seeds: str = "open", count: int = 450, report: Path | None = None, workers: int | str = 1
+) -> list[dict]:
     """Rows of all views; those in ``report`` are not measured again."""
     journal = Journal(report, {"campaign": "templates_evidence", "seeds": seeds})
     keys = [str(2 * i + (seeds == "closed")) for i in range(count)]
-    for key in keys:
-        if key not in journal:
-            journal.put(key, measure(view(int(key))))
+    journal.fill(_measured, {key: int(key) for key in keys}, workers)
     return [journal.rows[key] for key in keys]
+
+
+def _measured(seed: int) -> dict:
+    return measure(view(seed))
 
 
 def run() -> list[dict]:
@@ -97,8 +102,10 @@ def main() -> None:
     parser.add_argument("--seeds", choices=("open", "closed"), default="open")
     parser.add_argument("--count", type=int, default=450)
     parser.add_argument("--report", type=Path, help="JSON lines; a stopped campaign goes on where it was")
+    add_worker_arguments(parser)
     args = parser.parse_args()
-    for line in figures(campaign(seeds=args.seeds, count=args.count, report=args.report)):
+    rows = campaign(seeds=args.seeds, count=args.count, report=args.report, workers=chosen_workers(args))
+    for line in figures(rows):
         print(f"{line['name']}: {line['ours']:.3g} {line['unit']}  ({line['note']})")
 
 

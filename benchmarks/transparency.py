@@ -19,11 +19,13 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.io.depth import DepthFrame, DepthSequence
 from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
 from visuohaptic.reconstruction.transparency import (
@@ -53,18 +55,17 @@ REAL_METHODS = ("published as printed", "published", "consistency")
 
 
 def campaign(
-    seeds: Sequence[int], width: int, methods: Sequence[str] = METHODS, journal: Path | None = None
+    seeds: Sequence[int],
+    width: int,
+    methods: Sequence[str] = METHODS,
+    journal: Path | None = None,
+    workers: int | str = 1,
 ) -> list[dict[str, Any]]:
     """Every seed with and without pose noise, by every method; a stopped one goes on from its journal."""
     done = Journal(journal, {"campaign": "transparency", "width": width, "methods": list(methods)})
-    rows: list[dict[str, Any]] = []
-    for seed in seeds:
-        key = str(seed)
-        if key not in done:
-            done.put(key, scene_rows(seed, width, methods))
-            print(f"scene {len(rows) // (2 * len(methods)) + 1} of {len(seeds)}, seed {seed}", flush=True)
-        rows += done.rows[key]
-    return rows
+    scenes = partial(scene_rows, width=width, methods=tuple(methods))
+    done.fill(scenes, {str(seed): seed for seed in seeds}, workers)
+    return [row for seed in seeds for row in done.rows[str(seed)]]
 
 
 def scene_rows(seed: int, width: int, methods: Sequence[str]) -> list[dict[str, Any]]:
@@ -345,6 +346,7 @@ if __name__ == "__main__":
     parser.add_argument("--real", action="store_true", help="only the real sequences")
     parser.add_argument("--report", type=Path)
     parser.add_argument("--speed", action="store_true", help="only the time of a frame, on all cores")
+    add_worker_arguments(parser)
     arguments = parser.parse_args()
     if arguments.speed:
         for line in speed():
@@ -361,6 +363,7 @@ if __name__ == "__main__":
         arguments.width,
         arguments.methods,
         journal=arguments.report and arguments.report.with_suffix(".jsonl"),
+        workers=chosen_workers(arguments),
     )
     figures = summary(measured)
     if arguments.report:

@@ -249,6 +249,8 @@ def _scans(folder: Path, world: World) -> None:
             )
             writer.write("/scan", "sensor_msgs/msg/LaserScan", 0.1 * i, scan)
             writer.write("/odom", "nav_msgs/msg/Odometry", 0.1 * i, odometry)
+    for floor in (1, 2):
+        shutil.copy(folder / "run.mcap", folder / f"floor-{floor}.mcap")
 
 
 def _glass(folder: Path, world: World) -> None:
@@ -560,6 +562,9 @@ def _map_build(folder: Path, results: list[Any]) -> None:
     grid = OccupancyMap.load(folder / "map.yaml")
     walls = grid.world_from_cell(np.argwhere(grid.occupied))
     np.testing.assert_allclose([walls.min(axis=0), walls.max(axis=0)], [[-3, -2], [3, 2]], atol=0.06)
+    assert [one["map"] for one in results[1]["floors"]] == ["maps/floor-1.yaml", "maps/floor-2.yaml"]
+    for floor in (1, 2):
+        assert (folder / "maps" / f"floor-{floor}.pgm").read_bytes() == (folder / "map.pgm").read_bytes()
 
 
 def _plan(folder: Path, results: list[Any]) -> None:
@@ -608,6 +613,7 @@ def _classify_train(folder: Path, results: list[Any]) -> None:
     assert results[0]["classes"] == ["bottle", "cup", "elliptic"]
     assert "elliptic" in results[1]["classes"]
     assert results[2]["classes"] == ["bottle", "cup"]
+    assert results[3]["scheme"] in ("norm", "centre", "point")
 
 
 def _classify_run(folder: Path, results: list[Any]) -> None:

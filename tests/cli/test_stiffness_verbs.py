@@ -140,7 +140,7 @@ def test_a_plan_becomes_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (first["objects"], first["computed"]) == (2, 2)
     again = run(capsys, "objects", "build", str(plan), "--out", str(tmp_path / "out"))
     assert (again["computed"], again["content_sha256"]) == (0, first["content_sha256"])
-    assert main(["objects", "build", str(plan), "--out", str(tmp_path / "out"), "--jobs", "0"]) == 2
+    assert main(["objects", "build", str(plan), "--out", str(tmp_path / "out"), "--workers", "0"]) == 2
     # Features from curves are another result.
     plan.write_text(
         "around: 16\nband: false\nnonlinear: {around: 16, heights: [8]}\nclasses: [{class: cup, variants: 2}]"

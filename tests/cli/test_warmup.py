@@ -20,7 +20,7 @@ COVERAGE = """
 from benchmarks.kernel_signatures import PARTS
 from visuohaptic.cli.main import main
 from visuohaptic.core.kernels import KERNELS
-assert main(["warmup", "--jobs", "1", "--json"]) == 0
+assert main(["warmup", "--workers", "1", "--json"]) == 0
 warm = {one: set(one.overloads) for one in KERNELS}
 for part in PARTS:
     part()
@@ -85,17 +85,17 @@ def two_lines(one_line):
 
 
 def test_two_processes_compile_what_one_then_loads(two_lines, capsys):
-    assert command.main(["warmup", "--jobs", "2", "--json"]) == 0
+    assert command.main(["warmup", "--workers", "2", "--json"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)
-    assert result["jobs"] == 2
+    assert result["workers"] == 2
     assert list(result["seconds"]) == [
         "visuohaptic.deformation.shells",
         "visuohaptic.navigation.graph.tracing",
     ]
     assert "compiling: 2/2 (100 %)" in captured.err
     with install_recorder("numba:compile") as recorder:
-        assert command.main(["warmup", "--jobs", "1"]) == 0
+        assert command.main(["warmup", "--workers", "1"]) == 0
     assert recorder.buffer == []
 
 
@@ -104,43 +104,35 @@ def test_a_package_alone_is_compiled(two_lines, capsys):
     assert list(json.loads(capsys.readouterr().out)["seconds"]) == ["visuohaptic.deformation.shells"]
     for words, text in (
         (["sensing"], "found 'sensing', expected one of navigation, deformation"),
-        (["--jobs", "0"], "--jobs: found 0, expected 1 or more"),
+        (["--workers", "0"], "--workers: found 0, expected 1 to 1024"),
     ):
         assert command.main(["warmup", *words]) == 2
         assert text in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("ending", "text"),
-    [
-        ("print('failed', 'no such kernel')", "warmup: no such kernel"),
-        ("import os; os._exit(7)", "with code 7"),
-    ],
-)
-def test_a_process_that_ends_early_is_said(two_lines, monkeypatch, capsys, ending, text):
-    monkeypatch.setattr(warmup, "_WORKER", ending)
-    assert command.main(["warmup", "--jobs", "2"]) == 2
-    assert text in capsys.readouterr().err
+def test_a_kernel_that_another_process_does_not_find_is_said(two_lines, capsys):
+    missing = TWO[0].replace(":longer", ":no_such_kernel")
+    warmup.SIGNATURES.write_text(f"{missing}\n{TWO[1]}\n")
+    assert command.main(["warmup", "--workers", "2"]) == 2
+    assert "unexpected AttributeError in a worker" in capsys.readouterr().err
 
 
 def test_the_work_is_shared_by_whole_packages():
     lines = warmup.SIGNATURES.read_text().splitlines()
-    parts = warmup.share_out(lines, 3)
-    assert sorted(line for part in parts for line in part) == sorted(lines)
-    packages = [{line.partition(":")[0].rpartition(".")[0] for line in part} for part in parts]
-    assert not packages[0] & packages[1]
-    assert not packages[0] & packages[2]
-    assert not packages[1] & packages[2]
-    # No package is more than a third of all; the text of the sources is not exactly the number of signatures.
-    assert max(map(len, parts)) < 0.5 * len(lines)
-    assert len(warmup.share_out(lines[:1], 3)) == 1
+    parts = warmup._by_package(lines)
+    assert sorted(line for part in parts.values() for line in part) == sorted(lines)
+    assert all(line.startswith(f"{package}.") for package, part in parts.items() for line in part)
+    # The largest is first, so that it is not left alone at the end.
+    first, *others = parts.values()
+    assert len(first) > sorted(map(len, others))[len(others) // 2]
 
 
-def test_the_collector_rests_meanwhile(one_line):
-    compiled = warmup.compile_lines(warmup.SIGNATURES.read_text().splitlines())
-    next(compiled)
-    assert not gc.isenabled()
-    compiled.close()
+def test_the_collector_rests_meanwhile(one_line, monkeypatch):
+    was_on = []
+    monkeypatch.setattr(warmup.importlib, "import_module", lambda name: was_on.append(gc.isenabled()))
+    with pytest.raises(AttributeError):
+        warmup.compile_lines(warmup.SIGNATURES.read_text().splitlines())
+    assert was_on == [False]
     assert gc.isenabled()
 
 

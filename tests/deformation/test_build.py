@@ -137,7 +137,7 @@ def test_a_second_build_in_the_folder_is_refused(plan: Path, tmp_path: Path) -> 
 def test_a_cluster_needs_its_extra(plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match="cluster"):
-        build(plan_jobs(*load_plan(plan)), tmp_path / "out", cluster="tcp://127.0.0.1:1")
+        build(plan_jobs(*load_plan(plan)), tmp_path / "out", workers="tcp://127.0.0.1:1")
 
 
 @pytest.mark.parametrize(

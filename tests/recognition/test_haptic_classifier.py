@@ -11,7 +11,9 @@ import pytest
 from visuohaptic.core import InputError
 from visuohaptic.recognition import HapticClassifier
 from visuohaptic.recognition.data import FeatureSet, TouchReading, join_feature_sets, save_feature_set
+from visuohaptic.recognition.haptic_classifier import REUSES
 from visuohaptic.recognition.touch import UNKNOWN, touch_gains
+from visuohaptic.recognition.trees import SCHEMES, mean_touches, train_tree
 
 from .worlds import PROFILES, build_folder, synthetic, touch_of
 
@@ -112,3 +114,18 @@ def test_what_cannot_be_trained_or_asked() -> None:
     curved = replace(TRAINING, nonlinear=True)
     with pytest.raises(InputError, match="found linear features and features from curves"):
         HapticClassifier().fit([TRAINING, curved])
+
+
+def test_tuning_takes_the_fewest_touches_among_the_best_trees(classifier: HapticClassifier) -> None:
+    tuned = HapticClassifier().tune(TRAINING)
+    tree = tuned.fitted().required_tree()
+    assert tree.scheme == tuned.scheme
+    losses = {}
+    for scheme in SCHEMES:
+        for reuse in REUSES:
+            rng = np.random.default_rng(0)
+            losses[scheme, reuse] = train_tree(TRAINING, scheme=scheme, reuse=reuse, rng=rng)
+    best = min(losses.values(), key=lambda one: one.nested_loss)
+    near = [one for one in losses.values() if one.nested_loss <= best.nested_loss + best.loss_sigma]
+    assert mean_touches(tree) == pytest.approx(min(map(mean_touches, near)))
+    assert losses[tuned.scheme, tuned.reuse].threshold == pytest.approx(tree.threshold)

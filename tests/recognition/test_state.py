@@ -55,9 +55,8 @@ def test_the_third_feature_has_no_scale() -> None:
 def test_simulated_curves_of_a_bottle_are_stiffer_closed() -> None:
     shell = load_container("isana").middle()
     curves = simulate_state_curves(
-        shell, {"open": None, "closed": Contents()}, ["y+8"], variants=1, deformation_m=(0.001, 0.003, 0.005),
-        around=16,
-    )  # fmt: skip
+        shell, {"open": None, "closed": Contents()}, ["y+8"], variants=1, around=16
+    )
     opened, closed = curves
     at = np.linspace(0.001, 0.004, 4)
     force = [np.interp(at, one.deformation_m, one.force_N) for one in (opened, closed)]

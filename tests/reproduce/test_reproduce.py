@@ -130,7 +130,9 @@ def test_a_failure_has_a_reason_and_no_result(tmp_path: Path, monkeypatch: pytes
 def test_all_at_a_time_write_what_each_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     names = ["4.1", "4.3", "figure-4.1"]
-    outcomes = reproduce_all(names, tmp_path, quick=True, jobs=2, on_done=lambda one: told.append(one.name))
+    outcomes = reproduce_all(
+        names, tmp_path, quick=True, workers=2, on_done=lambda one: told.append(one.name)
+    )
     assert [one.name for one in outcomes] == ["figure-4.1", "figure-4.3"]  # each once, as they were named
     assert sorted(told) == ["figure-4.1", "figure-4.3"]
     with (tmp_path / "experiments.csv").open() as file:
@@ -152,7 +154,7 @@ def test_all_at_a_time_write_what_each_cost(tmp_path: Path, monkeypatch: pytest.
     assert failed["ok"] == "False"
     assert failed["problem"] == "unexpected ValueError: oops"
     with pytest.raises(InputError, match="expected at least 1"):
-        reproduce_all(["4.1"], tmp_path, jobs=0)
+        reproduce_all(["4.1"], tmp_path, workers=0)
 
 
 def test_every_experiment_is_in_one_unit() -> None:

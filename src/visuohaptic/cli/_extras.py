@@ -72,7 +72,7 @@ OPTIONAL = (
     Library("skimage", "scikit-image", "geometry", "surfaces of volumes", "import skimage.measure"),
     Library("robust_laplacian", "robust-laplacian", "geometry", "distances on rough meshes"),
     Library("small_gicp", "small-gicp", "geometry", "registration of point clouds"),
-    Library("distributed", "distributed", "cluster", "builds over several machines"),
+    Library("distributed", "distributed", "cluster", "long work on several machines"),
     Library("skfem", "scikit-fem", "elastic", "solid elements"),
     Library("zenoh", "eclipse-zenoh", "ros", "live ROS 2", "zenoh.KeyExpr('0/chatter')"),
     Library("pyrealsense2", "pyrealsense2", "realsense", "live RealSense depth cameras"),
@@ -82,6 +82,7 @@ OPTIONAL = (
 
 #: Modules that an argument needs when it is given, with every verb that has it.
 BY_ARGUMENT: Mapping[str, tuple[str, ...]] = {
+    "cluster": ("distributed",),
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
     "view": ("viser",),

@@ -55,6 +55,9 @@ from .kernels import cache_folder as cache_folder
 from .kernels import kernel as kernel
 from .kernels import remove_stale as remove_stale
 from .laser_scan import LaserScan as LaserScan
+from .map_tasks import available_cores as available_cores
+from .map_tasks import cluster_hosts as cluster_hosts
+from .map_tasks import map_tasks as map_tasks
 from .measurement import Contact as Contact
 from .measurement import ErrorBudget as ErrorBudget
 from .measurement import Event as Event

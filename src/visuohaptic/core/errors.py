@@ -114,7 +114,11 @@ class MissingExtraError(VisuohapticError, ImportError):
     """
 
     def __init__(self, module: str, extra: str, purpose: str) -> None:
+        self._found = module, extra, purpose
         super().__init__(
             f"{purpose} needs the package '{module}', which is not installed; "
             f"run: pip install 'visuohaptic[{extra}]'"
         )
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), self._found

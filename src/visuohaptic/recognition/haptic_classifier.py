@@ -8,14 +8,16 @@ from objects of which all features are known, as simulated ones, from a few curv
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from ..core.errors import InputError
+from ..core.map_tasks import map_tasks
 from ..core.ranges import check_ranges, within
 from .classifier_file import Classifier, load_classifier, save_classifier
 from .data.curve_file import SqueezedObject, read_curves, read_squeezed
@@ -27,7 +29,7 @@ from .touch.belief import doubted, update_belief
 from .touch.calibration import calibrate
 from .touch.haptic_model import HapticModel, ModelSettings, fit_model
 from .trees.tree import train_tree
-from .trees.tree_nodes import next_touch
+from .trees.tree_nodes import SCHEMES, ClassificationTree, mean_touches, next_touch
 
 __all__ = ["HapticClassifier", "TouchPrediction"]
 
@@ -35,6 +37,8 @@ __all__ = ["HapticClassifier", "TouchPrediction"]
 Training = FeatureSet | Path | str | Sequence[FeatureSet | Path | str]
 #: Objects of a class that its covariance and the folds of its cross-validation need, and folds that suffice.
 MIN_OBJECTS, MAX_FOLDS = 3, 10
+#: Preferences for places that were touched already which :meth:`HapticClassifier.tune` compares.
+REUSES = (0.0, 0.1, 0.3)
 #: Explorations of the calibration: the temperature is known to a few percent.
 EXPLORATIONS = 300
 
@@ -98,6 +102,7 @@ class HapticClassifier:
         groups: Mapping[str, Sequence[str]] | None = None,
         simulated: Training | None = None,
         seed: int = 0,
+        workers: int | str = 1,
     ) -> HapticClassifier:
         """Train tree and model, and calibrate the probabilities on objects that are left out.
 
@@ -116,6 +121,8 @@ class HapticClassifier:
             With curves: simulated objects, with which classes begin of which there are few curves.
         seed
             Of folds, samples and calibration.
+        workers
+            See :func:`.map_tasks`: the tree and two models are three tasks.
 
         Returns
         -------
@@ -133,39 +140,56 @@ class HapticClassifier:
             known = (
                 Classifier(groups)
                 if simulated is None
-                else self._trained(_labelled(simulated, None), groups, seed)
+                else self._trained(_labelled(simulated, None), groups, seed, workers)
             )
             self.trained = replace(known, squeezed=squeezed, fitted={})
             self.trained.model()
         else:
-            self.trained = self._trained(_labelled(cast("Training", data), labels), groups, seed)
+            self.trained = self._trained(_labelled(cast("Training", data), labels), groups, seed, workers)
         return self
 
-    def _trained(self, used: FeatureSet, groups: Mapping[str, Sequence[str]], seed: int) -> Classifier:
-        name_of = {member: name for name, members in groups.items() for member in members}
-        if foreign := sorted(set(name_of) - set(used.classes)):
-            raise InputError("groups", f"found {foreign[0]!r}, expected one of {', '.join(used.classes)}")
-        names = dict.fromkeys(name_of.get(label, label) for label in used.classes)
-        candidates = used.of_classes(list(names), groups)
-        fewest = int(np.bincount(used.number).min())
-        if fewest < MIN_OBJECTS:
-            raise InputError("data", f"a class has {fewest} objects, expected at least {MIN_OBJECTS}")
-        tree = train_tree(
-            candidates,
-            scheme=self.scheme,
-            reuse=self.reuse,
-            folds=min(MAX_FOLDS, int(np.bincount(candidates.number).min())),
-            rng=np.random.default_rng(seed),
-        )
-        wide, plain = (
-            calibrate(
-                fit_model(used, groups, settings=ModelSettings(use_width=width)),
-                used,
-                np.random.default_rng(seed),
-                explorations=EXPLORATIONS,
-            )
-            for width in (True, False)
-        )
+    def tune(
+        self,
+        data: Training,
+        labels: Sequence[str] | None = None,
+        *,
+        groups: Mapping[str, Sequence[str]] | None = None,
+        seed: int = 0,
+        workers: int | str = 1,
+    ) -> HapticClassifier:
+        """Choose ``scheme`` and ``reuse`` by the nested cross-validation of their trees, then train.
+
+        Of all trees whose loss is within one standard error of the smallest, the one with the fewest touches is
+        taken (Breiman 1984).
+
+        Parameters
+        ----------
+        data, labels, groups, seed, workers
+            See :meth:`fit`; each combination is a task.
+        """
+        used = _labelled(data, labels)
+        candidates, fewest = _candidates(used, groups or {})
+        choices = [(scheme, reuse) for scheme in SCHEMES for reuse in REUSES]
+        train = partial(_trained_tree, candidates, min(MAX_FOLDS, fewest), seed)
+        found = map_tasks(train, choices, name="classify train", workers=workers)
+        trees = [tree for _, tree in sorted(found)]
+        best = min(trees, key=lambda tree: tree.nested_loss)
+        near = [tree.nested_loss <= best.nested_loss + best.loss_sigma for tree in trees]
+        chosen = min(np.flatnonzero(near), key=lambda k: (mean_touches(trees[k]), trees[k].nested_loss))
+        self.scheme, self.reuse = choices[int(chosen)]
+        return self.fit(used, groups=groups, seed=seed, workers=workers)
+
+    def _trained(
+        self, used: FeatureSet, groups: Mapping[str, Sequence[str]], seed: int, workers: int | str
+    ) -> Classifier:
+        candidates, fewest = _candidates(used, groups)
+        parts: list[Callable[[], Any]] = [
+            partial(_trained_tree, candidates, min(MAX_FOLDS, fewest), seed, (self.scheme, self.reuse)),
+            partial(_calibrated, used, groups, seed, use_width=True),
+            partial(_calibrated, used, groups, seed, use_width=False),
+        ]
+        found = dict(map_tasks(_called, parts, name="classify train", workers=workers))
+        tree, wide, plain = found[0], found[1], found[2]
         calibration = (
             (wide.temperature, wide.unknown_log_odds),
             (plain.temperature, plain.unknown_log_odds),
@@ -297,6 +321,37 @@ def _labelled(data: Training, labels: Sequence[str] | None) -> FeatureSet:
     if wanted is not None:
         sets = [replace(one, label=tuple(map(str, its))) for one, its in zip(sets, wanted, strict=True)]
     return join_feature_sets(sets)
+
+
+def _candidates(used: FeatureSet, groups: Mapping[str, Sequence[str]]) -> tuple[FeatureSet, int]:
+    """Objects by the names that are answered, and how many the smallest of these classes has."""
+    name_of = {member: name for name, members in groups.items() for member in members}
+    if foreign := sorted(set(name_of) - set(used.classes)):
+        raise InputError("groups", f"found {foreign[0]!r}, expected one of {', '.join(used.classes)}")
+    names = dict.fromkeys(name_of.get(label, label) for label in used.classes)
+    candidates = used.of_classes(list(names), groups)
+    if (fewest := int(np.bincount(used.number).min())) < MIN_OBJECTS:
+        raise InputError("data", f"a class has {fewest} objects, expected at least {MIN_OBJECTS}")
+    return candidates, int(np.bincount(candidates.number).min())
+
+
+def _trained_tree(
+    candidates: FeatureSet, folds: int, seed: int, choice: tuple[str, float]
+) -> ClassificationTree:
+    scheme, reuse = choice
+    rng = np.random.default_rng(seed)
+    return train_tree(candidates, scheme=scheme, reuse=reuse, folds=folds, rng=rng)
+
+
+def _calibrated(
+    used: FeatureSet, groups: Mapping[str, Sequence[str]], seed: int, *, use_width: bool
+) -> HapticModel:
+    model = fit_model(used, groups, settings=ModelSettings(use_width=use_width))
+    return calibrate(model, used, np.random.default_rng(seed), explorations=EXPLORATIONS)
+
+
+def _called(part: Callable[[], Any]) -> Any:
+    return part()
 
 
 def _loaded(source: FeatureSet | Path | str) -> FeatureSet:

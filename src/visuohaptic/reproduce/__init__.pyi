@@ -1,4 +1,3 @@
-from .batch import cores as cores
 from .batch import reproduce_all as reproduce_all
 from .batch import write_costs as write_costs
 from .output import Comparison as Comparison

@@ -113,11 +113,8 @@ def reproduce(
     key = known_name(name)
     target = Path(folder) / key
     target.mkdir(parents=True, exist_ok=True)
-    made_of = {"seed": seed, "quick": quick, "version": __version__}
-    before = read_result(target)
-    if before is not None and not force and {k: before.get(k) for k in made_of} == made_of:
-        took = float(before.get("seconds", 0.0)), float(before.get("cpu_seconds", 0.0))
-        return ExperimentOutcome(key, target, *took, kept=True)
+    if not force and (before := kept_outcome(key, folder, seed=seed, quick=quick)) is not None:
+        return before
     (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
     out = Output(target, seed, quick)
     begin, begin_cpu = time.perf_counter(), _cpu_s()
@@ -143,7 +140,7 @@ def reproduce(
         "name": key,
         "title": module.TITLE,
         "caption": module.CAPTION,
-        **made_of,
+        **_made_of(seed, quick),
         "seconds": round(outcome.seconds, 2),
         "cpu_seconds": round(outcome.cpu_seconds, 2),
         "versions": _versions(),
@@ -151,6 +148,30 @@ def reproduce(
     }
     write_text(target / "result.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
     return outcome
+
+
+def kept_outcome(
+    name: str, folder: Path | str, *, seed: int = 0, quick: bool = False
+) -> ExperimentOutcome | None:
+    """The outcome of an earlier run with the same result; ``None`` where there is none.
+
+    Parameters
+    ----------
+    name
+        Of :data:`EXPERIMENTS`.
+    folder, seed, quick
+        See :func:`reproduce`.
+    """
+    target, made_of = Path(folder) / name, _made_of(seed, quick)
+    before = read_result(target)
+    if before is None or {k: before.get(k) for k in made_of} != made_of:
+        return None
+    took = float(before.get("seconds", 0.0)), float(before.get("cpu_seconds", 0.0))
+    return ExperimentOutcome(name, target, *took, kept=True)
+
+
+def _made_of(seed: int, quick: bool) -> dict[str, Any]:
+    return {"seed": seed, "quick": quick, "version": __version__}
 
 
 def _cpu_s() -> float:

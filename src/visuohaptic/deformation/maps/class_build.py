@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from ..._version import __version__
-from ...core.errors import InputError, MissingExtraError, VisuohapticError
+from ...core.errors import InputError, VisuohapticError
 from ...core.files import atomic_path, lock, read_npz, write_text
+from ...core.map_tasks import map_tasks
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject, mesh_container
 from .build_plan import BUILD_FORMAT, BuildJob
@@ -33,9 +34,6 @@ from .features import HEIGHTS, StiffnessFeatures, linear_features
 __all__ = ["BuildReport", "build", "compute"]
 
 _log = logging.getLogger(__name__)
-
-#: Workers may die so often in a row without any result.
-MAX_DEATHS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +104,7 @@ def build(
     jobs: Sequence[BuildJob],
     folder: Path | str,
     *,
-    workers: int = 1,
-    cluster: str | None = None,
+    workers: int | str = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> BuildReport:
     """Compute what is missing and write the manifest.
@@ -119,9 +116,7 @@ def build(
     folder
         Created if it does not exist; results of the same jobs in it are kept.
     workers
-        Processes of this machine. With more than one, a script needs ``if __name__ == "__main__":``.
-    cluster
-        Address of a ``dask.distributed`` scheduler instead; its workers may die and return.
+        See :func:`.map_tasks`.
     progress
         Called with how many are done, of how many.
     """
@@ -140,7 +135,9 @@ def build(
         done = len(digests)
         if progress:
             progress(done, len(jobs))
-        for job, (data, reason) in _results(missing, workers, cluster):
+        results = map_tasks(compute, missing, name="objects build", workers=workers)
+        for number, (data, reason) in results:
+            job = missing[number]
             if reason:
                 failed[job.file] = reason
                 _log.warning("%s: %s", job.file, reason)
@@ -159,87 +156,6 @@ def build(
         )
         write_text(folder / "manifest.json", json.dumps(_manifest(jobs, digests, report), indent=1) + "\n")
     return report
-
-
-def _results(
-    jobs: Sequence[BuildJob], workers: int, cluster: str | None
-) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
-    if cluster is not None:
-        yield from _on_cluster(jobs, cluster)
-    elif workers <= 1 or len(jobs) <= 1:
-        for job in jobs:
-            yield job, compute(job)
-    else:
-        yield from _in_processes(jobs, workers)
-
-
-def _in_processes(jobs: Sequence[BuildJob], workers: int) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from concurrent.futures.process import BrokenProcessPool
-
-    left = {job.file: job for job in jobs}
-    deaths = 0
-    while left:
-        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-            try:
-                running = {pool.submit(compute, job): job for job in left.values()}
-                for future in as_completed(running):
-                    result = future.result()
-                    job = running[future]
-                    yield job, result
-                    del left[job.file]
-                    deaths = 0
-            except BrokenProcessPool as error:
-                deaths += 1
-                _log.warning("a worker died; %d objects are left", len(left))
-                if deaths > MAX_DEATHS:
-                    raise VisuohapticError(
-                        f"objects build: workers died {deaths} times without a result; "
-                        "use fewer --jobs or more memory, and run it again to go on"
-                    ) from error
-
-
-def _on_cluster(jobs: Sequence[BuildJob], address: str) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
-    try:
-        import distributed
-    except ImportError as error:
-        raise MissingExtraError("distributed", "cluster", "building on a cluster") from error
-    try:
-        client: Any = vars(distributed)["Client"](address, timeout="20s")
-    except (OSError, ValueError) as error:
-        raise InputError("cluster", f"no scheduler answers at {address} ({error})") from error
-    killed = vars(distributed)["KilledWorker"]
-    lost = (OSError, TimeoutError, vars(distributed)["CancelledError"])
-    with client:
-        futures = client.map(compute, jobs, pure=False, retries=MAX_DEATHS)
-        by_key = {future.key: job for future, job in zip(futures, jobs, strict=True)}
-        coming = vars(distributed)["as_completed"](futures)
-        deaths = 0
-        try:
-            for future in coming:
-                job = by_key[future.key]
-                try:
-                    result = future.result()
-                except killed as error:
-                    # The scheduler gives a job up when several workers died with it.
-                    deaths += 1
-                    if deaths > MAX_DEATHS:
-                        raise VisuohapticError(
-                            f"objects build: workers of {address} died again and again with {job.file}; "
-                            "give them more memory, and run it again to go on"
-                        ) from error
-                    again = client.submit(compute, job, pure=False, retries=MAX_DEATHS)
-                    by_key[again.key] = job
-                    coming.add(again)
-                    continue
-                deaths = 0
-                yield job, result
-        except lost as error:
-            raise VisuohapticError(
-                f"objects build: the scheduler at {address} is gone ({type(error).__name__}); "
-                "start it and run it again to go on"
-            ) from error
 
 
 def _existing(path: Path, key: str) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError, VisuohapticError
 from ...core.files import write_text
+from ...core.map_tasks import map_tasks
 from ...deformation.maps.grasp_curves import PinchPlane, side_vertex
 from ...deformation.nonlinear.contents import Contents
 from ...deformation.shapes.container import ContainerDescription
@@ -42,6 +44,8 @@ __all__ = [
 ]
 
 _FORMAT = 1
+#: Mean deformations of both tips, of the simulated curves [m].
+DEFORMATION_m = (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +78,8 @@ def simulate_state_curves(
     variants: int = 8,
     seed: int = 0,
     spread: float = 0.1,
-    deformation_m: Sequence[float] = (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008),
     around: int = 32,
+    workers: int | str = 1,
 ) -> list[StateCurve]:
     """Curves of one object whose wall thickness and Young's modulus are not known exactly.
 
@@ -93,34 +97,46 @@ def simulate_state_curves(
         Of the samples.
     spread
         Relative half-width of the uniform distributions of wall and modulus; 0 takes them as they are.
-    deformation_m
-        Mean deformations of both tips, ascending [m].
     around
         Vertices round the wall, a multiple of 4.
+    workers
+        See :func:`.map_tasks`; each variant is a task.
     """
     rng = np.random.default_rng(seed)
     for place in places:
         _place(place)  # before minutes of simulation
+    factors = [tuple(1 + rng.uniform(-spread, spread, 2)) for _ in range(variants)]
+    simulate = partial(_simulate_variant, container, dict(states), tuple(places), around)
+    curves = map_tasks(simulate, list(enumerate(factors)), name="classify train", workers=workers)
+    return [curve for _, found in sorted(curves) for curve in found]
+
+
+def _simulate_variant(
+    container: ContainerDescription,
+    states: Mapping[str, Contents | None],
+    places: Sequence[str],
+    around: int,
+    task: tuple[int, tuple[float, float]],
+) -> list[StateCurve]:
+    variant, (thicker, stiffer) = task
     out = []
-    for variant in range(variants):
-        thicker, stiffer = 1 + rng.uniform(-spread, spread, 2)
-        for name, contents in states.items():
-            changes: dict[str, Any] = {"wall": tuple(value * thicker for value in container.wall)}
-            if contents is None:
-                changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
-            shell = mesh_container(container.model_copy(update=changes), around=around)
-            planes: dict[str, PinchPlane] = {}
-            for place in places:
-                side, height = _place(place)
-                angle = {"x+": 0.0, "x-": np.pi, "y+": np.pi / 2, "y-": -np.pi / 2}[side]
-                plane = planes.setdefault(side, PinchPlane(shell, angle))
-                vertex = side_vertex(shell, side, (height - 0.5) / HEIGHTS * shell.height_m)
-                try:
-                    curve = plane.curve(vertex, deformation_m=deformation_m, contents=contents)
-                except VisuohapticError as error:
-                    raise InputError(f"container {container.name}", str(error), field=place) from error
-                # The modulus scales the wall's part of the force; the gas has its own.
-                out.append(StateCurve(name, variant, place, curve.first_m, stiffer * curve.force_N))
+    for name, contents in states.items():
+        changes: dict[str, Any] = {"wall": tuple(value * thicker for value in container.wall)}
+        if contents is None:
+            changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
+        shell = mesh_container(container.model_copy(update=changes), around=around)
+        planes: dict[str, PinchPlane] = {}
+        for place in places:
+            side, height = _place(place)
+            angle = {"x+": 0.0, "x-": np.pi, "y+": np.pi / 2, "y-": -np.pi / 2}[side]
+            plane = planes.setdefault(side, PinchPlane(shell, angle))
+            vertex = side_vertex(shell, side, (height - 0.5) / HEIGHTS * shell.height_m)
+            try:
+                curve = plane.curve(vertex, deformation_m=DEFORMATION_m, contents=contents)
+            except VisuohapticError as error:
+                raise InputError(f"container {container.name}", str(error), field=place) from error
+            # The modulus scales the wall's part of the force; the gas has its own.
+            out.append(StateCurve(name, variant, place, curve.first_m, stiffer * curve.force_N))
     return out
 
 

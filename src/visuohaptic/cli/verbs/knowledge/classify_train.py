@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+from ..._workers import add_worker_arguments, chosen_workers
 
 if TYPE_CHECKING:
     from ....recognition.data.data_set import FeatureSet
@@ -25,6 +26,7 @@ writes  the tree as JSON, and beside it the training objects as NPZ; with --plot
 example: visuohaptic classify train --objects objects --classes bottle,cup,elliptic --out tree.json
          visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json
          visuohaptic classify train squeezes.csv --out mine.json
+         visuohaptic classify train --objects objects --tune --out tuned.json
          visuohaptic classify train --states isana --fill 0.5 --out state.json
 """
 
@@ -47,6 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reuse", type=float, default=0.1, help="how much to prefer what was touched already, 0..1"
     )
+    parser.add_argument(
+        "--tune", action="store_true", help="choose --scheme and --reuse by cross-validation (with --objects)"
+    )
+    add_worker_arguments(parser)
     parser.add_argument("--seed", type=int, default=0, help="of folds and calibration")
     parser.add_argument("--plot", type=Path, help="plot of the tree and the features")
     states = parser.add_argument_group("with --states")
@@ -65,6 +71,8 @@ def run(args: Any) -> dict[str, Any]:
         raise InputError("--out", f"found {args.out.name!r}, expected a name with .json")
     if (args.objects is None and args.curves is None) == (args.states is None):
         raise InputError("classify train", "expected curves, --objects, both, or --states")
+    if args.tune and (args.objects is None or args.curves is not None):
+        raise InputError("--tune", "expected --objects alone: curves have no tree to tune")
     if args.curves is not None:
         return _curves(args)
     return _objects(args) if args.states is None else _states(args)
@@ -85,7 +93,12 @@ def _states(args: Any) -> dict[str, Any]:
     states |= {f"closed, {100 * fill:g} % full": Contents(fill=fill) for fill in args.fill}
     places = [place.strip() for place in args.places.split(",")]
     curves = simulate_state_curves(
-        load_container(args.states).middle(), states, places, variants=args.variants, seed=args.seed
+        load_container(args.states).middle(),
+        states,
+        places,
+        variants=args.variants,
+        seed=args.seed,
+        workers=chosen_workers(args),
     )
     model = fit_state_model(curves, np.random.default_rng(args.seed))
     save_state_model(args.out, model)
@@ -101,7 +114,7 @@ def _curves(args: Any) -> dict[str, Any]:
     squeezed = read_squeezed(args.curves)
     simulated, _, groups = _chosen(args) if args.objects is not None else (None, None, None)
     classifier = HapticClassifier(args.scheme, args.reuse).fit(
-        squeezed, groups=groups, simulated=simulated, seed=args.seed
+        squeezed, groups=groups, simulated=simulated, seed=args.seed, workers=chosen_workers(args)
     )
     classifier.save(args.out)
     answers = classifier.model().answers[:-1]
@@ -122,7 +135,9 @@ def _objects(args: Any) -> dict[str, Any]:
 
     used, candidates, groups = _chosen(args)
     begin = time.perf_counter()
-    classifier = HapticClassifier(args.scheme, args.reuse).fit(used, groups=groups, seed=args.seed)
+    classifier = HapticClassifier(args.scheme, args.reuse)
+    train = classifier.tune if args.tune else classifier.fit
+    train(used, groups=groups, seed=args.seed, workers=chosen_workers(args))
     classifier.save(args.out)
     tree, model = classifier.fitted().required_tree(), classifier.model()
     if args.plot:
@@ -132,6 +147,8 @@ def _objects(args: Any) -> dict[str, Any]:
         "out": str(args.out),
         "classes": list(tree.classes),
         "objects": len(candidates),
+        "scheme": classifier.scheme,
+        "reuse": classifier.reuse,
         "loss": tree.loss,
         "loss_sigma": tree.loss_sigma,
         "nested_loss": tree.nested_loss,

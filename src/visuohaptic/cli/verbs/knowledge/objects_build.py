@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "add_arguments", "needs", "run"]
+from ..._workers import add_worker_arguments, chosen_workers
+
+__all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
 reads   a YAML plan:
@@ -25,7 +27,7 @@ seconds an object.
 Run it again after it was interrupted or killed: what is done is kept, and the content hash is that
 of an uninterrupted build.
 
-example: visuohaptic objects build classes.yaml --out objects --jobs 2
+example: visuohaptic objects build classes.yaml --out objects --workers 2
 """
 
 
@@ -33,34 +35,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("classes", type=Path, help="plan: classes, numbers of variants, seed")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: %(default)s)")
+    add_worker_arguments(parser)
     parser.add_argument(
         "--nonlinear", action="store_true", help="features from force-deformation curves (i, I, II)"
     )
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, like tcp://10.0.0.1:8786")
-
-
-def needs(args: Any) -> set[str]:
-    """Modules beyond the core: of the cluster, where one is named.
-
-    Parameters
-    ----------
-    args
-        As parsed.
-    """
-    return {"distributed"} if args.cluster else set()
 
 
 def run(args: Any) -> dict[str, Any]:
     """Build; the mapping is what ``--json`` prints."""
     import time
 
-    from ....core.errors import InputError
     from ....deformation.maps.build_plan import load_plan, plan_jobs
     from ....deformation.maps.class_build import build
 
-    if not 1 <= args.jobs <= 1024:
-        raise InputError("--jobs", f"found {args.jobs}, expected 1 to 1024")
+    workers = chosen_workers(args)
     begin = time.perf_counter()
     jobs = plan_jobs(*load_plan(args.classes, nonlinear=args.nonlinear))
     with args.progress(len(jobs), "objects") as bar:
@@ -71,7 +59,7 @@ def run(args: Any) -> dict[str, Any]:
             bar.advance(done - shown)
             shown = done
 
-        report = build(jobs, args.out, workers=args.jobs, cluster=args.cluster, progress=advance)
+        report = build(jobs, args.out, workers=workers, progress=advance)
     return {
         "folder": str(args.out),
         "objects": report.objects,

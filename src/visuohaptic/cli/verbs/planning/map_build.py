@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 from typing import Any
+
+from ..._workers import add_worker_arguments, chosen_workers
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -13,45 +16,66 @@ file (t_s, x_m, y_m, yaw_rad, angle_min_rad, angle_step_rad, range_min_m,
 range_max_m, r0, r1, ...); writes a map_server YAML file with its PGM image.
 Every scan is laid on the map so far; scans that do not fit are left out and counted.
 
+Several files are several floors: --out is then a folder, which has a map of the
+name of each. With --workers or --cluster the floors are built side by side.
+
 Example: visuohaptic map build run.mcap --out map.yaml
+         visuohaptic map build floor-1.mcap floor-2.mcap --out maps
 """
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("scans", help="MCAP or CSV file")
-    parser.add_argument("--out", required=True, help="map YAML file to write")
+    parser.add_argument("scans", nargs="+", help="MCAP or CSV file, one for each floor")
+    parser.add_argument("--out", required=True, help="map YAML file to write, a folder for several floors")
     parser.add_argument(
         "--resolution-m", type=float, default=0.05, help="edge of a cell [m] (default: %(default)s)"
     )
     parser.add_argument("--scan-topic", help="topic of the scans, where an MCAP file has several")
     parser.add_argument("--odometry-topic", help="topic of the odometry, where an MCAP file has several")
+    add_worker_arguments(parser)
 
 
 def run(args: Namespace) -> dict[str, Any]:
     """Read, map, write; returns what is printed."""
+    from functools import partial
+
     import numpy as np
 
+    from ....core.errors import InputError
+    from ....core.map_tasks import map_tasks
     from ....io.laser_scans import read_scans
-    from ....navigation.mapping.mapper import MapperSettings, OccupancyMapper
+    from ....navigation.mapping.mapper import MapperSettings, build_map
 
-    scans = read_scans(args.scans, scan_topic=args.scan_topic, odometry_topic=args.odometry_topic)
-    mapper = OccupancyMapper(MapperSettings(resolution_m=args.resolution_m))
-    for scan, odometry in scans:
-        mapper.add(scan, odometry)
-    grid = mapper.map()
-    grid.save(args.out)
-    way = mapper.trajectory[:, :2]
-    matched = [match for match in mapper.matches if match.valid]
-    return {
-        "map": str(args.out),
-        "rows": grid.shape[0],
-        "columns": grid.shape[1],
-        "resolution_m": grid.resolution_m,
-        "origin": list(grid.origin),
-        "scans": len(scans),
-        "refused": len(scans) - len(matched),
-        "way_m": float(np.hypot(*np.diff(way, axis=0).T).sum()),
-        "inliers_median": float(np.median([match.inliers for match in mapper.matches])),
-        "end_pose": list(mapper.pose),
-    }
+    workers = chosen_workers(args)
+    paths = [Path(name) for name in args.scans]
+    targets = (
+        [Path(args.out)] if len(paths) == 1 else [Path(args.out) / f"{path.stem}.yaml" for path in paths]
+    )
+    if len(set(targets)) < len(targets):
+        raise InputError("scans", "found two files of one name, expected a name for each floor")
+    build = partial(build_map, settings=MapperSettings(resolution_m=args.resolution_m))
+    floors = [
+        read_scans(path, scan_topic=args.scan_topic, odometry_topic=args.odometry_topic) for path in paths
+    ]
+    if len(paths) > 1:
+        Path(args.out).mkdir(parents=True, exist_ok=True)
+    built: list[dict[str, Any]] = [{}] * len(paths)
+    with args.progress(len(paths), "floors") as bar:
+        for number, mapper in map_tasks(build, floors, name="map build", workers=workers):
+            grid = mapper.map()
+            grid.save(targets[number])
+            bar.advance(text=targets[number].name)
+            built[number] = {
+                "map": str(targets[number]),
+                "rows": grid.shape[0],
+                "columns": grid.shape[1],
+                "resolution_m": grid.resolution_m,
+                "origin": list(grid.origin),
+                "scans": len(mapper.matches),
+                "refused": sum(not match.valid for match in mapper.matches),
+                "way_m": float(np.hypot(*np.diff(mapper.trajectory[:, :2], axis=0).T).sum()),
+                "inliers_median": float(np.median([match.inliers for match in mapper.matches])),
+                "end_pose": list(mapper.pose),
+            }
+    return built[0] if len(built) == 1 else {"floors": built}

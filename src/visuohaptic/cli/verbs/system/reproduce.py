@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..._workers import add_worker_arguments, chosen_workers
+
 __all__ = ["EPILOG", "NEEDS", "add_arguments", "needs", "run"]
 
 #: Modules beyond the core on its way.
@@ -30,9 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder to write to; made if it is not there")
     parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
     parser.add_argument("--quick", action="store_true", help="fewer samples, for a first look")
-    parser.add_argument(
-        "--jobs", type=int, default=0, metavar="N", help="run N at a time (0: one for each core)"
-    )
+    add_worker_arguments(parser, "one for each core")
     parser.add_argument("--gallery", type=Path, metavar="DOCS",
                         help="then write gallery.md and images/gallery of the documentation to this folder")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="run again even if the same result is there")
@@ -59,11 +59,11 @@ def _wanted(names: list[str]) -> list[str]:
 
 def run(args: Any) -> dict[str, Any]:
     """Run them, several at a time; the mapping is what ``--json`` prints."""
-    from ....reproduce.batch import cores, reproduce_all
+    from ....reproduce.batch import reproduce_all
     from ....reproduce.pages import write_gallery, write_index
     from ....reproduce.runner import ExperimentOutcome
 
-    wanted = _wanted(args.names)
+    wanted, workers = _wanted(args.names), chosen_workers(args, 0)
     with args.progress(len(wanted), "experiments") as progress:
 
         def tell(one: ExperimentOutcome) -> None:
@@ -72,9 +72,14 @@ def run(args: Any) -> dict[str, Any]:
             progress.advance(1, one.name)
 
         outcomes = reproduce_all(
-            wanted, args.out, seed=args.seed, quick=args.quick, force=args.force,
-            jobs=args.jobs if args.jobs != 0 else min(cores(), len(wanted)), on_done=tell,
-        )  # fmt: skip
+            wanted,
+            args.out,
+            seed=args.seed,
+            quick=args.quick,
+            force=args.force,
+            workers=workers,
+            on_done=tell,
+        )
     index = write_index(args.out)
     args.report(f"written to {index}")
     if args.gallery is not None:
