@@ -16,7 +16,7 @@ from jaxtyping import Float, Int32
 
 from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
-from .push_lengths import STAND_SLACK, free_length, push_step, stand_is_free
+from .push_lengths import free_length, push_step, stand_is_free
 from .push_states import (
     Deadline,
     SearchLimits,
@@ -26,7 +26,7 @@ from .push_states import (
     push_sequence,
     seed_cells,
 )
-from .search_domain import SearchDomain
+from .search_domain import CLEAR_SLACK_M, SearchDomain
 
 __all__ = ["PushPass"]
 
@@ -103,6 +103,7 @@ class PushPass:
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
         self.deadline, self.domain = deadline, heuristic.domain
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
+        self.radius = (self.domain.robot.radius_m - CLEAR_SLACK_M) / self.domain.map.resolution_m
         self.seen = SeenFields(limits.memory_bytes // 4)
         self.queue = _Queue(float("inf"))
         self.start = np.zeros(2)
@@ -193,7 +194,8 @@ class PushPass:
         points = heuristic.centres[bodies] + state.shifts[bodies] + self.stands
         approach = reach_costs(clearance, cost, points, domain.radius, domain.slow, domain.block)
         usable = approach < heuristic.far
-        usable &= clearances_at(domain.clearance, points) >= domain.radius - STAND_SLACK
+        # Interpolated the clearance is never too low: what is nearer than the radius is so.
+        usable &= clearances_at(domain.clearance, points) >= self.radius
         if (last := state.step) is not None and last.length < heuristic.longest(last.body) - 0.5:
             usable &= (bodies != last.body) | (numbers != last.contact)  # a longer push is the same
         usable = np.flatnonzero(usable)

@@ -279,7 +279,10 @@ class _Search:
 
     def _impossible(self, heuristic: PushHeuristic) -> str:
         """Why no sequence of pushes can solve the problem; empty where one may."""
-        if not heuristic.goal_cells.size:
+        domain, goal = self.domain, self.goal
+        still = np.array([k not in self.active for k in range(len(domain.bodies))], dtype=bool)
+        fits = domain.clear_straight(self.first.shifts, goal, goal[None], still)[0]
+        if not fits or not heuristic.goal_cells.size:
             return "the goal is too near to what cannot be moved"
         if not self.cells.size:
             return "the robot does not fit where it starts"

@@ -14,15 +14,19 @@ from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.passages import Passage
 from ...problem.planning_problem import MovableObject, RobotModel
-from .bodies import OUTLINE_INSET_M, Body, grid_from_world, world_from_grid
+from .bodies import Body, grid_from_world, world_from_grid
 
 __all__ = [
+    "CLEAR_SLACK_M",
     "SearchDomain",
     "full_speed_clearance",
     "grid_from_world",
+    "joined_outlines",
     "world_from_grid",
 ]
 
+#: Rounding of coordinates may bring the robot nearer to something by so much [m].
+CLEAR_SLACK_M = 1e-6
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
@@ -245,30 +249,40 @@ class SearchDomain:
         outlines = [body.outline + shifts[k] for k, body in enumerate(self.bodies) if k != without]
         # Nothing is pushed into a door.
         outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
-        starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
-        return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
+        return joined_outlines(outlines)
 
-    def beside_bodies(
-        self, point: Float[np.ndarray, "2"], shifts: Float[np.ndarray, "bodies 2"], without: int = -1
-    ) -> bool:
-        """Whether the robot fits beside every body but one, by their outlines.
+    def clear_straight(
+        self,
+        shifts: Float[np.ndarray, "bodies 2"],
+        begin: Float[np.ndarray, "2"],
+        ends: Float[np.ndarray, "n 2"],
+        among: Bool[np.ndarray, "bodies"] | None = None,
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether the robot gets straight from a point to each end without coming too near to anything.
+
+        Exact, to the squares of occupied cells and the outlines of objects, where :attr:`clearance` is interpolated.
 
         Parameters
         ----------
-        point
-            Where the robot is [cells].
-        shifts, without
-            As of :meth:`clearance_with`.
+        shifts
+            Of the bodies from where the map has them [cells].
+        begin, ends
+            Grid coordinates [cells].
+        among
+            Which bodies are in the way; all by default.
         """
-        from ...pushing._outline_kernels import polygon_distance
+        from ...pushing._outline_kernels import clear_straight
 
-        needed = (self.robot.radius_m - OUTLINE_INSET_M) / self.map.resolution_m
-        return all(
-            polygon_distance(*point, body.outline + shifts[k]) >= needed
-            for k, body in enumerate(self.bodies)
-            if k != without and (self.extents[0][k] + shifts[k] - needed <= point).all()
-            and (self.extents[1][k] + shifts[k] + needed >= point).all()
-        )  # fmt: skip
+        radius = (self.robot.radius_m - CLEAR_SLACK_M) / self.map.resolution_m
+        lows, highs = self.extents
+        near = (lows + shifts < np.maximum(ends.max(axis=0), begin) + radius).all(axis=1)
+        near &= (highs + shifts > np.minimum(ends.min(axis=0), begin) - radius).all(axis=1)
+        chosen = np.flatnonzero(near if among is None else near & among).tolist()
+        outlines = [*(self.bodies[k].outline + shifts[k] for k in chosen), *self.immovable_outlines]
+        found: Bool[np.ndarray, "n"] = clear_straight(
+            self.occupied, *joined_outlines(outlines), float(begin[0]), float(begin[1]), ends, radius
+        )
+        return found
 
     def labels(self, block: int) -> Int16[np.ndarray, "blocks_down blocks_across"]:
         """Blocks that passages touch: their index + 1; empty without passages.
@@ -312,6 +326,20 @@ class SearchDomain:
             Cost in the unit of the grid search [cells].
         """
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
+
+
+def joined_outlines(
+    outlines: Sequence[Float[np.ndarray, "p 2"]],
+) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
+    """Outlines one after the other, and where each begins, with the end of the last.
+
+    Parameters
+    ----------
+    outlines
+        Corners of each.
+    """
+    starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
+    return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
 
 
 def full_speed_clearance(radius: float) -> float:
