@@ -131,13 +131,11 @@ def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
 
 
 @kernel
-def distance_patch(rows: int, columns: int, polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
-    """Distance of the cells around a polygon from it, and the first row and column of the patch."""
+def distance_patch(polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
+    """Distance of the cells around a polygon from it, and the first row and column of the patch; may be off a map."""
     x_min, x_max, y_min, y_max = extent(polygon)
-    c0 = min(columns, max(0, int(math.floor(x_min - reach))))
-    c1 = max(c0, min(columns, int(math.ceil(x_max + reach)) + 1))
-    r0 = min(rows, max(0, int(math.floor(y_min - reach))))
-    r1 = max(r0, min(rows, int(math.ceil(y_max + reach)) + 1))
+    c0, c1 = int(math.floor(x_min - reach)), int(math.ceil(x_max + reach)) + 1
+    r0, r1 = int(math.floor(y_min - reach)), int(math.ceil(y_max + reach)) + 1
     patch = np.empty((r1 - r0, c1 - c0), np.float32)
     for r in range(r0, r1):
         for c in range(c0, c1):

@@ -148,7 +148,11 @@ def changed_drives_cost(
     for old, new in zip(_ends(domain, steps, start, goal), _ends(domain, changed, start, goal), strict=True):
         key = _key(*new)
         if key not in domain.drives:
-            block, nodes, _ = _drive(domain, *old)
+            block, nodes, cost = _drive(domain, *old)
+            if _key(*old[1:]) == _key(*new[1:]) and not _near_path(domain, nodes, block, old[0], new[0]):
+                domain.drives[key] = block, nodes, cost
+                total += cost
+                continue
             # From where the new drive begins to the old one, along that, and to where the new one ends.
             ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
                     ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
@@ -161,6 +165,23 @@ def changed_drives_cost(
         if total >= most:
             return float("inf")
     return total
+
+
+def _near_path(
+    domain: SearchDomain,
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    before: Float[np.ndarray, "bodies 2"],
+    after: Float[np.ndarray, "bodies 2"],
+) -> bool:
+    """Whether a body that is at another place afterwards, here or there, has to do with the cost along a path."""
+    moved = np.flatnonzero((before != after).any(axis=1))
+    low, high = (corners[moved] for corners in domain.extents)
+    middle, half = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
+    places = np.concatenate([middle + before[moved], middle + after[moved]])
+    away = np.hypot(*((nodes[:, None] + 0.5) * block - places).T)
+    # Cells beside the path are looked at, too, in blocks of which two are added on either side.
+    return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
 def _ends(
@@ -344,7 +365,7 @@ def _cells_along(
     # Along the path over blocks, and two blocks beside it.
     near = np.zeros((np.array(clearance.shape) // block + 2).tolist(), np.uint8)
     near[tuple((nodes - low_block).astype(int).T[::-1])] = 1
-    near = cv2.dilate(near, np.ones((5, 5), np.uint8))
+    near = cv2.dilate(near, np.ones((3, 3), np.uint8))
     rows, columns = clearance.shape
     wide = near.repeat(block, axis=0).repeat(block, axis=1)[:rows, :columns]
     corridor = np.where(wide > 0, clearance, np.float32(0.0))

@@ -20,8 +20,8 @@ __all__ = ["SWEEP_STEP", "free_length", "push_step", "refine_lengths", "stand_is
 
 #: A push is followed in steps of this [cells].
 SWEEP_STEP = 0.5
-#: Steps of the descent [m]: from the ladder's to what a robot can execute.
-STEPS_M = (0.2, 0.1, 0.05, 0.025, 0.0125)
+#: Steps of the descent [m]: the ladder's, which is doubled while it helps, and what a robot can execute.
+STEPS_M = (0.05, 0.0125)
 
 
 def refine_lengths(
@@ -42,19 +42,21 @@ def refine_lengths(
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
-    for step_m in STEPS_M:
-        change = step_m / domain.map.resolution_m
-        # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
-        for index, longer in itertools.product(range(len(steps)), (-change, change)):
-            while not deadline.passed:
-                tried = _replayed(heuristic, steps, index, steps[index].length + longer)
-                if not tried:
-                    break
-                pushes = heuristic.pushes_units(tried) * scale
+    # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
+    for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
+        first = longer = sign * step_m / domain.map.resolution_m
+        while not deadline.passed:
+            tried = _replayed(heuristic, steps, index, steps[index].length + longer)
+            pushes = heuristic.pushes_units(tried) * scale
+            tried_cost = float("inf")
+            if tried:
                 tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, cost - pushes)
-                if not tried_cost < cost:
-                    break
-                steps, cost = tried, tried_cost
+            if tried_cost < cost:
+                steps, cost, longer = tried, tried_cost, 2.0 * longer
+            elif longer != first:
+                longer = first
+            else:
+                break
     return steps, cost
 
 

@@ -88,6 +88,8 @@ class PushPass:
         When to stop.
     bodies
         Indices of those that are pushed; by default all that the heuristic knows.
+    on_map
+        Whether every drive has to exist on the map. On the lattice alone the bound is lower, and found sooner.
     """
 
     def __init__(
@@ -97,7 +99,10 @@ class PushPass:
         limits: SearchLimits,
         deadline: Deadline,
         bodies: Collection[int] | None = None,
+        *,
+        on_map: bool = True,
     ) -> None:
+        self.on_map = on_map
         chosen = heuristic.active if bodies is None else list(bodies)
         self.pairs, self.stands = heuristic.stands(chosen)
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
@@ -158,7 +163,8 @@ class PushPass:
         """Whether the map has the drive to the last push, too."""
         step, parent = state.step, state.parent
         return (
-            step is None
+            not self.on_map
+            or step is None
             or parent is None
             or np.isfinite(drive_cost(self.domain, parent.shifts, parent.robot, step.approach))
         )
@@ -220,7 +226,8 @@ class PushPass:
         heuristic, steps = self.heuristic, push_sequence(state)
         units, pushes = heuristic.units / self.domain.block, heuristic.pushes_units(steps)
         most = (self.queue.best - pushes) / units
-        cost = pushes + units * drives_cost(self.domain, steps, self.start, heuristic.goal, most, field)
+        if self.on_map:
+            cost = pushes + units * drives_cost(self.domain, steps, self.start, heuristic.goal, most, field)
         if cost < self.queue.best:
             self.queue.best, self.queue.goal = cost, state
 

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.passages import Passage
 from ...problem.planning_problem import MovableObject, RobotModel
-from .bodies import Body, grid_from_world, world_from_grid
+from .bodies import Body, grid_from_world, lower_window, world_from_grid
 
 __all__ = [
     "CLEAR_SLACK_M",
@@ -193,13 +193,10 @@ class SearchDomain:
         block: int,
     ) -> None:
         """Bring a body into a window of a layer that begins at ``low`` (x, y), in place."""
-        patch, row, column = self.patch(index, shift, block)
-        row, column = row - int(low[1]), column - int(low[0])
-        r0, c0 = max(row, 0), max(column, 0)
-        r1, c1 = min(row + patch.shape[0], part.shape[0]), min(column + patch.shape[1], part.shape[1])
-        if r0 < r1 and c0 < c1:
-            into = part[r0:r1, c0:c1]
-            np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
+        # By cells a patch is the same wherever it is moved by whole cells; a block has its own cells.
+        whole = np.floor(shift + 1e-9) if block == 1 else np.zeros(2)
+        patch, row, column = self.patch(index, shift - whole, block)
+        lower_window(part, patch, row + int(whole[1] - low[1]), column + int(whole[0] - low[0]))
 
     @property
     def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
@@ -224,14 +221,18 @@ class SearchDomain:
         block
             Edge of a block [cells].
         """
+        from ...pushing._outline_kernels import distance_patch
         from ._push_search_kernels import block_patch
 
-        key = (block, index, float(shift[0]), float(shift[1]))
+        key = (block, index, round(float(shift[0]), 9), round(float(shift[1]), 9))
         if key not in self.patches:
             if len(self.patches) >= MAX_PATCHES:
                 self.patches.clear()
             outline = self.bodies[index].outline + shift
-            self.patches[key] = block_patch(self.clearance, outline, self.radius, self.reach, block)
+            self.patches[key] = (
+                distance_patch(outline, self.reach) if block == 1
+                else block_patch(self.clearance, outline, self.radius, self.reach, block)
+            )  # fmt: skip
         return self.patches[key]
 
     def obstacle_outlines(
