@@ -1,7 +1,7 @@
-"""Plans: namosim's scenes, the exact oracle, figure 4.6, and 50 objects added to a graph.
+"""Plans: namosim's scenes, figure 4.6, and 50 objects added to a graph.
 
-CPU time, one thread, after one warm run. ``python -m benchmarks.nav_plan oracle 200`` runs the whole
-comparison with the oracle, ``... scenes`` prints one line per scene of others.
+CPU time, one thread, after one warm run. ``python -m benchmarks.nav_plan scenes`` prints one line per scene of others;
+plans beside an optimum that shares nothing with the planner are in ``plan_evidence oracle``.
 
 The peer's times are those that were measured before with namosim's own pinned versions on the same kind of
 machine (its first plan); it can't be installed beside this library.
@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.scenes import load_namosim
-from benchmarks.plan_oracle import solve_exact
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.planning import alternatives, extend_graph, make_plan, without_pushing
+from visuohaptic.navigation.planning import alternatives, extend_graph, make_plan
 from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem
 
 from .harness import cpu_seconds, median
@@ -87,72 +86,6 @@ def namosim_rows(folder: Path) -> list[dict[str, Any]]:
     ]
 
 
-def oracle_rows(count: int) -> list[dict[str, Any]]:
-    """Random rooms with one or two boxes against the optimum over robot x obstacles."""
-    from tests.navigation.plan_check import faults
-    from tests.navigation.plan_scenes import random_scene
-
-    rng = np.random.default_rng(_SEED)
-    ratios: list[float] = []
-    times: list[float] = []
-    solvable = solved = impossible = proved = free = beyond = wrong = 0
-    for index in range(count):
-        problem = random_scene(rng, 1 + index % 2, 40 if index % 2 == 0 else 22)
-        oracle = solve_exact(problem)
-        started_s = time.process_time()
-        plan = make_plan(problem)
-        times.append(time.process_time() - started_s)
-        free += without_pushing(problem).reachable
-        wrong += bool(plan.reachable and faults(problem, plan))
-        if oracle.reachable:
-            solvable += 1
-            if plan.reachable:
-                solved += 1
-                ratios.append(plan.cost_s / oracle.cost_s)
-            continue
-        impossible += 1
-        beyond += plan.reachable
-        proved += plan.proved
-    note = f"{count} scenes, push-free {free}"
-    return [
-        {
-            "name": "solved of the solvable (oracle)",
-            "ours": 100.0 * solved / max(solvable, 1),
-            "unit": "%",
-            "floor": 100.0,
-            "aim": 100.0,
-            "higher_is_better": True,
-            "note": f"{note}; {beyond} more by slanting pushes",
-        },
-        {"name": "cost / oracle, median", "ours": median(ratios), "unit": "", "floor": 1.2, "aim": 1.02},
-        {
-            "name": "cost / oracle, worst",
-            "ours": max(ratios),
-            "unit": "",
-            "aim": 1.1,
-            "note": "at most the aim",
-        },
-        {
-            "name": "no plan proved where there is none",
-            "ours": 100.0 * proved / max(impossible, 1),
-            "unit": "%",
-            "floor": 100.0,
-            "aim": 100.0,
-            "higher_is_better": True,
-            "note": f"{impossible} scenes, straight pushes",
-        },
-        {
-            "name": "plans with a fault when played",
-            "ours": float(wrong),
-            "unit": "",
-            "floor": 0.0,
-            "aim": 0.0,
-            "higher_is_better": False,
-        },
-        {"name": "plan, median", "ours": median(times) * 1e3, "unit": "ms"},
-    ]
-
-
 def office_rows() -> list[dict[str, Any]]:
     """Figure 4.6 rebuilt."""
     from tests.navigation.plan_scenes import office
@@ -213,9 +146,9 @@ def many_objects_row(folder: Path) -> dict[str, Any]:
     }
 
 
-def run(scenes: int = 60) -> list[dict[str, Any]]:
+def run() -> list[dict[str, Any]]:
     """All rows; those that need the data are left out where it is absent."""
-    rows = [*office_rows(), *oracle_rows(scenes)]
+    rows = office_rows()
     folder = _data()
     if folder is not None:
         rows += [*namosim_rows(folder), many_objects_row(folder)]
@@ -224,10 +157,7 @@ def run(scenes: int = 60) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Campaigns by name."""
-    if sys.argv[1:2] == ["oracle"]:
-        for row in oracle_rows(int(sys.argv[2]) if len(sys.argv) > 2 else 200):
-            print(f"{row['name']:<40}{row['ours']:10.4g} {row['unit']:<4}{row.get('note', '')}")
-    elif sys.argv[1:2] == ["scenes"]:
+    if sys.argv[1:2] == ["scenes"]:
         folder = _data()
         if folder is None:
             raise SystemExit("scenes not found: set VISUOHAPTIC_DATA")
@@ -241,7 +171,7 @@ def main() -> None:
                 f"{name:<30}{spent_ms:8.1f} ms {plan.cost_s:8.1f} s {plan.length_m:7.2f} m  pushes {pushed}"
             )
     else:
-        raise SystemExit("expected: oracle [count] or scenes")
+        raise SystemExit("expected: scenes")
 
 
 if __name__ == "__main__":

@@ -21,20 +21,21 @@ def test_a_call_over_its_time_is_ended_and_the_next_one_answered():
     try:
         request = {"do": "plan", "problem": described(doors_in_series(0, 2), 0.05)}
         assert planner.ask(request, budget_s=1e-3)["status"] == "time"
-        row = CAMPAIGNS["oracle"].play(planner, "2")
-        assert row["answer"] == "plan"
-        assert row["finished"]
-        # Half a cell's diagonal is what today's cells may hide; the optimum's own grid is 2.7 % too long at most.
-        assert row["fault_m"] < 0.036
-        assert 0.97 < row["true_cost_s"] / row["oracle_s"] < 1.2
-        table = CAMPAIGNS["oracle"].table({"2": row})
+        rows = {key: CAMPAIGNS["oracle"].play(planner, key) for key in ("2", "10")}
+        for row in rows.values():
+            assert row["finished"]
+            if row["oracle_s"]:
+                assert row["answer"] == "plan"
+                assert row["fault_m"] <= FAULT_M
+                # The optimum's own grid is 2.7 % too long at most; a tenth is what a plan may cost more at worst.
+                assert 0.97 < row["true_cost_s"] / row["oracle_s"] < 1.1
+        table = CAMPAIGNS["oracle"].table(rows)
         assert all(line["ours"] is None or math.isfinite(line["ours"]) for line in table)
         row = CAMPAIGNS["no_plan"].play(planner, "6")
         assert row["truth"] is True
         assert row["answer"] in {"proved", "not proved"}
         row = CAMPAIGNS["push_ends"].play(planner, "2")
         assert row["off_m"] < 0.1
-        assert FAULT_M < 0.01
     finally:
         planner.close()
 

@@ -30,8 +30,7 @@ def faults(problem: PlanningProblem, plan: Plan) -> list[str]:
         near[inside] |= covers(grown, points(centres[inside]))
     square = 0.5 * np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)])
     walls = union_all(polygons(grid.world_from_cell(blocked[~near][:, None] + square)))
-    # Between cell centres the distance is interpolated: half a cell's diagonal bounds what that hides.
-    slack = 0.36 * cell
+    slack = 2e-6  # coordinates are written in micrometres
     found: list[str] = []
     at = np.array(problem.start_m)
     for number, task in enumerate(plan.tasks):

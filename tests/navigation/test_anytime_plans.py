@@ -66,8 +66,9 @@ def test_the_effort_does_not_grow_with_the_resolution():
         assert plan.gap <= SearchLimits().gap
         # By cells of 1 cm there would be thousands of states.
         assert plan.expanded < 200
-    nodes = {cell_m: build_search_domain(two_doors(cell_m)).lattice.size for cell_m in found}
-    assert nodes[0.01] <= 1.1 * nodes[0.05]
+        # A node is half a radius wide, as far as whole cells allow.
+        edge_m = build_search_domain(two_doors(cell_m)).block * cell_m
+        assert 0.4 * ROBOT.radius_m < edge_m < 0.6 * ROBOT.radius_m
 
 
 def test_a_finer_map_gives_no_costlier_plan():
@@ -84,7 +85,9 @@ def test_a_finer_map_gives_no_costlier_plan():
 
 
 def test_objects_beside_no_bottleneck_are_left_out_and_said_so():
-    plan, alone = (make_plan(two_doors(idle=count), limits=PATIENT) for count in (12, 0))
+    # A tenth: the idle ones slow the drives beside them, and raising the bound of that is another search.
+    limits = SearchLimits(budget_s=60.0, gap=0.1)
+    plan, alone = (make_plan(two_doors(idle=count), limits=limits) for count in (12, 0))
     assert {task.object for task in plan.pushes} == {"stool 0", "stool 1"}
     assert plan.expanded < 3 * alone.expanded + 50
     (note,) = [note for note in plan.notes if note.startswith("left out")]

@@ -10,8 +10,14 @@ import shapely
 
 from visuohaptic.core import Estimate, HapticTag
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.navigation.pushing import PushModel, centre_from_tag, line_path, simulate_push
-from visuohaptic.reproduce.pushes import DirectPushSettings, PushedObject, PushLimits, plan_direct_push
+from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
+from visuohaptic.reproduce.pushes import (
+    DirectPushSettings,
+    PushedObject,
+    PushLimits,
+    centre_from_tag,
+    plan_direct_push,
+)
 
 RADIUS_M = 0.17
 STOOL = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.plan_oracle import solve_exact
 
 from visuohaptic.core import HapticTag, InputError
 from visuohaptic.io.maps import OccupancyMap
@@ -194,25 +193,6 @@ def test_start_or_goal_in_a_wall_is_no_plan_and_off_the_map_an_error():
     assert "start" in start.reason
     with pytest.raises(InputError, match=r"goal_m: found .* off the map"):
         replace(problem, goal_m=np.array([100.0, 0.0]))
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_random_scenes_against_the_exact_oracle(seed):
-    rng = np.random.default_rng(100 + seed)
-    objects = 1 + seed % 2
-    problem = random_scene(rng, objects, 30 if objects == 1 else 20)
-    oracle = solve_exact(problem)
-    world = build_search_domain(problem)
-    start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
-    result = search_pushes(world, start, goal)
-    assert result.found == oracle.reachable
-    if not result.found:
-        assert result.exhausted
-        return
-    plan = make_plan(problem)
-    assert faults(problem, plan) == []
-    # The oracle is the optimum of nearly the same model; the aim is 1.10 at worst over 200 scenes.
-    assert plan.cost_s <= 1.2 * oracle.cost_s
 
 
 def test_a_start_in_collision_is_left_straight_or_said_to_be_stuck():

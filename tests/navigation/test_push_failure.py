@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.navigation.pushing import PushModel, PushUncertainty, line_path, simulated_failure
+from visuohaptic.navigation.pushing import PushModel, PushUncertainty, line_path
+from visuohaptic.reproduce.pushes.push_failure import simulated_failure
 
 BOX = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 

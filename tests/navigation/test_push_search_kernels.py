@@ -122,7 +122,7 @@ def test_distances_and_touches_agree_with_shapely():
         body = Polygon(outline)
         for point in rng.uniform(0, 14, (20, 2)):
             assert polygon_distance(*point, outline) == pytest.approx(body.distance(Point(*point)), abs=1e-9)
-        patch, row, column = distance_patch(14, 14, outline, 3.0)
+        patch, row, column = distance_patch(outline, 3.0)
         r, c = int(rng.integers(patch.shape[0])), int(rng.integers(patch.shape[1]))
         expected = body.distance(Point(c + column + 0.5, r + row + 0.5))
         assert patch[r, c] == pytest.approx(expected, abs=1e-5)

@@ -108,9 +108,10 @@ class _Builder:
 
         rows, columns = self.map.shape
         outline = grid_from_world(self.map, kind.outline_m)
-        patch, r0, c0 = distance_patch(rows, columns, outline, self.radius + 1.0)
-        rr, cc = np.nonzero(patch < self.radius)
-        cells = ((rr + r0) * columns + cc + c0).astype(np.int32)
+        patch, r0, c0 = distance_patch(outline, self.radius + 1.0)
+        rr, cc = np.argwhere(patch < self.radius).T + np.array([[r0], [c0]])
+        on_map = (rr >= 0) & (rr < rows) & (cc >= 0) & (cc < columns)
+        cells = (rr * columns + cc)[on_map].astype(np.int32)
         cells = cells[self.regions.seed.ravel()[cells] >= 0]
         closed = np.zeros(0, np.int32)
         if len(cells) and len(self.visual.path_cells):

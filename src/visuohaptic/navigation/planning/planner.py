@@ -149,7 +149,8 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
     shifts = np.zeros((len(domain.bodies), 2))
     clearance = domain.part(domain.clearance, low, low + 4 * reach, shifts, 1)
     near, _ = seed_cells(clearance, start - low, domain.radius, domain.slow, UNITS, reach=2)
-    if near.size:
+    places = np.column_stack([near % clearance.shape[1], near // clearance.shape[1]]) + low + 0.5
+    if near.size and domain.clear_straight(shifts, start, places).any():
         return start
     start = start - low
     if clearances_at(clearance, start[None])[0] <= 0.0:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.geometry import rotation_2d
-from ..pushing.push_failure import PushUncertainty, push_from_outside
+from ..pushing.push_failure import PushUncertainty, sampled_pushes
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path
 from .search.push_states import PushStep
@@ -35,7 +35,6 @@ def end_covariance(
     uncertainty
         Standard deviations of friction, centre of friction and pose.
     """
-    uncertainty = uncertainty or PushUncertainty()
     rng = np.random.default_rng(0)  # one plan, one answer
     body, turn = domain.bodies[step.body], rotation_2d(domain.map.origin[2])
     ends = np.array([body.centre + step.shifts_before[step.body], body.centre + step.shifts_after[step.body]])
@@ -44,10 +43,9 @@ def end_covariance(
     model = PushModel.patch(outline_m).with_centre_moved(*body.obj.friction_offset_m)
     last = step.touch + step.shifts_after[step.body] - step.shifts_before[step.body]
     path = line_path(*world_from_grid(domain.map, np.array([step.approach, last])))
-    errors = []
-    for _ in range(SAMPLES):
-        sampled, place = uncertainty.sample(model, (float(before_m[0]), float(before_m[1]), 0.0), rng)
-        trace = push_from_outside(sampled, place, path, domain.robot.radius_m)
-        errors.append((place if trace is None else trace.object_m[-1]) - np.array([*after_m, 0.0]))
-    found = np.array(errors)
-    return found.T @ found / SAMPLES
+    place = float(before_m[0]), float(before_m[1]), 0.0
+    _, ends, _ = sampled_pushes(
+        model, place, path, domain.robot.radius_m, rng, uncertainty=uncertainty, samples=SAMPLES
+    )
+    errors = ends - np.array([*after_m, 0.0])
+    return errors.T @ errors / SAMPLES

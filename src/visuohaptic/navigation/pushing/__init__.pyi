@@ -1,9 +1,7 @@
 from .contact_candidates import PushContact as PushContact
 from .contact_candidates import push_contacts as push_contacts
 from .push_failure import PushUncertainty as PushUncertainty
-from .push_failure import centre_from_tag as centre_from_tag
-from .push_failure import push_from_outside as push_from_outside
-from .push_failure import simulated_failure as simulated_failure
+from .push_failure import sampled_pushes as sampled_pushes
 from .push_model import PushModel as PushModel
 from .push_model import load_of_feet as load_of_feet
 from .push_model import patch_points as patch_points

@@ -1,4 +1,4 @@
-"""Kernels on outlines in cells: distances from polygons, patches of them, and where a disc touches.
+"""Kernels on outlines in cells: distances from polygons, patches of them, where a disc touches and where it passes.
 
 All lengths are in cells, points are (x, y) with cell (row, column) covering
 ``column..column + 1`` and ``row..row + 1``.
@@ -55,6 +55,72 @@ def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
 
 
 @kernel
+def segment_gap(ax: float, ay: float, bx: float, by: float, polygon: np.ndarray) -> float:
+    """Distance of a segment from a filled polygon; 0 where they meet."""
+    if inside_polygon(ax, ay, polygon):
+        return 0.0
+    best = np.inf
+    n = len(polygon)
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        cx, cy, dx, dy = polygon[i, 0], polygon[i, 1], polygon[j, 0], polygon[j, 1]
+        left_c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        left_d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
+        left_a = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
+        left_b = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
+        if left_c * left_d < 0.0 and left_a * left_b < 0.0:
+            return 0.0
+        best = min(best, segment_distance(ax, ay, cx, cy, dx, dy), segment_distance(bx, by, cx, cy, dx, dy))
+        best = min(best, segment_distance(cx, cy, ax, ay, bx, by))
+    return best
+
+
+@kernel
+def clear_straight(
+    occupied: np.ndarray,
+    outlines: np.ndarray,
+    starts: np.ndarray,
+    x: float,
+    y: float,
+    ends: np.ndarray,
+    radius: float,
+) -> np.ndarray:
+    """Whether a disc gets straight from a point to each end, nowhere nearer than its radius to anything.
+
+    Exact: to the squares of the occupied cells, the border of the map, and the filled outlines, of which one begins
+    at each of ``starts``.
+    """
+    rows, columns = occupied.shape
+    clear = np.zeros(len(ends), np.bool_)
+    square = np.zeros((4, 2))
+    for i in range(len(ends)):
+        ex, ey = ends[i, 0], ends[i, 1]
+        x0, x1, y0, y1 = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
+        free = x0 >= radius and y0 >= radius and x1 <= columns - radius and y1 <= rows - radius
+        for k in range(len(starts) - 1):
+            if free:
+                outline = outlines[starts[k] : starts[k + 1]]
+                low_x, high_x, low_y, high_y = extent(outline)
+                near = low_x < x1 + radius and high_x > x0 - radius
+                if near and low_y < y1 + radius and high_y > y0 - radius:
+                    free = segment_gap(x, y, ex, ey, outline) >= radius
+        r = int(y0 - radius)
+        while free and r < y1 + radius:
+            for c in range(int(x0 - radius), int(math.ceil(x1 + radius))):
+                if not free or not occupied[r, c]:
+                    continue
+                if segment_distance(c + 0.5, r + 0.5, x, y, ex, ey) >= radius + 0.7072:
+                    continue
+                for corner in range(4):
+                    square[corner, 0] = c + (1 if corner == 1 or corner == 2 else 0)
+                    square[corner, 1] = r + (1 if corner >= 2 else 0)
+                free = segment_gap(x, y, ex, ey, square) >= radius
+            r += 1
+        clear[i] = free
+    return clear
+
+
+@kernel
 def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
     """Smallest and largest x, smallest and largest y."""
     x_min, x_max, y_min, y_max = np.inf, -np.inf, np.inf, -np.inf
@@ -65,13 +131,11 @@ def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
 
 
 @kernel
-def distance_patch(rows: int, columns: int, polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
-    """Distance of the cells around a polygon from it, and the first row and column of the patch."""
+def distance_patch(polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
+    """Distance of the cells around a polygon from it, and the first row and column of the patch; may be off a map."""
     x_min, x_max, y_min, y_max = extent(polygon)
-    c0 = min(columns, max(0, int(math.floor(x_min - reach))))
-    c1 = max(c0, min(columns, int(math.ceil(x_max + reach)) + 1))
-    r0 = min(rows, max(0, int(math.floor(y_min - reach))))
-    r1 = max(r0, min(rows, int(math.ceil(y_max + reach)) + 1))
+    c0, c1 = int(math.floor(x_min - reach)), int(math.ceil(x_max + reach)) + 1
+    r0, r1 = int(math.floor(y_min - reach)), int(math.ceil(y_max + reach)) + 1
     patch = np.empty((r1 - r0, c1 - c0), np.float32)
     for r in range(r0, r1):
         for c in range(c0, c1):

@@ -7,6 +7,8 @@ from .goal_maps import GoalMap as GoalMap
 from .goal_maps import goal_map as goal_map
 from .local_costmap import FootprintSamples as FootprintSamples
 from .local_costmap import LocalCostmap as LocalCostmap
+from .push_failure import centre_from_tag as centre_from_tag
+from .push_failure import simulated_failure as simulated_failure
 from .push_monitor import PushEstimate as PushEstimate
 from .push_monitor import PushMonitor as PushMonitor
 from .push_scene import PushedObject as PushedObject

@@ -14,8 +14,8 @@ from ...core.objects import HapticTag
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
 from ...navigation.problem.push_costs import failure_probability
-from ...navigation.pushing.push_failure import centre_from_tag, simulated_failure
 from .goal_maps import path_distance
+from .push_failure import centre_from_tag, simulated_failure
 from .push_scene import PushedObject, PushLimits, PushScene
 
 __all__ = ["ContactPoint", "DirectPush", "DirectPushSettings", "contact_points", "plan_direct_push"]

@@ -127,7 +127,8 @@ def free_push_length(
     occupied cell at the start (the object leans on a wall) is not looked at, so
     that the object may slide along the wall. ``around`` holds points outside the
     edge that are not looked at either where they begin in something: room that
-    is not there need not be kept. ``clearance`` is that of what never moves.
+    is not there need not be kept. ``clearance`` is that of what never moves, ``radius`` what the robot needs of it
+    at samples half a cell apart.
     """
     rows, columns = occupied.shape
     n, m = len(outline), len(around)
@@ -154,7 +155,7 @@ def free_push_length(
     for step in range(1, int(math.ceil(2.0 * limit - 1e-6)) + 1):
         before, t = 0.5 * (step - 1), min(0.5 * step, limit)
         x, y = robot_x + t * dir_x, robot_y + t * dir_y
-        if clearance_at(clearance, x, y) < radius - 0.05:
+        if clearance_at(clearance, x, y) < radius:
             return before
         dx, dy = t * dir_x, t * dir_y
         for i in range(n + m):
@@ -167,7 +168,7 @@ def free_push_length(
             due[i] = t + clearance[r, c] - 2.2
         for o in range(count):
             first, last = other_start[o], other_start[o + 1]
-            if polygon_distance(x, y, others[first:last]) < radius - 0.05:
+            if polygon_distance(x, y, others[first:last]) < radius:
                 return before
             ox0, oy0, ox1, oy1 = np.inf, np.inf, -np.inf, -np.inf
             for i in range(first, last):

@@ -14,7 +14,7 @@ from ...problem.planning_problem import MovableObject
 from ...problem.push_costs import Manipulability
 from ...pushing.contact_candidates import PushContact, push_contacts
 
-__all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "world_from_grid"]
+__all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "lower_window", "world_from_grid"]
 
 #: Outlines are looked at in steps of so many cells when they are pushed.
 OUTLINE_STEP = 0.45
@@ -79,9 +79,18 @@ def lower_clearance(
     """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
     from ...pushing._outline_kernels import distance_patch
 
-    patch, row, column = distance_patch(*clearance.shape, outline, reach)
-    part = clearance[row : row + patch.shape[0], column : column + patch.shape[1]]
-    np.minimum(part, patch, out=part)
+    lower_window(clearance, *distance_patch(outline, reach))
+
+
+def lower_window(
+    layer: Float32[np.ndarray, "rows columns"], patch: Float32[np.ndarray, "r c"], row: int, column: int
+) -> None:
+    """Bring a patch that begins at a row and column, on the layer or off it, into a clearance layer in place."""
+    r0, c0 = max(row, 0), max(column, 0)
+    r1, c1 = min(row + patch.shape[0], layer.shape[0]), min(column + patch.shape[1], layer.shape[1])
+    if r0 < r1 and c0 < c1:
+        into = layer[r0:r1, c0:c1]
+        np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
 
 
 def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:

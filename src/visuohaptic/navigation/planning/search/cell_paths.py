@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Int16, Int32
 
-from .push_states import END_SLACK, seed_cells
+from .push_states import seed_cells
 from .search_domain import SearchDomain
 
 __all__ = ["cheapest_cells", "resampled"]
@@ -19,6 +19,7 @@ def cheapest_cells(
     block: int,
     field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
     labels: Int16[np.ndarray, "r c"] | None = None,
+    beside: tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]] | None = None,
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Columns and rows of the cheapest path over a layer and its cost [nodes at full speed]; empty without one.
 
@@ -36,21 +37,30 @@ def cheapest_cells(
         Nodes that the path begins at, and costs from there [units], where they are known.
     labels
         Of passages on the layer.
+    beside
+        Shifts of the bodies, and the layer's corner on the map: the path has to be clear of everything exactly from the
+        start to its first cell and from its last one to the goal, too.
     """
     from ._push_search_kernels import descend
-    from ._travel_kernels import FAR, UNITS, clearance_at, travel_field
+    from ._travel_kernels import FAR, UNITS, travel_field
 
     radius, slow = domain.radius, domain.slow
     cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=1 if block > 1 else 2, block=block)
     ends, end_costs = seed_cells(clearance, goal, radius, slow, UNITS, reach=1, block=block)
-    if block == 1 and field is None:
-        cells, costs = _straight(domain, clearance, start, cells, costs)
-        ends, end_costs = _straight(domain, clearance, goal, ends, end_costs)
-        if clearance_at(clearance, *goal) < domain.radius - END_SLACK:
-            return np.zeros((0, 2)), float("inf")
+    nowhere = np.zeros((0, 2)), float("inf")
+    if beside is not None and cells.size and ends.size:
+        shifts, low = beside
+        columns = clearance.shape[1]
+        first, last = (
+            domain.clear_straight(
+                shifts, point + low, np.column_stack([near % columns, near // columns]) + low + 0.5
+            )
+            for point, near in ((start, cells), (goal, ends))
+        )
+        cells, costs, ends, end_costs = cells[first], costs[first], ends[last], end_costs[last]
     none = np.zeros(0, np.int32)
     if not cells.size or not ends.size:
-        return np.zeros((0, 2)), float("inf")
+        return nowhere
     if field is None:
         region, charge = (
             (np.zeros((0, 0), np.int16), none) if labels is None else (labels, domain.charges(block))
@@ -60,43 +70,9 @@ def cheapest_cells(
         cells, cost = field
     total = cost[ends].astype(np.int64) + end_costs
     if total.min() >= FAR:
-        return np.zeros((0, 2)), float("inf")
+        return nowhere
     path = descend(cost, clearance, cells, int(ends[int(total.argmin())]))
     return path, float(total.min()) / UNITS
-
-
-def _straight(
-    domain: SearchDomain,
-    clearance: Float32[np.ndarray, "r c"],
-    point: Float[np.ndarray, "2"],
-    cells: Int32[np.ndarray, "k"],
-    costs: Int32[np.ndarray, "k"],
-) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Those cells beside a point that are reached from it straight and clear of everything.
-
-    All of them where the robot does not fit at the point itself, as where it starts too near to something.
-    """
-    from ._travel_kernels import clearance_at, segment_cost
-
-    if clearance_at(clearance, *point) < domain.radius:
-        return cells, costs
-
-    columns = clearance.shape[1]
-    clear = [
-        np.isfinite(
-            segment_cost(
-                clearance,
-                domain.radius,
-                domain.slow,
-                *point,
-                cell % columns + 0.5,
-                cell // columns + 0.5,
-                False,
-            )
-        )
-        for cell in cells.tolist()
-    ]
-    return cells[clear], costs[clear]
 
 
 def resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:

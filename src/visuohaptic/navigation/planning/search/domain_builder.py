@@ -16,8 +16,8 @@ from .search_domain import SearchDomain, full_speed_clearance
 
 __all__ = ["build_search_domain"]
 
-#: A node of the lattice is a block of cells, at least so many to the radius of the robot.
-NODES_PER_RADIUS = 2.5
+#: A node of the lattice is a block of cells, about so many to the radius of the robot.
+NODES_PER_RADIUS = 2.0
 #: ... unless the lattice gets larger than this; then one to the radius will do.
 MAX_NODES = 500_000
 

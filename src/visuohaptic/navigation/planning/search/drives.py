@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Int, Int32
 
 from .cell_paths import cheapest_cells, resampled
 from .push_states import PushStep
@@ -94,7 +94,7 @@ def drives_cost(
         Of the last drive over the lattice: nodes that it begins at, and its costs [units].
     """
     ends = _ends(domain, steps, start, goal)
-    if not domain.beside_bodies(goal, ends[-1][0]):
+    if not domain.clear_straight(ends[-1][0], goal, goal[None])[0]:
         return float("inf")
     if field is not None:
         _over_lattice(domain, *ends[-1], field)
@@ -142,13 +142,17 @@ def changed_drives_cost(
     changed
         The same pushes with other lengths.
     """
-    if not domain.beside_bodies(goal, changed[-1].shifts_after):
+    if not domain.clear_straight(changed[-1].shifts_after, goal, goal[None])[0]:
         return float("inf")
     total = 0.0
     for old, new in zip(_ends(domain, steps, start, goal), _ends(domain, changed, start, goal), strict=True):
         key = _key(*new)
         if key not in domain.drives:
-            block, nodes, _ = _drive(domain, *old)
+            block, nodes, cost = _drive(domain, *old)
+            if _key(*old[1:]) == _key(*new[1:]) and not _near_path(domain, nodes, block, old[0], new[0]):
+                domain.drives[key] = block, nodes, cost
+                total += cost
+                continue
             # From where the new drive begins to the old one, along that, and to where the new one ends.
             ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
                     ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
@@ -161,6 +165,23 @@ def changed_drives_cost(
         if total >= most:
             return float("inf")
     return total
+
+
+def _near_path(
+    domain: SearchDomain,
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    before: Float[np.ndarray, "bodies 2"],
+    after: Float[np.ndarray, "bodies 2"],
+) -> bool:
+    """Whether a body that is at another place afterwards, here or there, has to do with the cost along a path."""
+    moved = np.flatnonzero((before != after).any(axis=1))
+    low, high = (corners[moved] for corners in domain.extents)
+    middle, half = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
+    places = np.concatenate([middle + before[moved], middle + after[moved]])
+    away = np.hypot(*((nodes[:, None] + 0.5) * block - places).T)
+    # Cells beside the path are looked at, too, in blocks of which two are added on either side.
+    return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
 def _ends(
@@ -292,8 +313,8 @@ def _pulled_piece(
     if found is None:
         return np.zeros((0, 2)), float("inf")
     cells, clearance, low, _ = found
-    path = np.concatenate([[start - low], cells[:: domain.block] + 0.5, [goal - low]])
     radius, slow = domain.radius, domain.slow
+    path = np.concatenate([[start - low], _thinned(domain, clearance, cells + 0.5), [goal - low]])
     for _ in range(2):  # a second look joins pieces that were cut by the window
         kept, cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
         path = path[kept]
@@ -308,6 +329,20 @@ def _pulled_piece(
         if gain < 1e-3:
             break
     return path + low, float(cost)
+
+
+def _thinned(
+    domain: SearchDomain, clearance: Float32[np.ndarray, "r c"], path: Float[np.ndarray, "k 2"]
+) -> Float[np.ndarray, "n 2"]:
+    """Points a block apart on a path from cell to cell, and all of it where the straight line between is not clear."""
+    from ._travel_kernels import segment_cost
+
+    kept = [0]
+    for last in range(domain.block, len(path) - 1 + domain.block, domain.block):
+        first, last = kept[-1], min(last, len(path) - 1)
+        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False)
+        kept += [last] if np.isfinite(cost) else range(first + 1, last + 1)
+    return path[kept]
 
 
 def _cells_along(
@@ -330,9 +365,34 @@ def _cells_along(
     # Along the path over blocks, and two blocks beside it.
     near = np.zeros((np.array(clearance.shape) // block + 2).tolist(), np.uint8)
     near[tuple((nodes - low_block).astype(int).T[::-1])] = 1
-    near = cv2.dilate(near, np.ones((5, 5), np.uint8))
+    near = cv2.dilate(near, np.ones((3, 3), np.uint8))
     rows, columns = clearance.shape
     wide = near.repeat(block, axis=0).repeat(block, axis=1)[:rows, :columns]
     corridor = np.where(wide > 0, clearance, np.float32(0.0))
-    cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1)
-    return (cells, clearance, low.astype(np.float64), cost) if len(cells) else None
+    while True:
+        cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1, beside=(shifts, low))
+        closed = _unclear_steps(domain, shifts, corridor, cells, low)
+        if not len(closed):
+            return (cells, clearance, low.astype(np.float64), cost) if len(cells) else None
+        corridor[closed[:, 1], closed[:, 0]] = 0.0
+
+
+def _unclear_steps(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    clearance: Float32[np.ndarray, "r c"],
+    cells: Float[np.ndarray, "k 2"],
+    low: Int[np.ndarray, "2"],
+) -> Int[np.ndarray, "n 2"]:
+    """Cells (x, y) of a path that are reached by a diagonal step that comes too near to something."""
+    places = cells.astype(int)
+    clear = clearance[places[:, 1], places[:, 0]]
+    diagonal = np.abs(np.diff(places, axis=0)).sum(axis=1) > 1
+    # The middle of a diagonal step is nearer to a corner than both of its ends, those of other steps are not by as much.
+    radius = domain.robot.radius_m / domain.map.resolution_m
+    tight = np.flatnonzero(diagonal & (np.minimum(clear[1:], clear[:-1]) < np.hypot(radius, np.sqrt(0.5))))
+    middle = cells + low + 0.5
+    near = [
+        k + 1 for k in tight.tolist() if not domain.clear_straight(shifts, middle[k], middle[k + 1][None])[0]
+    ]
+    return places[near]

@@ -15,7 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from .push_heuristic import PushHeuristic
-from .push_states import Deadline, SearchLimits, SearchState, seed_cells
+from .push_lengths import SWEEP_STEP
+from .push_states import Deadline, SearchLimits, SearchState, needed_clearance, seed_cells
+from .search_domain import joined_outlines
 
 __all__ = ["Infeasibility"]
 
@@ -42,6 +44,7 @@ class Infeasibility:
         self.heuristic, self.domain, self.deadline = heuristic, heuristic.domain, deadline
         # A push is followed in half cells.
         self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
+        self.clear = needed_clearance(self.domain.robot.radius_m / self.domain.map.resolution_m, SWEEP_STEP)
         self.max_states = limits.memory_bytes // 1000
 
     def prove(self, first: SearchState, cells: Int32[np.ndarray, "k"]) -> str:
@@ -145,12 +148,10 @@ class Infeasibility:
             )
             outlines = [domain.bodies[o].outline + shifts[o] for o in chosen if o != index]
             outlines += domain.immovable_outlines
-            starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
             touch = body.centre + shift + push.robot
             free = free_push_length(
                 domain.occupied, domain.clearance, body.samples + shift, body.around + shift,
-                body.outline + shift, np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts,
-                touch[0], touch[1], push.direction[0], push.direction[1], domain.radius, self.step,
+                body.outline + shift, *joined_outlines(outlines), *touch, *push.direction, self.clear, self.step,
             )  # fmt: skip
             if free > 0.0:
                 after = shifts.copy()

@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Int, Int16, Int32
 
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
-from .push_states import END_SLACK, PushStep, seed_cells
+from .push_states import PushStep, seed_cells
 from .search_domain import SearchDomain
 
 __all__ = ["PushHeuristic"]
@@ -186,18 +186,14 @@ class PushHeuristic:
     def goal_seeds(
         self, clearance: Float32[np.ndarray, "rows columns"]
     ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-        """Free nodes around the goal and their cost to it [units]; none when the robot does not fit on the goal.
+        """Free nodes around the goal and their cost to it [units].
 
         Parameters
         ----------
         clearance
             Of a configuration [cells].
         """
-        from ._travel_kernels import clearance_at
-
         domain = self.domain
-        if domain.block == 1 and clearance_at(clearance, *self.goal) < domain.radius - END_SLACK:
-            return np.zeros(0, np.int32), np.zeros(0, np.int32)
         return seed_cells(clearance, self.goal, domain.radius, domain.slow, self.units, block=domain.block)
 
     def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:

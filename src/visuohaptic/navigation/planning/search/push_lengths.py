@@ -13,15 +13,15 @@ from jaxtyping import Float
 
 from .drives import changed_drives_cost
 from .push_heuristic import PushHeuristic
-from .push_states import Deadline, PushStep, SearchResult
+from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
 
-__all__ = ["STAND_SLACK", "free_length", "push_step", "refine_lengths", "stand_is_free"]
+__all__ = ["SWEEP_STEP", "free_length", "push_step", "refine_lengths", "stand_is_free"]
 
-#: Where it stands off an object the robot may be nearer to an obstacle by so much [cells].
-STAND_SLACK = 0.15
-#: Steps of the descent [m]: from the ladder's to what a robot can execute.
-STEPS_M = (0.2, 0.1, 0.05, 0.025, 0.0125)
+#: A push is followed in steps of this [cells].
+SWEEP_STEP = 0.5
+#: Steps of the descent [m]: the ladder's, which is doubled while it helps, and what a robot can execute.
+STEPS_M = (0.05, 0.0125)
 
 
 def refine_lengths(
@@ -42,19 +42,21 @@ def refine_lengths(
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
-    for step_m in STEPS_M:
-        change = step_m / domain.map.resolution_m
-        # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
-        for index, longer in itertools.product(range(len(steps)), (-change, change)):
-            while not deadline.passed:
-                tried = _replayed(heuristic, steps, index, steps[index].length + longer)
-                if not tried:
-                    break
-                pushes = heuristic.pushes_units(tried) * scale
+    # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
+    for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
+        first = longer = sign * step_m / domain.map.resolution_m
+        while not deadline.passed:
+            tried = _replayed(heuristic, steps, index, steps[index].length + longer)
+            pushes = heuristic.pushes_units(tried) * scale
+            tried_cost = float("inf")
+            if tried:
                 tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, cost - pushes)
-                if not tried_cost < cost:
-                    break
-                steps, cost = tried, tried_cost
+            if tried_cost < cost:
+                steps, cost, longer = tried, tried_cost, 2.0 * longer
+            elif longer != first:
+                longer = first
+            else:
+                break
     return steps, cost
 
 
@@ -103,7 +105,7 @@ def push_step(
 
 
 def stand_is_free(heuristic: PushHeuristic, step: PushStep) -> bool:
-    """Whether the robot fits where it stands off the body, beside every other body.
+    """Whether the robot gets from where it stands off the body to the contact, beside everything else.
 
     Parameters
     ----------
@@ -112,12 +114,10 @@ def stand_is_free(heuristic: PushHeuristic, step: PushStep) -> bool:
     step
         The push.
     """
-    from ._travel_kernels import clearance_at
-
-    domain = heuristic.domain
+    others = np.arange(len(step.shifts_before)) != step.body
     return bool(
-        clearance_at(domain.clearance, *step.approach) >= domain.radius - STAND_SLACK
-    ) and domain.beside_bodies(step.approach, step.shifts_before, step.body)
+        heuristic.domain.clear_straight(step.shifts_before, step.approach, step.touch[None], others)[0]
+    )
 
 
 def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float:
@@ -140,6 +140,6 @@ def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float
     outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body)
     found: float = free_push_length(
         domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
-        outlines, starts, *step.touch, *direction, domain.radius, limit,
+        outlines, starts, *step.touch, *direction, needed_clearance(body.radius, SWEEP_STEP), limit,
     )  # fmt: skip
     return found

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int32
 
 from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
-from .push_lengths import STAND_SLACK, free_length, push_step, stand_is_free
+from .push_lengths import free_length, push_step, stand_is_free
 from .push_states import (
     Deadline,
     SearchLimits,
@@ -26,7 +26,7 @@ from .push_states import (
     push_sequence,
     seed_cells,
 )
-from .search_domain import SearchDomain
+from .search_domain import CLEAR_SLACK_M, SearchDomain
 
 __all__ = ["PushPass"]
 
@@ -88,6 +88,8 @@ class PushPass:
         When to stop.
     bodies
         Indices of those that are pushed; by default all that the heuristic knows.
+    on_map
+        Whether every drive has to exist on the map. On the lattice alone the bound is lower, and found sooner.
     """
 
     def __init__(
@@ -97,12 +99,16 @@ class PushPass:
         limits: SearchLimits,
         deadline: Deadline,
         bodies: Collection[int] | None = None,
+        *,
+        on_map: bool = True,
     ) -> None:
+        self.on_map = on_map
         chosen = heuristic.active if bodies is None else list(bodies)
         self.pairs, self.stands = heuristic.stands(chosen)
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
         self.deadline, self.domain = deadline, heuristic.domain
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
+        self.radius = (self.domain.robot.radius_m - CLEAR_SLACK_M) / self.domain.map.resolution_m
         self.seen = SeenFields(limits.memory_bytes // 4)
         self.queue = _Queue(float("inf"))
         self.start = np.zeros(2)
@@ -157,7 +163,8 @@ class PushPass:
         """Whether the map has the drive to the last push, too."""
         step, parent = state.step, state.parent
         return (
-            step is None
+            not self.on_map
+            or step is None
             or parent is None
             or np.isfinite(drive_cost(self.domain, parent.shifts, parent.robot, step.approach))
         )
@@ -193,7 +200,8 @@ class PushPass:
         points = heuristic.centres[bodies] + state.shifts[bodies] + self.stands
         approach = reach_costs(clearance, cost, points, domain.radius, domain.slow, domain.block)
         usable = approach < heuristic.far
-        usable &= clearances_at(domain.clearance, points) >= domain.radius - STAND_SLACK
+        # Interpolated the clearance is never too low: what is nearer than the radius is so.
+        usable &= clearances_at(domain.clearance, points) >= self.radius
         if (last := state.step) is not None and last.length < heuristic.longest(last.body) - 0.5:
             usable &= (bodies != last.body) | (numbers != last.contact)  # a longer push is the same
         usable = np.flatnonzero(usable)
@@ -218,7 +226,8 @@ class PushPass:
         heuristic, steps = self.heuristic, push_sequence(state)
         units, pushes = heuristic.units / self.domain.block, heuristic.pushes_units(steps)
         most = (self.queue.best - pushes) / units
-        cost = pushes + units * drives_cost(self.domain, steps, self.start, heuristic.goal, most, field)
+        if self.on_map:
+            cost = pushes + units * drives_cost(self.domain, steps, self.start, heuristic.goal, most, field)
         if cost < self.queue.best:
             self.queue.best, self.queue.goal = cost, state
 

@@ -47,8 +47,6 @@ WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
 #: How far a bound of one body alone may be below its cheapest plan.
 ALONE_GAP = 0.02
-#: Edge of a block of its lattice in blocks of the search's.
-ALONE_BLOCKS = 2
 #: Fractions of the budget after which ends: one body at a time; a first plan with the bodies on the cheapest path of
 #: the bound, with those at bottlenecks, by weight; a proof that there is none; a first plan with all bodies.
 ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0)
@@ -214,7 +212,7 @@ class _Search:
             most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
             most = max(min(most, self.limits.expansions - self.expanded), 1)
             plan = PushPass(heuristic, weight, self.limits, self._until(fraction), bodies).run(
-                self.first, most, known.cost * units
+                self.first, most, known.cost * units, self.limits.gap
             )
             self.expanded += plan.expanded
             if plan.found or known.found:
@@ -244,29 +242,23 @@ class _Search:
 
     def _bound_crossings(self, heuristic: PushHeuristic) -> str:
         """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
-        from ._push_search_kernels import largest_in_blocks
-
         domain, limits, deadline = self.domain, self.limits, self._until(ALONE)
         still = [k for k in range(len(domain.bodies)) if k not in self.active]
-        # On blocks twice as large: they are clearer, so that the bound is lower, and found in a quarter of the time.
-        lattice = largest_in_blocks(
-            domain.lowered(domain.lattice, self.first.shifts, still, domain.block), ALONE_BLOCKS
-        )
+        lattice = domain.lowered(domain.lattice, self.first.shifts, still, domain.block)
         # A path without pushes, or one that crosses few bodies, needs no other bounds.
         for index in heuristic.separating(self.cells, heuristic.crossed(self.cells)):
             if deadline.passed:
                 break
             body, first = (domain.bodies[index],), SearchState(0.0, self.start, np.zeros((1, 2)))
             alone = replace(
-                domain, bodies=body, lattice=lattice, block=ALONE_BLOCKS * domain.block,
-                patches={}, still={}, drives={}, paths={}, boxes=[],
+                domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, paths={}, boxes=[],
             )  # fmt: skip
             cells, _ = seed_cells(
                 lattice, self.start, domain.radius, domain.slow, heuristic.units, block=alone.block
             )
             part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
             most = min(ALONE_EXPANSIONS, limits.expansions)
-            found = PushPass(part, 1.0, limits, deadline).run(first, most, gap=ALONE_GAP)
+            found = PushPass(part, 1.0, limits, deadline, on_map=False).run(first, most, gap=ALONE_GAP)
             if not found.found:
                 reason = Infeasibility(part, limits, deadline).prove(first, cells)
                 if reason:
@@ -279,7 +271,10 @@ class _Search:
 
     def _impossible(self, heuristic: PushHeuristic) -> str:
         """Why no sequence of pushes can solve the problem; empty where one may."""
-        if not heuristic.goal_cells.size:
+        domain, goal = self.domain, self.goal
+        still = np.array([k not in self.active for k in range(len(domain.bodies))], dtype=bool)
+        fits = domain.clear_straight(self.first.shifts, goal, goal[None], still)[0]
+        if not fits or not heuristic.goal_cells.size:
             return "the goal is too near to what cannot be moved"
         if not self.cells.size:
             return "the robot does not fit where it starts"

@@ -22,8 +22,6 @@ __all__ = [
     "seed_cells",
 ]
 
-#: Where it is to go the robot may be nearer to an obstacle by so much, the rounding of cells [cells].
-END_SLACK = 0.25
 #: A search that shares its processor may take so many times its budget on the wall.
 WALL_PER_CPU = 3.0
 
@@ -221,16 +219,19 @@ def push_sequence(state: SearchState) -> tuple[PushStep, ...]:
     return tuple(reversed(steps))
 
 
-def needed_clearance(radius: float) -> float:
-    """Clearance that a robot needs between the centres of cells, and between the samples of a segment [cells].
+def needed_clearance(radius: float, spacing: float | None = None) -> float:
+    """Clearance, interpolated at samples of a segment, from which on all of it is clear by the radius [cells].
 
     The distance from an obstacle bends by at most 1 / distance: interpolated between the centres of cells it is too
-    high by at most 1 / (8 distance), and between samples it may fall below both by spacing^2 / (8 distance).
+    high by at most 1 / (8 distance), and between samples it may fall below both by spacing^2 / (8 distance). The
+    last factor is of the next order.
 
     Parameters
     ----------
     radius
         Of the robot [cells].
+    spacing
+        Of the samples [cells]; by default those of a drive.
     """
-    spacing = max(0.5, radius / 7.0)
-    return radius + (1.0 + spacing**2) / (8.0 * radius)
+    spacing = max(0.5, radius / 7.0) if spacing is None else spacing
+    return radius + (1.0 + spacing**2) / (8.0 * radius) * (1.0 + 1.0 / (8.0 * radius))

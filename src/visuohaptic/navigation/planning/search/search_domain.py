@@ -14,15 +14,19 @@ from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.passages import Passage
 from ...problem.planning_problem import MovableObject, RobotModel
-from .bodies import OUTLINE_INSET_M, Body, grid_from_world, world_from_grid
+from .bodies import Body, grid_from_world, lower_window, world_from_grid
 
 __all__ = [
+    "CLEAR_SLACK_M",
     "SearchDomain",
     "full_speed_clearance",
     "grid_from_world",
+    "joined_outlines",
     "world_from_grid",
 ]
 
+#: Rounding of coordinates may bring the robot nearer to something by so much [m].
+CLEAR_SLACK_M = 1e-6
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
@@ -189,13 +193,10 @@ class SearchDomain:
         block: int,
     ) -> None:
         """Bring a body into a window of a layer that begins at ``low`` (x, y), in place."""
-        patch, row, column = self.patch(index, shift, block)
-        row, column = row - int(low[1]), column - int(low[0])
-        r0, c0 = max(row, 0), max(column, 0)
-        r1, c1 = min(row + patch.shape[0], part.shape[0]), min(column + patch.shape[1], part.shape[1])
-        if r0 < r1 and c0 < c1:
-            into = part[r0:r1, c0:c1]
-            np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
+        # By cells a patch is the same wherever it is moved by whole cells; a block has its own cells.
+        whole = np.floor(shift + 1e-9) if block == 1 else np.zeros(2)
+        patch, row, column = self.patch(index, shift - whole, block)
+        lower_window(part, patch, row + int(whole[1] - low[1]), column + int(whole[0] - low[0]))
 
     @property
     def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
@@ -220,14 +221,18 @@ class SearchDomain:
         block
             Edge of a block [cells].
         """
+        from ...pushing._outline_kernels import distance_patch
         from ._push_search_kernels import block_patch
 
-        key = (block, index, float(shift[0]), float(shift[1]))
+        key = (block, index, round(float(shift[0]), 9), round(float(shift[1]), 9))
         if key not in self.patches:
             if len(self.patches) >= MAX_PATCHES:
                 self.patches.clear()
             outline = self.bodies[index].outline + shift
-            self.patches[key] = block_patch(self.clearance, outline, self.radius, self.reach, block)
+            self.patches[key] = (
+                distance_patch(outline, self.reach) if block == 1
+                else block_patch(self.clearance, outline, self.radius, self.reach, block)
+            )  # fmt: skip
         return self.patches[key]
 
     def obstacle_outlines(
@@ -245,30 +250,40 @@ class SearchDomain:
         outlines = [body.outline + shifts[k] for k, body in enumerate(self.bodies) if k != without]
         # Nothing is pushed into a door.
         outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
-        starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
-        return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
+        return joined_outlines(outlines)
 
-    def beside_bodies(
-        self, point: Float[np.ndarray, "2"], shifts: Float[np.ndarray, "bodies 2"], without: int = -1
-    ) -> bool:
-        """Whether the robot fits beside every body but one, by their outlines.
+    def clear_straight(
+        self,
+        shifts: Float[np.ndarray, "bodies 2"],
+        begin: Float[np.ndarray, "2"],
+        ends: Float[np.ndarray, "n 2"],
+        among: Bool[np.ndarray, "bodies"] | None = None,
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether the robot gets straight from a point to each end without coming too near to anything.
+
+        Exact, to the squares of occupied cells and the outlines of objects, where :attr:`clearance` is interpolated.
 
         Parameters
         ----------
-        point
-            Where the robot is [cells].
-        shifts, without
-            As of :meth:`clearance_with`.
+        shifts
+            Of the bodies from where the map has them [cells].
+        begin, ends
+            Grid coordinates [cells].
+        among
+            Which bodies are in the way; all by default.
         """
-        from ...pushing._outline_kernels import polygon_distance
+        from ...pushing._outline_kernels import clear_straight
 
-        needed = (self.robot.radius_m - OUTLINE_INSET_M) / self.map.resolution_m
-        return all(
-            polygon_distance(*point, body.outline + shifts[k]) >= needed
-            for k, body in enumerate(self.bodies)
-            if k != without and (self.extents[0][k] + shifts[k] - needed <= point).all()
-            and (self.extents[1][k] + shifts[k] + needed >= point).all()
-        )  # fmt: skip
+        radius = (self.robot.radius_m - CLEAR_SLACK_M) / self.map.resolution_m
+        lows, highs = self.extents
+        near = (lows + shifts < np.maximum(ends.max(axis=0), begin) + radius).all(axis=1)
+        near &= (highs + shifts > np.minimum(ends.min(axis=0), begin) - radius).all(axis=1)
+        chosen = np.flatnonzero(near if among is None else near & among).tolist()
+        outlines = [*(self.bodies[k].outline + shifts[k] for k in chosen), *self.immovable_outlines]
+        found: Bool[np.ndarray, "n"] = clear_straight(
+            self.occupied, *joined_outlines(outlines), float(begin[0]), float(begin[1]), ends, radius
+        )
+        return found
 
     def labels(self, block: int) -> Int16[np.ndarray, "blocks_down blocks_across"]:
         """Blocks that passages touch: their index + 1; empty without passages.
@@ -312,6 +327,20 @@ class SearchDomain:
             Cost in the unit of the grid search [cells].
         """
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
+
+
+def joined_outlines(
+    outlines: Sequence[Float[np.ndarray, "p 2"]],
+) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
+    """Outlines one after the other, and where each begins, with the end of the last.
+
+    Parameters
+    ----------
+    outlines
+        Corners of each.
+    """
+    starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
+    return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
 
 
 def full_speed_clearance(radius: float) -> float:

@@ -1,0 +1,71 @@
+"""No drive comes nearer to anything than the robot's radius: against polygons that share nothing with the planner."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from benchmarks._plan_child import Planner
+from benchmarks._plan_judge import asked
+
+from tests.worlds.floor_scenes import random_rooms
+from visuohaptic.navigation.planning.search._travel_kernels import segment_cost
+from visuohaptic.navigation.planning.search.domain_builder import _distance
+from visuohaptic.navigation.planning.search.push_states import needed_clearance
+from visuohaptic.navigation.pushing._outline_kernels import clear_straight, segment_gap
+
+
+@pytest.mark.parametrize("cell_m", [0.1, 0.05])
+def test_a_plan_in_coarse_cells_keeps_clear_of_what_it_pushed(cell_m):
+    planner = Planner(budget_s=60.0)
+    try:
+        for seed in (0, 2, 4):
+            row = asked(planner, random_rooms(seed), cell_m)
+            assert row["answer"] == "plan"
+            # Coordinates are written in micrometres.
+            assert row["fault_m"] < 1e-5, row["fault"]
+    finally:
+        planner.close()
+
+
+def cluttered(rng, share):
+    """Cells of which a part is occupied, and these as squares."""
+    occupied = rng.random((24, 24)) < share
+    squares = [shapely.box(c, r, c + 1, r + 1) for r, c in np.argwhere(occupied)]
+    edge = shapely.LinearRing([(0, 0), (24, 0), (24, 24), (0, 24)])
+    return occupied, shapely.union_all([*squares, edge])
+
+
+@pytest.mark.parametrize("radius", [1.0, 1.7, 3.4])
+def test_a_segment_that_is_clear_by_interpolation_is_clear(radius):
+    rng = np.random.default_rng(2)
+    clear = 0
+    for _ in range(40):
+        occupied, walls = cluttered(rng, 0.04 / radius)
+        clearance = _distance(occupied, 12.0)
+        for a, b in rng.uniform(2.0, 22.0, (60, 2, 2)):
+            cost = segment_cost(clearance, needed_clearance(radius), 6.0, *a, *b, False)
+            if np.isfinite(cost):
+                clear += 1
+                # The layer is of single precision.
+                assert shapely.LineString([a, b]).distance(walls) >= radius - 1e-4
+    assert clear > 100
+
+
+def test_whether_a_disc_passes_is_told_exactly():
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        occupied, walls = cluttered(rng, 0.02)
+        outline = shapely.convex_hull(shapely.multipoints(rng.uniform(6.0, 18.0, (5, 2))))
+        corners = np.array(outline.exterior.coords)[:-1]
+        begin, ends = rng.uniform(0.0, 24.0, 2), rng.uniform(0.0, 24.0, (40, 2))
+        lines = shapely.linestrings(np.stack([np.broadcast_to(begin, ends.shape), ends], axis=1))
+        gaps = np.minimum(shapely.distance(lines, walls), shapely.distance(lines, outline))
+        for radius in (0.5, 1.7, 3.4):
+            found = clear_straight(
+                occupied, corners, np.array([0, len(corners)], np.int32), *begin, ends, radius
+            )
+            decided = np.abs(gaps - radius) > 1e-9
+            assert (found == (gaps >= radius))[decided].all()
+        for end, gap in zip(ends, shapely.distance(lines, outline), strict=True):
+            assert segment_gap(*begin, *end, corners) == pytest.approx(gap, abs=1e-9)
