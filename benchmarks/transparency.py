@@ -276,29 +276,29 @@ def real() -> list[dict[str, Any]]:
         return []
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
-        arm = real_frames("d435i_robot_arm", Path(name))[:24]
+        arm = real_frames("d435i_robot_arm", Path(name))
         shelf = real_frames("apc_f200_shelf", Path(name))
     for method in REAL_METHODS:
-        fraction = real_flags(arm, method, above_m=-0.4)
-        rows.append(
-            {
-                "name": f"{method}, real glass table: flagged share of reliable opaque pixels",
-                "ours": 100 * fraction["opaque"],
-                "unit": "%",
-                "floor": 0.13,
-                "aim": 0.05,
-                "note": f"of pixels seen through the glass {100 * fraction['glass']:.1f} %",
-            }
-        )
-        rows.append(
-            {
-                "name": f"{method}, real glass table: contrast",
-                "ours": fraction["contrast"],
-                "unit": "1",
-                "floor": 60.0,
-                "higher_is_better": True,
-            }
-        )
+        # The later frames were not used while building.
+        for place, frames in (("real glass table", arm[:24]), ("real glass table, later frames", arm[24:])):
+            fraction = real_flags(frames, method, above_m=-0.4)
+            rows += [
+                {
+                    "name": f"{method}, {place}: flagged share of reliable opaque pixels",
+                    "ours": 100 * fraction["opaque"],
+                    "unit": "%",
+                    "floor": 0.13,
+                    "aim": 0.05,
+                    "note": f"of pixels seen through the glass {100 * fraction['glass']:.1f} %",
+                },
+                {
+                    "name": f"{method}, {place}: contrast",
+                    "ours": fraction["contrast"],
+                    "unit": "1",
+                    "floor": 60.0,
+                    "higher_is_better": True,
+                },
+            ]
         middle = np.median(
             [
                 f.T_world_camera.translation_m

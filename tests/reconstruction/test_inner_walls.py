@@ -69,3 +69,15 @@ def test_walls_that_all_look_outwards_are_kept():
     outer = wall(0.04, True, high_m=0.05)
     glass = HoleRegion.of_points(CUBE * [0.035, 0.035, 0.08] + [0, 0, 0.05])
     assert without_inner_walls(outer, glass) is outer
+
+
+def test_an_outer_wall_that_looks_down_a_little_is_kept():
+    """Walls of a fused surface are rough: some triangles of an outside look down by 20 degrees, n_z = -0.34."""
+    outer, inner = wall(0.04, True, high_m=0.05), wall(0.028, False, high_m=0.045)
+    leaning = outer.vertices_m.copy()
+    leaning[:, :2] *= 1 + np.tan(np.radians(20)) * leaning[:, 2:] / 0.04
+    mesh = SurfaceMesh(leaning, outer.faces).joined(inner)
+    glass = HoleRegion.of_points(CUBE * [0.045, 0.045, 0.08] + [0, 0, 0.03])
+    kept = without_inner_walls(mesh, glass)
+    rho = np.hypot(*kept.vertices_m[kept.faces].mean(axis=1)[:, :2].T)
+    assert (rho > 0.035).sum() == len(outer.faces)

@@ -370,3 +370,20 @@ def test_command_writes_the_three_files(sequence, tmp_path, capsys):
     assert len(points.vertices_m) == len(points.fields["score"]) > 0
     assert len(read_ply(tmp_path / "out" / "surface.ply").faces) > 1000
     assert main(["reconstruct", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
+
+
+def test_a_reading_that_most_views_contradict_is_no_surface():
+    """Two of eight views agree with a reading by chance behind glass; the other six see a nearer surface."""
+    camera = Camera.simple(64, 48, 60.0)
+    depths = np.full((9, 48, 64), 1.0, np.float32)
+    patch = (slice(None), slice(18, 30), slice(24, 40))
+    depths[0][patch[1:]] = 1.06
+    depths[1:3][patch] = 1.06
+    frames = [
+        DepthFrame(0.0, d, None, Pose(np.eye(3), np.array([0.0, 0.0, 1e-4 * k])), camera)
+        for k, d in enumerate(depths)
+    ]
+    noise = TrackedNoise(SENSOR_NOISE["kinect"], 0.001, 0.0)
+    views = [ViewDepth.of_frame(frame, noise) for frame in frames]
+    reading = ray_image(views[0], views[1:], noise).reading[patch[1:]]
+    assert (reading == 2).mean() > 0.9  # farther than the surface that six views see

@@ -52,9 +52,11 @@ def without_inner_walls(mesh: SurfaceMesh, region: HoleRegion) -> SurfaceMesh:
     normals = mesh.face_normals[near]
     away = middle[near, :2] - axis
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-    outwards = (away * normals[:, :2]).sum(axis=1) > _OUTWARDS
+    out = (away * normals[:, :2]).sum(axis=1)
+    outwards = out > _OUTWARDS
     walls, asked = near[outwards], near[~outwards]
-    below = near[normals[:, 2] < -_UNDER]
+    # A wall of a fused surface is rough: one that looks down a little still looks outwards.
+    below = near[normals[:, 2] < -np.maximum(_UNDER, out)]
     if not len(walls):
         return mesh
     asked = np.union1d(asked[_behind(mesh, walls, middle[asked], axis)], below)

@@ -57,10 +57,11 @@ def depth_deviation(depth, quadratic, constant, offset, tracking, pixels, steepe
 
 @kernel
 def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
-    """(agreeing, seeing through, nothing): views with a surface at the point, that look past it, that read nothing there."""
+    """(agreeing, seeing through, nearer, nothing): views with a surface at the point, that look past it, that see another
+    one before it, that read nothing there."""
     views, rows, columns = depths.shape
     half = np.float32(0.5)
-    agree, through, lost = 0, 0, 0
+    agree, through, nearer, lost = 0, 0, 0, 0
     for k in range(views):
         m = motions[k]
         there = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
@@ -88,11 +89,13 @@ def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
                 and depths[k, i, j + 1] > past
             ):
                 through += 1
-    return agree, through, lost
+        else:
+            nearer += 1
+    return agree, through, nearer, lost
 
 
 @kernel(parallel=True)
-def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, width, deepest, quorum, predicted, votes, empty, reading):  # fmt: skip
+def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, width, deepest, tracking, quorum, predicted, votes, empty, reading):  # fmt: skip
     """What each pixel of a view reads, against the surface that other views see on its ray.
 
     Parameters
@@ -109,8 +112,8 @@ def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, wid
         Focal lengths and principal point [px].
     width
         Number of standard deviations within which depths agree.
-    deepest
-        Standard deviation of a depth of 1 m; it grows with the square [m].
+    deepest, tracking
+        Standard deviation of a depth of 1 m by the camera, which grows with the square, and by the poses [m].
     quorum
         Number of views that have to see a surface.
     predicted
@@ -132,12 +135,12 @@ def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, wid
             z, s = depth[i, j], sigma[i, j]
             valid = z > np.float32(0)
             sx, sy = (np.float32(j) - cx) / fx, (np.float32(i) - cy) / fy
-            agree, through, lost = 0, 0, 0
+            agree, through, nearer, lost = 0, 0, 0, 0
             if valid:
-                agree, through, lost = _votes(
+                agree, through, nearer, lost = _votes(
                     sx * z, sy * z, z, s, depths, sigmas, motions, fx, fy, cx, cy, width
                 )
-                if agree >= 2 and agree >= through:
+                if agree >= 2 and through + nearer == 0:
                     reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = SAME, z, agree, lost
                     continue
             count = 0
@@ -153,7 +156,7 @@ def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, wid
             first = 0
             while first + quorum <= count:
                 start = sorted_m[first]
-                expected = deepest * max(start * start, np.float32(0.25))
+                expected = np.sqrt((deepest * start * start) ** 2 + tracking * tracking)
                 reach = np.float32(2) * width * expected
                 last, total = first, np.float32(0)
                 while last < count and sorted_m[last] - start <= reach:
@@ -161,18 +164,22 @@ def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, wid
                     last += 1
                 if last - first >= quorum:
                     d = total / np.float32(last - first)
-                    for_d, past_d, lost_d = _votes(
+                    for_d, past_d, _, lost_d = _votes(
                         sx * d, sy * d, d, expected, depths, sigmas, motions, fx, fy, cx, cy, width
                     )
-                    if for_d >= quorum and 2 * past_d <= for_d:
+                    # What is nearer may only hide the point from there: of two surfaces the one that more views see.
+                    if for_d >= max(quorum, agree + 1) and 2 * past_d <= for_d:
                         predicted[i, j], votes[i, j], empty[i, j] = d, for_d, lost_d
                         break
                 first += 1
             d = predicted[i, j]
-            if d > np.float32(0):
+            tolerance = width * np.sqrt(s * s + (deepest * d * d) ** 2 + tracking * tracking)
+            if agree >= 2 and agree >= through and (d == np.float32(0) or abs(d - z) <= tolerance):
+                reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = SAME, z, agree, lost
+            elif d > np.float32(0):
                 if not valid:
                     reading[i, j] = DROPPED
-                elif abs(d - z) <= width * np.sqrt(s * s + (deepest * d * d) ** 2):
+                elif abs(d - z) <= tolerance:
                     reading[i, j], predicted[i, j] = SAME, min(z, d)
                 elif z > d:
                     reading[i, j] = FAR

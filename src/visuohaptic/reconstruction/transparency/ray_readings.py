@@ -172,13 +172,14 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     warped = np.empty_like(depths)
     warp_views(depths, motions(pose, poses), *camera, warped)
     there = np.array([(other.inverse() @ pose).matrix[:3] for other in poses], np.float32)
-    expected_m = np.float32(noise.sigma_m(np.array(1.0)))
+    deepest_m = np.float32(noise.factor * noise.device.with_tracking(0.0).sigma_m(np.array(1.0)))
+    numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * noise.tracking_m)
     shape = view.depth_m.shape
     predicted_m = np.empty(shape, np.float32)
     votes, empty, reading = (np.empty(shape, np.uint8) for _ in range(3))
     quorum = 2 if len(others) < _MANY else 3
     own = (view.depth_m, view.sigma_m, depths, sigmas, there, warped)
-    read_rays(*own, *camera, np.float32(_WIDTH), expected_m, quorum, predicted_m, votes, empty, reading)
+    read_rays(*own, *camera, *numbers, quorum, predicted_m, votes, empty, reading)
     focal_px = view.frame.camera.focal_px
     margin_px = noise.device.edge_px(focal_px) + noise.pixels(focal_px)
     distance = _from_failures(predicted_m, noise, focal_px) / margin_px
