@@ -80,7 +80,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.records: list[TravelRecord] = []
         self.memory = TravelMemory(problem)
         self.plans = TravelPlans(self.memory, self.settings, planner, self._note)
-        self.motion = TravelMotion(self.robot.push_force_max_N, self.settings.timeout_s)
+        self.motion = TravelMotion(self.robot.push_force_max_N, self.settings.timeout_s, problem.start_m)
         self.pushes = TravelPushes(self.robot, self.memory, self.motion, self.settings, self._note)
         self._objects = tuple(item.id for item in problem.objects)
         self._tasks: list[Task] = []
