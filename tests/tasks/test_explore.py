@@ -21,6 +21,7 @@ from visuohaptic.core import (
     InputError,
     MobileBase,
     Reason,
+    StaleFrameError,
 )
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.push import StopReason
@@ -231,6 +232,49 @@ class FakeScene:
         events = (Event(EventKind.FALL, frame.t_s),) if falls else ()
         angle = 0.4 * self.base.x_m if gap <= 0.0 else math.nan
         return SimpleNamespace(obstacle=seen, events=events, object_angle_rad=angle)
+
+
+def test_frames_that_come_late_or_twice_change_nothing() -> None:
+    """Every third frame comes two frames late: what is recorded stays in order, the tag the same."""
+
+    def late(base: FakeBase) -> Iterator[Frame]:
+        held: list[Frame] = []
+        for frame in frames(base, 600):
+            if frame.index % 3 == 0:
+                held.append(frame)
+                continue
+            yield frame
+            if held and frame.index - held[0].index >= 2:
+                yield held.pop(0)
+
+    found = []
+    for source in (lambda base: frames(base, 600), late):
+        base = FakeBase()
+        sensor = FakeSensor(base, Obstacle(0.1, 4.0))
+        found.append(explore_obstacle(base, source(base), sensor, ExploreSettings(push_m=0.03)))
+    for one in found:
+        assert one.outcome is ExploreOutcome.TAGGED
+        assert (np.diff([profile.t_s for profile in one.profiles]) > 0).all()
+    friction = [one.tag.static_friction_N.value for one in found]
+    assert friction[1] == pytest.approx(friction[0], rel=0.05)
+
+
+def test_a_robot_that_fails_in_the_midst_of_a_push_gives_no_tag() -> None:
+    class Failing(FakeBase):
+        def state(self) -> BaseState:
+            if self.t_s > 5.0:
+                raise StaleFrameError("the newest message on /odom is 0.60 s old")
+            return super().state()
+
+    base = Failing()
+    found = explore_obstacle(base, frames(base, 900), FakeSensor(base, Obstacle(0.1, 4.0)), ExploreSettings())
+    assert found.outcome is ExploreOutcome.DEVICE_FAILED
+    assert "0.60 s old" in found.ending.why
+    assert found.touched
+    assert found.tag.fixed is None
+    assert found.tag.static_friction_N is None
+    assert not found.tag.explored
+    assert base.speed_m_s == 0.0
 
 
 def test_the_way_is_driven_as_fast_as_it_is_seen_to_be_free() -> None:

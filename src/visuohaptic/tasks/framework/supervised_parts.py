@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError
-from ...core.resources import Closing
 from ...core.robots import (
     BaseState,
     FrameSource,
@@ -24,10 +22,13 @@ from ...core.robots import (
     require_members,
 )
 from .supervisor import SupervisorCore
+from .watched_sensors import WatchedFrames, WatchedSenses, WatchedSensor, force_of
 
-__all__ = ["Supervisor", "force_of"]
+__all__ = ["Supervisor"]
 
 ReadingT = TypeVar("ReadingT")
+#: A part that is to move, is farther than this from its target, and stands to the last digit, is frozen or held [m].
+STANDING_M = 1e-3
 
 
 class Supervisor(SupervisorCore):
@@ -95,7 +96,7 @@ class Supervisor(SupervisorCore):
         name
             For messages.
         """
-        return _WatchedFrames(self, source, name)
+        return WatchedFrames(self, source, name)
 
     def force(
         self, read: Callable[[Frame], ReadingT], size: Callable[[ReadingT], float] | None = None
@@ -126,7 +127,7 @@ class Supervisor(SupervisorCore):
         sensor
             Of forces.
         """
-        return _WatchedSensor(self, sensor)
+        return WatchedSensor(sensor, self.force(sensor.read))
 
     def senses(self, senses: Any) -> Any:
         """What a travel perceives; the rest of it is passed through.
@@ -139,7 +140,7 @@ class Supervisor(SupervisorCore):
         senses
             With ``pose()`` and ``touch()``, see :class:`~visuohaptic.tasks.mobile.travel.TravelSenses`.
         """
-        return _WatchedSenses(self, senses)
+        return WatchedSenses(self, senses)
 
     def wait(self, wait: Callable[[float], None]) -> Callable[[float], None]:
         """A function that lets time pass, with a check behind it.
@@ -155,23 +156,6 @@ class Supervisor(SupervisorCore):
             self.check()
 
         return watched
-
-
-def force_of(reading: Any) -> float:
-    """Size of the force in a reading [N]; NaN where it is not valid.
-
-    Parameters
-    ----------
-    reading
-        With ``force_N``, a number or a vector; what is not ``valid`` counts where it is only saturated: that is a
-        force of at least as much.
-    """
-    force = float(np.linalg.norm(np.atleast_1d(np.asarray(reading.force_N, dtype=float))))
-    usable = getattr(reading, "valid", True) or str(getattr(reading, "reason", "")) in (
-        "saturated",
-        "unloading",
-    )
-    return force if usable else math.nan
 
 
 class _SupervisedBase(MobileBase):
@@ -206,19 +190,17 @@ class _SupervisedBase(MobileBase):
         """Newest odometry."""
         state, last = self._device.state(), self._last
         self._last = state
-        if last is None or (state.x_m, state.y_m, state.heading_rad) != (
-            last.x_m,
-            last.y_m,
-            last.heading_rad,
-        ):
-            self._guard.odometry += 1
+        same = last is not None and _pose(state) == _pose(last)
+        self._guard.odometry += not same
+        jumped = ""
+        if last is not None:
+            way_m = math.hypot(state.x_m - last.x_m, state.y_m - last.y_m)
+            jumped = _leap(
+                self.name, way_m, state.t_s - last.t_s, self._guard.limits.max_speed_m_s, self._guard
+            )
         # What says that it moves has another pose each time.
-        frozen = (
-            last is not None
-            and (state.speed_m_s != 0.0 or state.turn_rate_rad_s != 0.0)
-            and (state.x_m, state.y_m, state.heading_rad) == (last.x_m, last.y_m, last.heading_rad)
-        )
-        self._guard.note(self.name, state.t_s, frozen=frozen)
+        frozen = same and (state.speed_m_s != 0.0 or state.turn_rate_rad_s != 0.0)
+        self._guard.note(self.name, state.t_s, frozen=frozen, jumped=jumped)
         return state
 
     def carry_out(self) -> None:
@@ -237,13 +219,27 @@ class _SupervisedBase(MobileBase):
         return speed * pressed < 0.0 if pressed else speed < 0.0 or turn * turned < 0.0
 
 
+def _pose(state: BaseState) -> tuple[float, float, float]:
+    return state.x_m, state.y_m, state.heading_rad
+
+
+def _leap(name: str, way_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
+    """What a state says that no motion within the limits can do; empty where it may be so."""
+    limits = guard.limits
+    # A clock that jumps is named as that.
+    if abs(passed_s) > limits.max_jump_s or way_m <= max_speed_m_s * max(passed_s, 0.0) + limits.max_leap_m:
+        return ""
+    return f"{name} says that it has moved by {way_m:.2f} m in {passed_s:.2f} s"
+
+
 class _SupervisedArm(ProbeArm):
     name = "the arm"
 
     def __init__(self, guard: SupervisorCore, device: ProbeArm) -> None:
         self._guard, self._device = guard, device
         self._target, self._speed_m_s = Pose.identity(), 0.0
-        self._tip_m = np.full(3, math.nan)
+        self._tip_m, self._t_s = np.full(3, math.nan), math.nan
+        self._frozen = False
         guard.register(self)
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
@@ -256,6 +252,8 @@ class _SupervisedArm(ProbeArm):
                 f"move_linear: found a target at {np.round(tip, 3).tolist()} m, expected {near:g} to {far:g} m from "
                 f"the base and within {limits.min_tip_m} to {limits.max_tip_m} m; move the object or the base"
             )
+        # Another target is another attempt.
+        self._frozen &= bool(np.array_equal(tip, self._target.translation_m))
         self._target, self._speed_m_s = T_base_tip, min(speed_m_s, limits.max_tip_speed_m_s)
         self._guard.request(self)
 
@@ -266,8 +264,18 @@ class _SupervisedArm(ProbeArm):
     def pose(self) -> tuple[float, Pose]:
         """Newest time [s] and pose of the tip in the base frame."""
         t_s, pose = self._device.pose()
-        self._tip_m = pose.translation_m
-        self._guard.note(self.name, t_s)
+        tip_m, far_m = (
+            pose.translation_m,
+            float(np.linalg.norm(self._target.translation_m - pose.translation_m)),
+        )
+        to_move = self._guard.carries_out(self) and far_m > STANDING_M
+        self._frozen = bool(np.array_equal(tip_m, self._tip_m)) and (self._frozen or to_move)
+        way_m, passed_s = float(np.linalg.norm(tip_m - self._tip_m)), t_s - self._t_s
+        jumped = _leap(self.name, way_m, passed_s, self._guard.limits.max_tip_speed_m_s, self._guard)
+        self._tip_m, self._t_s = tip_m, t_s
+        self._guard.note(
+            self.name, t_s, frozen=self._frozen, jumped=jumped if math.isfinite(passed_s) else ""
+        )
         return t_s, pose
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
@@ -293,11 +301,12 @@ class _SupervisedGripper(Gripper):
     def __init__(self, guard: SupervisorCore, device: Gripper) -> None:
         self._guard, self._device = guard, device
         self._target_m = self._speed_m_s = 0.0
-        self._opening_m = math.nan
+        self._opening_m, self._frozen = math.nan, False
         guard.register(self)
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Move to an opening, within the limits."""
+        self._frozen &= opening_m == self._target_m
         self._target_m = opening_m
         self._speed_m_s = min(speed_m_s, self._guard.limits.max_finger_speed_m_s)
         self._guard.request(self)
@@ -309,8 +318,10 @@ class _SupervisedGripper(Gripper):
     def state(self) -> GripperState:
         """Newest reading."""
         state = self._device.state()
+        to_move = self._guard.carries_out(self) and abs(self._target_m - state.opening_m) > STANDING_M
+        self._frozen = state.opening_m == self._opening_m and (self._frozen or to_move)
         self._opening_m = state.opening_m
-        self._guard.note(self.name, state.t_s)
+        self._guard.note(self.name, state.t_s, frozen=self._frozen)
         return state
 
     def carry_out(self) -> None:
@@ -325,73 +336,3 @@ class _SupervisedGripper(Gripper):
     def retreats(self, pressing: object) -> bool:
         assert isinstance(pressing, float)
         return (self._target_m - self._opening_m) * pressing < 0.0
-
-
-class _WatchedFrames(Closing):
-    def __init__(self, guard: SupervisorCore, source: FrameSource, name: str) -> None:
-        self._guard, self._source, self._name = guard, source, name
-
-    @property
-    def camera(self) -> Camera | None:
-        """Of the source."""
-        return self._source.camera
-
-    @property
-    def frame_count(self) -> int | None:
-        """Of the source."""
-        return self._source.frame_count
-
-    def __iter__(self) -> Iterator[Frame]:
-        last: Frame | None = None
-        for frame in self._source:
-            # A sensor's noise makes every image another one; one that is drawn without any is no image.
-            image = frame.image
-            frozen = (
-                last is not None and np.array_equal(image, last.image) and bool(image.min() != image.max())
-            )
-            last = frame
-            self._guard.note(self._name, frame.t_s, frozen=frozen)
-            yield frame
-
-    def close(self) -> None:
-        """Release the source."""
-        self._source.close()
-
-
-class _WatchedSensor:
-    def __init__(self, guard: Supervisor, sensor: Any) -> None:
-        self._sensor = sensor
-        self.read = guard.force(sensor.read)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._sensor, name)
-
-
-class _WatchedSenses:
-    def __init__(self, guard: Supervisor, senses: Any) -> None:
-        self._guard, self._senses = guard, senses
-        self._pose: tuple[object, int] = (None, 0)
-        self._touch: tuple[object, int] = (None, 0)
-
-    def pose(self) -> tuple[float, float, float]:
-        """Where the robot is in the map: x, y [m], heading [rad]."""
-        pose: tuple[float, float, float] = self._senses.pose()
-        self._pose = self._since(pose, self._pose)
-        now_s = self._guard.now_s() if all(map(math.isfinite, pose)) else math.nan
-        self._guard.note("the localizer", now_s, frozen=self._pose[1] != self._guard.odometry)
-        return pose
-
-    def touch(self) -> tuple[float, tuple[float, float] | None]:
-        """Force on the rim [N], and where it acts in the map [m]."""
-        force_N, point_m = self._senses.touch()
-        self._touch = self._since(force_N, self._touch)
-        frozen = force_N != 0.0 and self._touch[1] != self._guard.odometry
-        self._guard.note_force(self._guard.now_s(), force_N, frozen=frozen)
-        return force_N, point_m
-
-    def _since(self, value: object, before: tuple[object, int]) -> tuple[object, int]:
-        """A value, and the count of the odometry when it was another one."""
-        return before if value == before[0] else (value, self._guard.odometry)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._senses, name)

@@ -54,6 +54,9 @@ class SafetyLimits:
     #: Age of a reading at which motion is held [s]; a check later it is stopped, in less than 0.2 s altogether.
     max_age_s: float = field(default=0.15, metadata=POSITIVE)
     max_jump_s: float = field(default=0.5, metadata=POSITIVE)  #: of a clock against the supervisor's own
+    max_leap_m: float = field(
+        default=0.05, metadata=POSITIVE
+    )  #: of a state beyond what its speed limit allows
     max_hold_s: float = field(default=5.0, metadata=POSITIVE)  #: a hold that lasts longer is for good
     brake_s: float = 0.1  #: from full speed to a stand; the force on the way is foreseen from its rate
 
@@ -190,6 +193,17 @@ class SupervisorCore(Closing):
                 if motion.moving:
                     self.release(motion.part)
 
+    def carries_out(self, part: SupervisedPart) -> bool:
+        """Whether a requested motion of a part is under way.
+
+        Parameters
+        ----------
+        part
+            Of the robot.
+        """
+        motion = self._motions[part.name]
+        return motion.moving and not motion.held
+
     def register(self, part: SupervisedPart) -> None:
         """Take a part.
 
@@ -240,7 +254,7 @@ class SupervisorCore(Closing):
                 motion.held, motion.held_since_s = "", math.nan
                 part.carry_out()
 
-    def note(self, name: str, t_s: float, *, frozen: bool = False) -> None:
+    def note(self, name: str, t_s: float, *, frozen: bool = False, jumped: str = "") -> None:
         """Take a reading of a sensor or of a part's state.
 
         Parameters
@@ -251,6 +265,8 @@ class SupervisorCore(Closing):
             Its own time [s]; NaN: it was not read.
         frozen
             It is a copy of the last one although it may not be.
+        jumped
+            What makes the reading impossible; empty when it is not.
 
         Raises
         ------
@@ -260,7 +276,7 @@ class SupervisorCore(Closing):
         with self._lock:
             now_s = self._clock()
             stream = self._streams.setdefault(name, _Stream(name, self.limits.max_jump_s))
-            if wrong := stream.note(now_s, t_s, frozen):
+            if wrong := stream.note(now_s, t_s, frozen) or jumped:
                 self._fail(wrong)
             self._resume(now_s)
             self.check()

@@ -184,9 +184,13 @@ class _Senses:
         self, base: MobileBase, source: FrameSource, task: ExploreTask
     ) -> Iterator[ExploreObservation]:
         """Frame by frame; a clock of the platform that stands ends the task."""
-        clock = ClockWatch()
+        clock, newest_s = ClockWatch(), -math.inf
         for frame in source:
-            self.newest, seen = self.read(frame, base.state(), task.state)
+            if frame.t_s > newest_s:
+                newest_s = frame.t_s
+                self.newest, seen = self.read(frame, base.state(), task.state)
+            else:  # late, or once more: the task stands still until there is a new one
+                seen = replace(seen, t_s=frame.t_s)
             if stopped := clock.update(self.newest.state.t_s):
                 task.interrupt(ExploreOutcome.CLOCK_STOPPED, stopped)
                 return
@@ -240,7 +244,9 @@ class _Senses:
         assert task.ending is not None
         recording = self.recording
         fit, fit_state = recording.shape()
-        enough = task.touched and len(recording.profiles) >= 2
+        # What a robot that fails has said last is no evidence.
+        failed = task.ending.outcome == ExploreOutcome.DEVICE_FAILED
+        enough = task.stopped_by is not None and not failed and len(recording.profiles) >= 2
         tag = recording.tag(fit, self.events, task.stopped_by) if enough else HapticTag()
         if tag.fixed and task.stopped_by is StopReason.TOO_HEAVY:
             tag = tag.updated(min_static_friction_N=task.settings.max_force_N)
