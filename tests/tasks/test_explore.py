@@ -21,6 +21,7 @@ from visuohaptic.core import (
     InputError,
     MobileBase,
     Reason,
+    StaleFrameError,
 )
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.push import StopReason
@@ -233,6 +234,49 @@ class FakeScene:
         return SimpleNamespace(obstacle=seen, events=events, object_angle_rad=angle)
 
 
+def test_frames_that_come_late_or_twice_change_nothing() -> None:
+    """Every third frame comes two frames late: what is recorded stays in order, the tag the same."""
+
+    def late(base: FakeBase) -> Iterator[Frame]:
+        held: list[Frame] = []
+        for frame in frames(base, 600):
+            if frame.index % 3 == 0:
+                held.append(frame)
+                continue
+            yield frame
+            if held and frame.index - held[0].index >= 2:
+                yield held.pop(0)
+
+    found = []
+    for source in (lambda base: frames(base, 600), late):
+        base = FakeBase()
+        sensor = FakeSensor(base, Obstacle(0.1, 4.0))
+        found.append(explore_obstacle(base, source(base), sensor, ExploreSettings(push_m=0.03)))
+    for one in found:
+        assert one.outcome is ExploreOutcome.TAGGED
+        assert (np.diff([profile.t_s for profile in one.profiles]) > 0).all()
+    friction = [one.tag.static_friction_N.value for one in found]
+    assert friction[1] == pytest.approx(friction[0], rel=0.05)
+
+
+def test_a_robot_that_fails_in_the_midst_of_a_push_gives_no_tag() -> None:
+    class Failing(FakeBase):
+        def state(self) -> BaseState:
+            if self.t_s > 5.0:
+                raise StaleFrameError("the newest message on /odom is 0.60 s old")
+            return super().state()
+
+    base = Failing()
+    found = explore_obstacle(base, frames(base, 900), FakeSensor(base, Obstacle(0.1, 4.0)), ExploreSettings())
+    assert found.outcome is ExploreOutcome.DEVICE_FAILED
+    assert "0.60 s old" in found.ending.why
+    assert found.touched
+    assert found.tag.fixed is None
+    assert found.tag.static_friction_N is None
+    assert not found.tag.explored
+    assert base.speed_m_s == 0.0
+
+
 def test_the_way_is_driven_as_fast_as_it_is_seen_to_be_free() -> None:
     """Cruising speed in the open, slow before the obstacle and where nothing is known."""
     speeds: list[tuple[float, float]] = []
@@ -252,8 +296,8 @@ def test_the_way_is_driven_as_fast_as_it_is_seen_to_be_free() -> None:
         gap = max(0.4 - travel + 0.2 * FRAME_S - 0.02, 0.0)
         assert speed <= math.sqrt(0.03**2 + 2 * 0.3 * gap) + 1e-9 or travel > 0.4
     assert found.seen_ahead_m == pytest.approx(0.12, abs=0.2 * FRAME_S)
-    # Travel counts from the first frame, before which the base has moved once.
-    assert found.expected_m == pytest.approx(0.4 - 0.03 * FRAME_S, abs=1e-6)
+    # Travel counts from the first frame, before which nothing moves.
+    assert found.expected_m == pytest.approx(0.4, abs=1e-6)
     # 0.4 rad per metre, told by the scene; the flat face does not turn: both count the same.
     assert found.tag.rotation_rad_per_m.value == pytest.approx(0.2, rel=1e-3)
 

@@ -92,6 +92,27 @@ def test_a_force_that_is_not_read_ends_the_travel():
     assert robot.block_x - 1.95 < 0.08 * 0.02 + 1e-6
 
 
+@pytest.mark.parametrize("periods", [10, 10000])
+def test_a_robot_that_does_not_know_where_it_is_stands_until_it_does(periods):
+    robot = BlockRobot(8.0, stiffness_N_per_m=2e4)
+    free, true_pose, lost = robot.wait, robot.pose, []
+
+    def wait(period_s):
+        if 100 <= len(robot.pressed) < 100 + periods:
+            lost.append(robot.speed)
+        free(period_s)
+
+    robot.wait = wait
+    robot.pose = lambda: (math.nan,) * 3 if 100 <= len(robot.pressed) < 100 + periods else true_pose()
+    done = go(robot, STOOL, timeout_s=60.0)
+    assert not any(lost)
+    if periods > 25:
+        assert done.outcome is TravelOutcome.SENSOR_FAILED
+        assert "the pose is not read" in done.reason
+    else:
+        assert done.pushes >= 1
+
+
 def test_a_steered_push_alone_stops_too():
     robot = BlockRobot(60.0, at=(1.5, 1.4))
     push = SteeredPush(np.array([1.5, 1.4]), 0.0, 0.3, settings=PushSettings(search_m=0.3))

@@ -200,6 +200,28 @@ def test_every_failed_grasp_has_its_reason(world: dict[str, Any], plan: dict[str
     assert kitchen.lifted_m < 0.05
 
 
+@pytest.mark.parametrize(
+    ("weak", "outcome"),
+    [
+        (LiftPlan(Place(0.1), 8.0, 0.002), GraspOutcome.TOO_SOFT),
+        (LiftPlan(Place(0.1), 1.5, lift_m=0.2), GraspOutcome.LOST),
+    ],
+)
+def test_a_grasp_that_fails_is_followed_by_another(weak: LiftPlan, outcome: str) -> None:
+    """1500 N/m give by more than 2 mm at 8 N, and 1.5 N on each side with friction 0.6 hold 1.8 N of 3.9 N."""
+    thing = container(mass_kg=0.4)
+    assert grasp_and_lift(table(thing)[1], weak).ending.outcome == outcome
+    kitchen, hand = table(thing)
+    good = LiftPlan(Place(0.02), 8.0, lift_m=0.05)
+    done = grasp_and_lift(hand, weak, good)
+    assert done.ending.success, done.ending
+    assert kitchen.lifted_m == pytest.approx(0.05, abs=2e-3)
+    assert any(f"{outcome}: " in line and "another attempt" in line for line in done.trace.story())
+    assert replay(done.trace, GraspAndLiftTask(weak, good), HandObservation) == done.ending
+    again = grasp_and_lift(table(thing)[1], weak, weak)
+    assert again.ending.outcome == outcome  # as often as there are grasps, not for ever
+
+
 def test_bad_plans_are_refused() -> None:
     with pytest.raises(InputError, match="force_N: found 0"):
         LiftPlan(Place(0.1), force_N=0.0)

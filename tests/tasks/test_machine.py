@@ -92,6 +92,37 @@ def test_a_state_that_takes_too_long_ends_with_the_robot_at_rest() -> None:
     assert machine.ending == Ending(False, "timed_out", "push took longer than 1 s")
 
 
+def test_a_failure_leads_where_the_rule_says_and_as_often() -> None:
+    class Retry(Machine[State, Seen, Told]):
+        task = "retry"
+        rules: ClassVar = {
+            State.WAIT: Rule((State.PUSH,)),
+            State.PUSH: Rule((State.WAIT,), 1.0, State.WAIT, 2),
+        }
+
+        def decide(self, seen: Seen) -> Told:
+            if self.state is State.WAIT:
+                self.go(State.PUSH, "now")
+            elif seen.force_N < 1.0:
+                self.fail("missed", f"{seen.force_N} N")
+            return Told(0.1)
+
+        def halt(self) -> Told:
+            return Told(0.0)
+
+    task = Retry()
+    for t_s in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0):
+        assert not task.ended
+        task.step(Seen(t_s, 0.0))
+    assert task.ending == Ending(False, "missed", "0.0 N")
+    assert task.trace().states() == ("wait", "push", "wait", "push", "wait", "push")
+    late = Retry()
+    for t_s in (0.0, 5.0, 6.0):  # a time-out is a failure, too
+        late.step(Seen(t_s, 0.0))
+    assert not late.ended
+    assert "timed_out: push took longer than 1 s; another attempt" in late.trace().story()[1]
+
+
 def test_a_change_that_no_rule_allows_is_an_error_of_the_task() -> None:
     with pytest.raises(InputError, match=r"from wait to back, expected one of \['push'\]"):
         Push(jump=True).step(Seen(0.0, 0.0))

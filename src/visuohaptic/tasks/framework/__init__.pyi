@@ -5,6 +5,11 @@ from .machine import replay as replay
 from .robot_contract import ContractRule as ContractRule
 from .robot_contract import RobotParts as RobotParts
 from .robot_contract import check_robot as check_robot
+from .run import run_machine as run_machine
+from .supervised_parts import Supervisor as Supervisor
+from .supervisor import SafetyHold as SafetyHold
+from .supervisor import SafetyLimits as SafetyLimits
 from .trace import Ending as Ending
 from .trace import Step as Step
 from .trace import Trace as Trace
+from .watched_sensors import force_of as force_of

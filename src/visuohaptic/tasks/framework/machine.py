@@ -45,6 +45,8 @@ class Rule(Generic[StateT]):
 
     leads_to: tuple[StateT, ...] = ()
     timeout_s: float = math.inf
+    otherwise: StateT | None = None  #: where a failure leads instead of ending the task
+    attempts: int = 0  #: how often, counted for all states that lead there
 
 
 class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
@@ -52,7 +54,8 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
 
     Subclasses set ``task`` and ``rules`` (the first state is the beginning) and write
     ``decide`` and ``halt``. In ``decide`` they call :meth:`go` to change the
-    state and :meth:`end` to finish.
+    state, :meth:`end` to finish, and :meth:`fail` where another attempt may help:
+    the rule of a state says where a failure leads, and how often.
 
     Parameters
     ----------
@@ -102,6 +105,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         self.ending: Ending | None = None
         self._steps: list[Step] = []
         self._why = ""
+        self._attempts: dict[str, int] = {}  #: by the state that failures have led to
         self._last_s = -math.inf
         # Who polls may ask often between two observations: only the host's time counts.
         self._clock = ClockWatch(max_periods=None, host_clock=lambda: self.host_clock())
@@ -150,7 +154,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         self._last_s, before, self._why = seen.t_s, self.state, ""
         if seen.t_s - self.entered_s > self.rules[self.state].timeout_s:
             limit = self.rules[self.state].timeout_s
-            self.end(False, "timed_out", f"{self.state} took longer than {limit:g} s")
+            self.fail("timed_out", f"{self.state} took longer than {limit:g} s")
             command = self.halt()
         else:
             command = self.decide(seen)
@@ -195,6 +199,29 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         """
         if self.ending is None:
             self.ending = Ending(bool(success), str(outcome), why)
+
+    def fail(self, outcome: str, why: str) -> bool:
+        """Make another attempt where the rule of the present state has one left, else finish.
+
+        Parameters
+        ----------
+        outcome
+            How the task ends without another attempt: a value of its enumeration of outcomes.
+        why
+            One sentence with the numbers that decided it; kept in the trace in either case.
+
+        Returns
+        -------
+        bool
+            Whether the task goes on, in the state that the rule names.
+        """
+        rule = self.rules[self.state]
+        if rule.otherwise is None or self._attempts.get(rule.otherwise, 0) >= rule.attempts:
+            self.end(False, outcome, why)
+            return False
+        self._attempts[rule.otherwise] = self._attempts.get(rule.otherwise, 0) + 1
+        self.go(rule.otherwise, f"{outcome}: {why}; another attempt")
+        return True
 
     def interrupt(self, outcome: str, why: str) -> None:
         """Finish from outside, as when the camera delivers no more frames.

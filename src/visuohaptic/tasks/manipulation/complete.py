@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -12,11 +12,12 @@ import numpy as np
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
-from ...core.errors import DeviceError, InputError
+from ...core.errors import InputError
 from ...core.measurement import Wrench
 from ...core.robots import FrameSource, ProbeArm, require_members
 from ...reconstruction.completion.touch import Touch
 from ..framework.machine import Machine, Rule
+from ..framework.run import run_machine
 from ..framework.trace import Ending, Trace
 from .hand import as_vector
 
@@ -57,6 +58,7 @@ class CompleteOutcome(StrEnum):
     BLOCKED = "blocked"  #: something was met on the way to a line
     OUT_OF_REACH = "out_of_reach"
     SENSOR_FAILED = "sensor_failed"
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
     SOURCE_ENDED = "source_ended"
 
 
@@ -343,38 +345,30 @@ def complete_by_touch(
     settings = settings or CompleteSettings()
     task = CompleteTask(settings)
     probing = _Probing(completion, settings, T_base_visual or Pose.identity())
-    last: ProbeCommand | None = None
-    try:
+    pose, force_N = Pose.identity(), math.nan
+
+    def observations() -> Iterator[ProbeObservation]:
+        nonlocal pose, force_N
         for frame in source:
             if task.state is CompleteState.PLAN:
                 probing.plan()
-            wrench = feel(frame)
-            _, pose = arm.pose()
+            wrench, (_, pose) = feel(frame), arm.pose()
             force_N = float(np.linalg.norm(wrench.force_N))
-            command = task.step(
-                ProbeObservation(
-                    frame.t_s, as_vector(pose.translation_m), wrench.valid and math.isfinite(force_N), force_N,
-                    as_vector(probing.start_m), as_vector(probing.end_m),
-                    len(probing.touches), probing.error_m, probing.done,
-                )
+            yield ProbeObservation(
+                frame.t_s, as_vector(pose.translation_m), wrench.valid and math.isfinite(force_N), force_N,
+                as_vector(probing.start_m), as_vector(probing.end_m),
+                len(probing.touches), probing.error_m, probing.done,
             )  # fmt: skip
-            if command.report:
-                probing.report(pose.translation_m, force_N, contact=command.contact)
-            if command != last:
-                last = command
-                try:
-                    if command.move:
-                        arm.move_linear(Pose(pose.rotation, np.array(command.tip_m)), command.speed_m_s)
-                    else:
-                        arm.stop()
-                except DeviceError as problem:
-                    task.interrupt(CompleteOutcome.OUT_OF_REACH, str(problem))
-            if task.ended:
-                break
-    finally:
-        arm.stop()
-    if task.ending is None:
-        task.interrupt(CompleteOutcome.SOURCE_ENDED, f"after {len(probing.touches)} touches")
+
+    def carry_out(command: ProbeCommand) -> None:
+        if command.report:
+            probing.report(pose.translation_m, force_N, contact=command.contact)
+        if command.move:
+            arm.move_linear(Pose(pose.rotation, np.array(command.tip_m)), command.speed_m_s)
+        else:
+            arm.stop()
+
+    run_machine(task, observations(), carry_out, arm.stop, refused=CompleteOutcome.OUT_OF_REACH)
     assert task.ending is not None
     return CompletionByTouch(task.ending, tuple(probing.touches), probing.error_m, task.trace())
 

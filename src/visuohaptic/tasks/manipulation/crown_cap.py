@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
-from ...core.errors import DeviceError
 from ...core.measurement import Wrench
 from ...core.robots import FrameSource, ProbeArm, require_members
+from ..framework.run import run_machine
 from .crown_cap_records import (
     CapCommand,
     CapObservation,
@@ -62,23 +62,13 @@ def open_crown_cap(
     require_members(arm, ProbeArm, "open_crown_cap", "arm")
     require_members(source, FrameSource, "open_crown_cap", "frame source", members=("__iter__",))
     task = CrownCapTask(settings)
-    last: CapCommand | None = None
-    try:
-        for frame in source:
-            command = task.step(_observation(frame, arm, feel(frame), look(frame)))
-            # The same motion is not started again with every frame.
-            if command != last:
-                last = command
-                try:
-                    _tell(arm, command)
-                except DeviceError as error:
-                    task.interrupt(CapOutcome.OUT_OF_REACH, str(error))
-            if task.ended:
-                break
-    finally:
-        arm.stop()
-    if task.ending is None:
-        task.interrupt(CapOutcome.SOURCE_ENDED, "the camera delivers no more frames")
+    run_machine(
+        task,
+        (_observation(frame, arm, feel(frame), look(frame)) for frame in source),
+        lambda command: _tell(arm, command),
+        arm.stop,
+        refused=CapOutcome.OUT_OF_REACH,
+    )
     assert task.ending is not None
     return CapOpening(task.ending, task.trace(), task.attempts)
 

@@ -56,6 +56,7 @@ class CapOutcome(StrEnum):
     NOT_VERIFIED = "not_verified"  #: the moment broke down, but the bottle could not be looked at
     TOO_TIGHT = "too_tight"  #: more moment than the sensor bears
     TIMED_OUT = "timed_out"
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
     SOURCE_ENDED = "source_ended"
 
 

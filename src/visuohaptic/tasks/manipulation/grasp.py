@@ -27,6 +27,7 @@ class GraspState(StrEnum):
     LIFT = "lift"
     CHECK = "check"
     LOWER = "lower"  #: back to where it stood, still held
+    PUT_DOWN = "put_down"  #: down again, before it is grasped otherwise
 
 
 class GraspOutcome(StrEnum):
@@ -85,21 +86,25 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
     ----------
     plan
         Where and how firmly.
+    *others
+        Grasps that are tried in order when one before has failed.
     """
 
     task = "grasp"
 
-    def __init__(self, plan: LiftPlan) -> None:
-        self.plan = plan
+    def __init__(self, plan: LiftPlan, *others: LiftPlan) -> None:
+        self.plan, self._others = plan, list(others)
+        s, count = GraspState, len(others)
         self.rules = {
-            GraspState.OPEN: Rule((GraspState.REACH,), 20.0),
-            GraspState.REACH: Rule((GraspState.CLOSE,), 30.0),
-            GraspState.CLOSE: Rule((GraspState.LIFT,), 30.0),
-            GraspState.LIFT: Rule((GraspState.CHECK,), 30.0),
-            GraspState.CHECK: Rule((GraspState.LOWER,), 10.0),
-            GraspState.LOWER: Rule((), 30.0),
+            s.OPEN: Rule((s.REACH,), 20.0),
+            s.REACH: Rule((s.CLOSE,), 30.0),
+            s.CLOSE: Rule((s.LIFT, s.OPEN), 30.0, s.OPEN, count),
+            s.LIFT: Rule((s.CHECK, s.PUT_DOWN), 30.0, s.PUT_DOWN, count),
+            s.CHECK: Rule((s.LOWER, s.PUT_DOWN), 10.0, s.PUT_DOWN, count),
+            s.LOWER: Rule((), 30.0),
+            s.PUT_DOWN: Rule((s.OPEN,), 30.0),
         }
-        super().__init__(plan)
+        super().__init__({"plan": plan, "others": others} if others else plan)
         self.force_N, self.deformation_m = 0.0, math.nan
         self._first_m = math.nan
         self._blind = self._weak = 0
@@ -115,7 +120,8 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
         p = self.plan
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= p.blind_frames:
-            return self._fail(GraspOutcome.SENSOR_FAILED, f"{self._blind} frames in a row cannot be trusted")
+            self.end(False, GraspOutcome.SENSOR_FAILED, f"{self._blind} frames in a row cannot be trusted")
+            return self.halt()
         x, y, z = p.object_m
         grasp = (x, y, z + p.place.height_m)
         if self.state is GraspState.OPEN:
@@ -127,6 +133,10 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
             turned = abs(math.remainder(seen.angle_rad - p.place.angle_rad, 2 * math.pi)) < 2e-3
             if math.dist(seen.tip_m, grasp) < 5e-4 and turned:
                 self.go(GraspState.CLOSE, "there")
+            return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
+        if self.state is GraspState.PUT_DOWN:
+            if math.dist(seen.tip_m, grasp) < 5e-4:
+                self.go(GraspState.OPEN, "down")
             return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
         if not seen.felt:
             return self.halt()
@@ -180,12 +190,23 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
         return float(felt[1].mean() - felt[0].mean()), math.sqrt(variance)
 
     def _fail(self, outcome: GraspOutcome, why: str) -> HandCommand:
-        self.end(False, outcome, why)
+        if self._others:
+            self.fail(outcome, why)
+        else:
+            self.end(False, outcome, why)
         return self.halt()
 
+    def go(self, state: GraspState, why: str) -> None:
+        """Change the state; back to the beginning, with the next grasp."""
+        super().go(state, why)
+        if state is GraspState.OPEN and self._others:
+            self.plan = self._others.pop(0)
+            self._weak, self._first_m, self.deformation_m = 0, math.nan, math.nan
+            self._unloaded_N, self._loaded_N = [], []
 
-def grasp_and_lift(hand: Hand, plan: LiftPlan) -> GraspAndLift:
-    """Carry out a planned grasp.
+
+def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLift:
+    """Carry out a planned grasp, or another one where it fails.
 
     Parameters
     ----------
@@ -193,6 +214,8 @@ def grasp_and_lift(hand: Hand, plan: LiftPlan) -> GraspAndLift:
         Arm, gripper and sensors.
     plan
         Where and how firmly.
+    *others
+        Grasps that are tried in order when one before has failed.
 
     Examples
     --------
@@ -207,7 +230,7 @@ def grasp_and_lift(hand: Hand, plan: LiftPlan) -> GraspAndLift:
     >>> str(done.ending.outcome)
     'lifted'
     """
-    task = GraspAndLiftTask(plan)
+    task = GraspAndLiftTask(plan, *others)
     run_hand(hand, task)
     assert task.ending is not None
     return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, *task.load_N())

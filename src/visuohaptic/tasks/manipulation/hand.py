@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
-from ...core.errors import DeviceError
 from ...core.robots import FrameSource, Gripper, ProbeArm, require_members
 from ..framework.machine import Machine
+from ..framework.run import run_machine
 
 __all__ = ["FingerTouch", "Hand", "HandCommand", "HandObservation", "Place", "as_vector", "run_hand"]
 
@@ -106,33 +106,28 @@ def run_hand(hand: Hand, task: Machine[Any, HandObservation, HandCommand]) -> No
     require_members(hand.arm, ProbeArm, task.task, "arm")
     require_members(hand.gripper, Gripper, task.task, "gripper")
     require_members(hand.source, FrameSource, task.task, "frame source", members=("__iter__",))
-    last: HandCommand | None = None
-    try:
-        for frame in hand.source:
-            reading = hand.feel(frame)
-            _, pose = hand.arm.pose()
-            x, y, z = as_vector(pose.translation_m)
-            angle = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
-            felt = bool(reading.valid and math.isfinite(reading.force_N))
-            seen = HandObservation(
-                frame.t_s, (x, y, z), angle, hand.gripper.state().opening_m, felt,
-                float(reading.force_N), float(reading.surface_m),
-                math.nan if hand.weigh is None else float(hand.weigh(frame)),
-            )  # fmt: skip
-            command = task.step(seen)
-            if command != last:
-                last = command
-                try:
-                    _carry_out(hand, command)
-                except DeviceError as error:
-                    task.interrupt("device_failed", str(error))
-            if task.ended:
-                break
-    finally:
-        hand.arm.stop()
-        hand.gripper.stop()
-    if not task.ended:
-        task.interrupt("source_ended", "the camera delivers no more frames")
+    run_machine(
+        task,
+        (_observation(hand, frame) for frame in hand.source),
+        lambda command: _carry_out(hand, command),
+        hand.gripper.stop,
+        hand.arm.stop,
+    )
+
+
+def _observation(hand: Hand, frame: Frame) -> HandObservation:
+    reading = hand.feel(frame)
+    _, pose = hand.arm.pose()
+    return HandObservation(
+        frame.t_s,
+        as_vector(pose.translation_m),
+        math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]),
+        hand.gripper.state().opening_m,
+        bool(reading.valid and math.isfinite(reading.force_N)),
+        float(reading.force_N),
+        float(reading.surface_m),
+        math.nan if hand.weigh is None else float(hand.weigh(frame)),
+    )
 
 
 def _carry_out(hand: Hand, command: HandCommand) -> None:

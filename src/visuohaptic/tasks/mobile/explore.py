@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -18,10 +18,10 @@ from ...sensing.foam.sensor import FoamSensor
 from ...sensing.push.events import ContactEvents
 from ...sensing.push.primitives import PrimitiveFit
 from ...sensing.push.push_record import StopReason
+from ..framework.run import run_machine
 from ..framework.trace import Ending, Trace
 from ._pushed_tag import PushRecording
 from .explore_records import (
-    ExploreCommand,
     ExploreObservation,
     ExploreOutcome,
     ExploreSettings,
@@ -142,34 +142,22 @@ def explore_obstacle(
         max_deflection_m=settings.strain_fraction * material.densification_strain * material.width_m,
         sight_m=0.0 if scene is None else scene.sight_m,
     )
-    senses, clock = _Senses(sensor, scene), ClockWatch()
-    last = ExploreCommand(settings.approach_m_s)
-    base.drive(last.speed_m_s, 0.0)
-    try:
-        for frame in source:
-            before = task.state
-            step, seen = senses.read(frame, base.state(), before)
-            if stopped := clock.update(step.state.t_s):
-                task.interrupt(ExploreOutcome.CLOCK_STOPPED, stopped)
-                command = task.halt()
-            else:
-                command = task.step(seen)
-            if before is ExploreState.HALT and not task.ended:
-                senses.recording.stood(step.profile, step.state)
-            if command != last:
-                last = command
-                if command.speed_m_s:
-                    base.drive(command.speed_m_s, 0.0)
-                else:
-                    base.stop()
-            if on_step is not None:
-                on_step(replace(step, phase=task.state.value))
-            if task.ended:
-                break
-    finally:
-        base.stop()
-    if not task.ended:
-        task.interrupt(ExploreOutcome.SOURCE_ENDED, "the camera delivers no more frames")
+    senses = _Senses(sensor, scene)
+
+    def after() -> None:
+        step = senses.newest
+        if step.phase == ExploreState.HALT and not task.ended:
+            senses.recording.stood(step.profile, step.state)
+        if on_step is not None:
+            on_step(replace(step, phase=task.state.value))
+
+    run_machine(
+        task,
+        senses.observations(base, source, task),
+        lambda command: base.drive(command.speed_m_s, 0.0) if command.speed_m_s else base.stop(),
+        base.stop,
+        after=after,
+    )
     return senses.result(task)
 
 
@@ -190,6 +178,23 @@ class _Senses:
         self.events: list[Event] = []
         self.recording = PushRecording()
         self.motion_travel_m = math.nan
+        self.newest: ExploreStep  #: of the frame that was read last
+
+    def observations(
+        self, base: MobileBase, source: FrameSource, task: ExploreTask
+    ) -> Iterator[ExploreObservation]:
+        """Frame by frame; a clock of the platform that stands ends the task."""
+        clock, newest_s = ClockWatch(), -math.inf
+        for frame in source:
+            if frame.t_s > newest_s:
+                newest_s = frame.t_s
+                self.newest, seen = self.read(frame, base.state(), task.state)
+            else:  # late, or once more: the task stands still until there is a new one
+                seen = replace(seen, t_s=frame.t_s)
+            if stopped := clock.update(self.newest.state.t_s):
+                task.interrupt(ExploreOutcome.CLOCK_STOPPED, stopped)
+                return
+            yield seen
 
     def read(
         self, frame: Frame, state: BaseState, phase: ExploreState
@@ -239,7 +244,9 @@ class _Senses:
         assert task.ending is not None
         recording = self.recording
         fit, fit_state = recording.shape()
-        enough = task.touched and len(recording.profiles) >= 2
+        # What a robot that fails has said last is no evidence.
+        failed = task.ending.outcome == ExploreOutcome.DEVICE_FAILED
+        enough = task.stopped_by is not None and not failed and len(recording.profiles) >= 2
         tag = recording.tag(fit, self.events, task.stopped_by) if enough else HapticTag()
         if tag.fixed and task.stopped_by is StopReason.TOO_HEAVY:
             tag = tag.updated(min_static_friction_N=task.settings.max_force_N)

@@ -28,6 +28,7 @@ class ExploreOutcome(StrEnum):
     SENSOR_FAILED = "sensor_failed"  #: too many frames in a row could not be trusted
     TIMED_OUT = "timed_out"
     CLOCK_STOPPED = "clock_stopped"  #: the platform's clock stands still
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
     SOURCE_ENDED = "source_ended"  #: the camera delivered no more frames
 
 

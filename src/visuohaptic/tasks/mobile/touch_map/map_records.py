@@ -29,6 +29,7 @@ class MapOutcome(StrEnum):
     NOTHING_FOUND = "nothing_found"  #: several drives in a row met nothing
     STUCK = "stuck"  #: commanded to move, but stands
     TIMED_OUT = "timed_out"
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
     SOURCE_ENDED = "source_ended"
 
 

@@ -9,13 +9,14 @@ fixed and movable objects in layers of their own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ....core.robots import BaseState, FrameSource, MobileBase, require_members
 from ....navigation.mapping.haptic_map import HapticContact, HapticMap
 from ...framework.machine import Machine, Rule
+from ...framework.run import run_machine
 from ...framework.trace import Ending, Trace
 from ..explore import ObstacleExploration, explore_obstacle
 from ..explore_records import ExploreOutcome, ExploreSettings
@@ -43,6 +44,12 @@ def _exploration() -> ExploreSettings:
 
 
 _STOP, _EXPLORE = MapCommand(), MapCommand(explore=True)
+#: Endings of an exploration after which nothing more can be mapped.
+_ENDINGS = {
+    ExploreOutcome.SOURCE_ENDED: MapOutcome.SOURCE_ENDED,
+    ExploreOutcome.DEVICE_FAILED: MapOutcome.DEVICE_FAILED,
+    ExploreOutcome.CLOCK_STOPPED: MapOutcome.DEVICE_FAILED,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -321,33 +328,33 @@ def map_by_touch(
     task = TouchMapTask(settings)
     found = _Contacts(settings, haptic_map, base.state(), on_contact)
     command = _STOP
-    try:
+
+    def observations() -> Iterator[MapObservation]:
         for frame in iter(source):
             profile = sensor.read(frame)
             pressing = command.speed_m_s > 0.0 or command.turn_rate_rad_s != 0.0
             allowed = guard.update(profile.force_N, profile.force_sigma_N, pressing=pressing)
             if allowed is GuardState.UNREAD:
                 task.interrupt(MapOutcome.SENSOR_FAILED, "the force is not read")
-                break
+                return
             seen = _observation(frame.t_s, base.state(), touched=bool(profile.contacts))
-            command = task.step(replace(seen, overload=allowed is GuardState.TOO_HEAVY))
-            while command.explore and not task.ended:
+            yield replace(seen, overload=allowed is GuardState.TOO_HEAVY)
+            while command.explore:
                 exploration = explore_obstacle(base, source, sensor, explore)
-                seen = found.add(exploration, base.state(), once_more=task.once_more)
-                if exploration.outcome is ExploreOutcome.SOURCE_ENDED:
-                    task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(found.contacts)} contacts")
-                    break
-                command = task.step(seen)
-            if task.ended:
-                break
-            if command == _STOP:
-                base.stop()
-            else:
-                base.drive(command.speed_m_s, command.turn_rate_rad_s)
-    finally:
-        base.stop()
-    if task.ending is None:
-        task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(found.contacts)} contacts")
+                if exploration.outcome in _ENDINGS:
+                    task.interrupt(_ENDINGS[exploration.outcome], exploration.ending.why)
+                    return
+                yield found.add(exploration, base.state(), once_more=task.once_more)
+
+    def carry_out(wanted: MapCommand) -> None:
+        nonlocal command
+        command = wanted
+        if wanted.speed_m_s or wanted.turn_rate_rad_s:
+            base.drive(wanted.speed_m_s, wanted.turn_rate_rad_s)
+        else:
+            base.stop()
+
+    run_machine(task, observations(), carry_out, base.stop)
     assert task.ending is not None
     found.redraw()
     return TouchMapping(

@@ -6,13 +6,15 @@ robot as a :class:`~visuohaptic.core.robots.MobileBase` and what it perceives as
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from ....core.robots import MobileBase, require_members
 from ....navigation.planning.policies import make_plan
 from ....navigation.problem.path_plan import Plan
 from ....navigation.problem.planning_problem import PlanningProblem
+from ...framework.run import run_machine
 from ...framework.trace import Trace
 from .travel_task import TravelTask
 from .travel_trace import TravelRecord
@@ -104,30 +106,32 @@ def travel(
     require_members(base, MobileBase, "travel")
     require_members(senses, TravelSenses, "travel", "TravelSenses object")
     task = TravelTask(problem, settings, plan, waits_blindly=passages is None)
-    start_s, periods, command, waited_for = base.state().t_s, 0, TravelCommand(), ""
-    try:
-        while True:
-            command = task.step(_observation(base, senses, passages, periods, command))
-            if task.ended:
-                break
-            if passages is not None and command.passage not in ("", waited_for):
-                passages.request(command.passage)
-            waited_for = command.passage
-            if command.speed_m_s or command.turn_rate_rad_s:
-                base.drive(command.speed_m_s, command.turn_rate_rad_s)
-            else:
-                base.stop()
+    command, waited_for = TravelCommand(), ""
+
+    def observations() -> Iterator[TravelObservation]:
+        for periods in itertools.count():
+            yield _observation(base, senses, passages, periods, command)
             wait(PERIOD_S)
-            periods += 1
-    finally:
-        base.stop()
+
+    def carry_out(wanted: TravelCommand) -> None:
+        nonlocal command, waited_for
+        command = wanted
+        if passages is not None and command.passage not in ("", waited_for):
+            passages.request(command.passage)
+        waited_for = command.passage
+        if command.speed_m_s or command.turn_rate_rad_s:
+            base.drive(command.speed_m_s, command.turn_rate_rad_s)
+        else:
+            base.stop()
+
+    run_machine(task, observations(), carry_out, base.stop)
     assert task.ending is not None
     return Travel(
         TravelOutcome(task.ending.outcome),
         tuple(task.records),
         task.trace(),
         task.memory.problem(task.motion.pose_m()),
-        base.state().t_s - start_s,
+        task.motion.passed_s(),
         task.length_m,
         task.pushes.count,
         task.plans.asked,

@@ -48,11 +48,13 @@ class TravelMotion:
         What the platform can push [N].
     timeout_s
         Of the whole travel, by the base's clock or by the periods that were waited, whichever is longer.
+    start_m
+        Where the robot is believed to be before the first observation.
     """
 
-    seen: TravelObservation
-
-    def __init__(self, max_force_N: float, timeout_s: float) -> None:
+    def __init__(self, max_force_N: float, timeout_s: float, start_m: Float[np.ndarray, "2"]) -> None:
+        x, y = (float(value) for value in start_m)
+        self.seen = TravelObservation(0.0, math.nan, (x, y, 0.0), 0.0, 0.0, math.nan, None)
         self._max_force_N, self._timeout_s = max_force_N, timeout_s
         # The host's clock would not replay: the time of the periods stands for it.
         self._clock = ClockWatch(host_clock=lambda: self.seen.t_s)
@@ -94,7 +96,7 @@ class TravelMotion:
 
     def passed_s(self) -> float:
         """How long the travel has lasted [s]."""
-        return max(self.now_s() - self._start_s, self.seen.t_s)
+        return max(self.seen.t_s, self.now_s() - self._start_s)
 
     def left_s(self) -> float:
         """Time until the travel ends [s]."""

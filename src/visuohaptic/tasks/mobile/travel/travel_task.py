@@ -17,6 +17,7 @@ from ....navigation.planning.policies import make_plan
 from ....navigation.problem.path_plan import Plan, Task
 from ....navigation.problem.planning_problem import PlanningProblem
 from ...framework.machine import Machine, Rule
+from ..force_guard import MAX_UNREAD
 from .travel_memory import TravelMemory
 from .travel_motion import Motion, TravelInterrupted, TravelMotion
 from .travel_plans import TravelPlans
@@ -80,7 +81,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.records: list[TravelRecord] = []
         self.memory = TravelMemory(problem)
         self.plans = TravelPlans(self.memory, self.settings, planner, self._note)
-        self.motion = TravelMotion(self.robot.push_force_max_N, self.settings.timeout_s)
+        self.motion = TravelMotion(self.robot.push_force_max_N, self.settings.timeout_s, problem.start_m)
         self.pushes = TravelPushes(self.robot, self.memory, self.motion, self.settings, self._note)
         self._objects = tuple(item.id for item in problem.objects)
         self._tasks: list[Task] = []
@@ -89,6 +90,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self._driven_m = 0.0
         self._as_planned = False  #: the last push did what the plan said
         self._behind_m = 0.0  #: length straight behind the robot that is known to be free
+        self._unlocated = 0  #: control periods in a row without a pose
         self._run = self._from_state_to_state()
 
     @property
@@ -102,6 +104,12 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
 
     def decide(self, seen: TravelObservation) -> TravelCommand:
         """Velocity for the next control period."""
+        # Who does not know where it is stands still until it does.
+        self._unlocated = 0 if all(map(math.isfinite, seen.pose_m)) else self._unlocated + 1
+        if self._unlocated:
+            if self._unlocated >= MAX_UNREAD:
+                self._finish(TravelOutcome.SENSOR_FAILED, "the pose is not read (NaN)")
+            return self.halt()
         try:
             self.motion.observe(seen)
             return next(self._run)

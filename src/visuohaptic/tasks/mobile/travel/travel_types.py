@@ -94,6 +94,7 @@ class TravelOutcome(StrEnum):
     TIMED_OUT = "timed out"
     GAVE_UP = "gave up"  #: after too many plans
     CLOCK_STOPPED = "clock stopped"  #: the robot's clock stands still
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
     SENSOR_FAILED = "sensor failed"  #: the force was not read for too long
 
 

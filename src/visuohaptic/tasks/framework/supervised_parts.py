@@ -1,0 +1,338 @@
+"""Parts and sensors of a robot as they are seen through a supervisor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.frame import Frame
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError
+from ...core.robots import (
+    BaseState,
+    FrameSource,
+    Gripper,
+    GripperState,
+    MobileBase,
+    ProbeArm,
+    require_members,
+)
+from .supervisor import SupervisorCore
+from .watched_sensors import WatchedFrames, WatchedSenses, WatchedSensor, force_of
+
+__all__ = ["Supervisor"]
+
+ReadingT = TypeVar("ReadingT")
+#: A part that is to move, is farther than this from its target, and stands to the last digit, is frozen or held [m].
+STANDING_M = 1e-3
+
+
+class Supervisor(SupervisorCore):
+    """Wraps the parts of a robot, so that every command passes the limits; see :mod:`.supervisor`.
+
+    Examples
+    --------
+    >>> from visuohaptic.tasks.framework import SafetyLimits
+    >>> class Base(MobileBase):
+    ...     speed, t_s = 0.0, 0.0
+    ...     def drive(self, speed_m_s, turn_rate_rad_s): self.speed = speed_m_s
+    ...     def stop(self): self.speed = 0.0
+    ...     def state(self): return BaseState(self.t_s, 0.0, 0.0, 0.0, self.speed, 0.0)
+    >>> robot = Base()
+    >>> with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda: robot.t_s) as guard:
+    ...     base = guard.base(robot)
+    ...     base.drive(2.0, 0.0)
+    ...     faster_than_allowed = robot.speed
+    ...     guard.note_force(0.0, 25.0)
+    ...     at_the_limit = robot.speed
+    >>> faster_than_allowed, at_the_limit, guard.holds[0].reason
+    (0.5, 0.0, 'the force is 25.0 N, the limit 20 N')
+    """
+
+    def base(self, base: MobileBase) -> MobileBase:
+        """A base under the supervisor.
+
+        Parameters
+        ----------
+        base
+            The platform.
+        """
+        require_members(base, MobileBase, "Supervisor", "base")
+        return _SupervisedBase(self, base)
+
+    def arm(self, arm: ProbeArm) -> ProbeArm:
+        """An arm under the supervisor.
+
+        Parameters
+        ----------
+        arm
+            With its tip.
+        """
+        require_members(arm, ProbeArm, "Supervisor", "arm")
+        return _SupervisedArm(self, arm)
+
+    def gripper(self, gripper: Gripper) -> Gripper:
+        """A gripper under the supervisor.
+
+        Parameters
+        ----------
+        gripper
+            With two fingers.
+        """
+        require_members(gripper, Gripper, "Supervisor", "gripper")
+        return _SupervisedGripper(self, gripper)
+
+    def frames(self, source: FrameSource, name: str = "the camera") -> FrameSource:
+        """Frames whose times and contents are watched.
+
+        Parameters
+        ----------
+        source
+            A camera.
+        name
+            For messages.
+        """
+        return WatchedFrames(self, source, name)
+
+    def force(
+        self, read: Callable[[Frame], ReadingT], size: Callable[[ReadingT], float] | None = None
+    ) -> Callable[[Frame], ReadingT]:
+        """A reader of a force sensor whose readings are held against the limit.
+
+        Parameters
+        ----------
+        read
+            Reading of a frame.
+        size
+            Force of a reading [N]; NaN when it cannot be trusted. :func:`force_of` by default.
+        """
+        measure = size or force_of
+
+        def watched(frame: Frame) -> ReadingT:
+            reading = read(frame)
+            self.note_force(frame.t_s, measure(reading))
+            return reading
+
+        return watched
+
+    def sensor(self, sensor: Any) -> Any:
+        """A sensor with a method ``read(frame)``, as the foam's; the rest of it is passed through.
+
+        Parameters
+        ----------
+        sensor
+            Of forces.
+        """
+        return WatchedSensor(sensor, self.force(sensor.read))
+
+    def senses(self, senses: Any) -> Any:
+        """What a travel perceives; the rest of it is passed through.
+
+        Its pose and force have no times of their own: what stays the same to the last digit while the odometry
+        goes on counts as frozen.
+
+        Parameters
+        ----------
+        senses
+            With ``pose()`` and ``touch()``, see :class:`~visuohaptic.tasks.mobile.travel.TravelSenses`.
+        """
+        return WatchedSenses(self, senses)
+
+    def wait(self, wait: Callable[[float], None]) -> Callable[[float], None]:
+        """A function that lets time pass, with a check behind it.
+
+        Parameters
+        ----------
+        wait
+            Called with a time [s].
+        """
+
+        def watched(duration_s: float) -> None:
+            wait(duration_s)
+            self.check()
+
+        return watched
+
+
+class _SupervisedBase(MobileBase):
+    name = "the base"
+
+    def __init__(self, guard: SupervisorCore, device: MobileBase) -> None:
+        self._guard, self._device = guard, device
+        self._wanted = (0.0, 0.0)
+        self._last: BaseState | None = None
+        guard.register(self)
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Set the velocities, within the limits."""
+        if speed_m_s == 0.0 and turn_rate_rad_s == 0.0:
+            self._guard.release(self)
+            return
+        limits = self._guard.limits
+        part = max(
+            1.0, abs(speed_m_s) / limits.max_speed_m_s, abs(turn_rate_rad_s) / limits.max_turn_rate_rad_s
+        )
+        if not math.isfinite(part):
+            self._device.drive(speed_m_s, turn_rate_rad_s)  # whose error says what is wrong with it
+            return
+        self._wanted = (speed_m_s / part, turn_rate_rad_s / part)
+        self._guard.request(self)
+
+    def stop(self) -> None:
+        """Stand still."""
+        self._guard.release(self)
+
+    def state(self) -> BaseState:
+        """Newest odometry."""
+        state, last = self._device.state(), self._last
+        self._last = state
+        same = last is not None and _pose(state) == _pose(last)
+        self._guard.odometry += not same
+        jumped = ""
+        if last is not None:
+            way_m = math.hypot(state.x_m - last.x_m, state.y_m - last.y_m)
+            jumped = _leap(
+                self.name, way_m, state.t_s - last.t_s, self._guard.limits.max_speed_m_s, self._guard
+            )
+        # What says that it moves has another pose each time.
+        frozen = same and (state.speed_m_s != 0.0 or state.turn_rate_rad_s != 0.0)
+        self._guard.note(self.name, state.t_s, frozen=frozen, jumped=jumped)
+        return state
+
+    def carry_out(self) -> None:
+        self._device.drive(*self._wanted)
+
+    def halt(self) -> None:
+        self._device.stop()
+
+    def pressing(self) -> tuple[float, float]:
+        return self._wanted
+
+    def retreats(self, pressing: object) -> bool:
+        assert isinstance(pressing, tuple)
+        (speed, turn), (pressed, turned) = self._wanted, pressing
+        # On the spot a disc is freed by turning back, and by driving backwards.
+        return speed * pressed < 0.0 if pressed else speed < 0.0 or turn * turned < 0.0
+
+
+def _pose(state: BaseState) -> tuple[float, float, float]:
+    return state.x_m, state.y_m, state.heading_rad
+
+
+def _leap(name: str, way_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
+    """What a state says that no motion within the limits can do; empty where it may be so."""
+    limits = guard.limits
+    # A clock that jumps is named as that.
+    if abs(passed_s) > limits.max_jump_s or way_m <= max_speed_m_s * max(passed_s, 0.0) + limits.max_leap_m:
+        return ""
+    return f"{name} says that it has moved by {way_m:.2f} m in {passed_s:.2f} s"
+
+
+class _SupervisedArm(ProbeArm):
+    name = "the arm"
+
+    def __init__(self, guard: SupervisorCore, device: ProbeArm) -> None:
+        self._guard, self._device = guard, device
+        self._target, self._speed_m_s = Pose.identity(), 0.0
+        self._tip_m, self._t_s = np.full(3, math.nan), math.nan
+        self._frozen = False
+        guard.register(self)
+
+    def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
+        """Move the tip in a straight line, within the limits."""
+        limits, tip = self._guard.limits, T_base_tip.translation_m
+        near, far = (float(value) for value in self._device.reach_m())
+        inside = np.all(tip >= limits.min_tip_m) and np.all(tip <= limits.max_tip_m)
+        if not (inside and near <= float(np.linalg.norm(tip)) <= far):
+            raise DeviceError(
+                f"move_linear: found a target at {np.round(tip, 3).tolist()} m, expected {near:g} to {far:g} m from "
+                f"the base and within {limits.min_tip_m} to {limits.max_tip_m} m; move the object or the base"
+            )
+        # Another target is another attempt.
+        self._frozen &= bool(np.array_equal(tip, self._target.translation_m))
+        self._target, self._speed_m_s = T_base_tip, min(speed_m_s, limits.max_tip_speed_m_s)
+        self._guard.request(self)
+
+    def stop(self) -> None:
+        """Hold the present pose."""
+        self._guard.release(self)
+
+    def pose(self) -> tuple[float, Pose]:
+        """Newest time [s] and pose of the tip in the base frame."""
+        t_s, pose = self._device.pose()
+        tip_m, far_m = (
+            pose.translation_m,
+            float(np.linalg.norm(self._target.translation_m - pose.translation_m)),
+        )
+        to_move = self._guard.carries_out(self) and far_m > STANDING_M
+        self._frozen = bool(np.array_equal(tip_m, self._tip_m)) and (self._frozen or to_move)
+        way_m, passed_s = float(np.linalg.norm(tip_m - self._tip_m)), t_s - self._t_s
+        jumped = _leap(self.name, way_m, passed_s, self._guard.limits.max_tip_speed_m_s, self._guard)
+        self._tip_m, self._t_s = tip_m, t_s
+        self._guard.note(
+            self.name, t_s, frozen=self._frozen, jumped=jumped if math.isfinite(passed_s) else ""
+        )
+        return t_s, pose
+
+    def reach_m(self) -> Float[np.ndarray, "2"]:
+        """Smallest and largest distance of the tip from the base."""
+        return self._device.reach_m()
+
+    def carry_out(self) -> None:
+        self._device.move_linear(self._target, self._speed_m_s)
+
+    def halt(self) -> None:
+        self._device.stop()
+
+    def pressing(self) -> Float[np.ndarray, "3"]:
+        return self._target.translation_m - self._tip_m
+
+    def retreats(self, pressing: object) -> bool:
+        return float((self._target.translation_m - self._tip_m) @ np.asarray(pressing)) < 0.0
+
+
+class _SupervisedGripper(Gripper):
+    name = "the gripper"
+
+    def __init__(self, guard: SupervisorCore, device: Gripper) -> None:
+        self._guard, self._device = guard, device
+        self._target_m = self._speed_m_s = 0.0
+        self._opening_m, self._frozen = math.nan, False
+        guard.register(self)
+
+    def move(self, opening_m: float, speed_m_s: float) -> None:
+        """Move to an opening, within the limits."""
+        self._frozen &= opening_m == self._target_m
+        self._target_m = opening_m
+        self._speed_m_s = min(speed_m_s, self._guard.limits.max_finger_speed_m_s)
+        self._guard.request(self)
+
+    def stop(self) -> None:
+        """Hold the present opening."""
+        self._guard.release(self)
+
+    def state(self) -> GripperState:
+        """Newest reading."""
+        state = self._device.state()
+        to_move = self._guard.carries_out(self) and abs(self._target_m - state.opening_m) > STANDING_M
+        self._frozen = state.opening_m == self._opening_m and (self._frozen or to_move)
+        self._opening_m = state.opening_m
+        self._guard.note(self.name, state.t_s, frozen=self._frozen)
+        return state
+
+    def carry_out(self) -> None:
+        self._device.move(self._target_m, self._speed_m_s)
+
+    def halt(self) -> None:
+        self._device.stop()
+
+    def pressing(self) -> float:
+        return self._target_m - self._opening_m
+
+    def retreats(self, pressing: object) -> bool:
+        assert isinstance(pressing, float)
+        return (self._target_m - self._opening_m) * pressing < 0.0
