@@ -33,11 +33,11 @@ def record_mission() -> Path:
     from mission_recorder import MissionRecorder
 
     from visuohaptic.demo.chapters import run_mission
-    from visuohaptic.demo.office_chapters import office_map
     from visuohaptic.demo.recorded import RECORDED
     from visuohaptic.demo.report import write_story
+    from visuohaptic.demo.story import Mission
 
-    recorder, grid = MissionRecorder(), office_map()
+    recorder, grid = MissionRecorder(), Mission(2, Path()).house.grid
     recorder.set_map(grid.cells, grid.resolution_m, grid.origin)
     with TemporaryDirectory() as folder:
         page: Any = recorder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from visuohaptic.demo import (
     training_objects,
     write_story,
 )
+from visuohaptic.demo.judge import Claim
 from visuohaptic.demo.probe_chapters import default_outline
 from visuohaptic.demo.story import done, failed
 from visuohaptic.recognition.touch import wall_from_stiffness
@@ -30,6 +32,9 @@ from visuohaptic.simulation import FaultKind
 from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
 
 pytest.importorskip("mujoco")
+
+
+CLAIM = Claim("lid", "bottle", "closed", "closed", probability=0.99)
 
 
 def chapter(name: str, needs: tuple[str, ...], result: ChapterResult | Exception) -> Chapter:
@@ -45,10 +50,10 @@ def test_what_needs_a_failed_chapter_is_skipped_with_the_reason(tmp_path: Path) 
     story = run_chapters(
         Mission(0, tmp_path),
         (
-            chapter("a", (), done("all well", True)),
+            chapter("a", (), done("all well", CLAIM)),
             chapter("b", ("a",), InputError("device", "is gone")),
-            chapter("c", ("b",), done("never told", True)),
-            chapter("d", ("a",), done("told", False)),
+            chapter("c", ("b",), done("never told", CLAIM)),
+            chapter("d", ("a",), done("told", replace(CLAIM, truth="open"))),
         ),
     )
     assert [one.outcome for one in story.chapters] == ["done", "failed", "skipped", "done"]
@@ -56,6 +61,7 @@ def test_what_needs_a_failed_chapter_is_skipped_with_the_reason(tmp_path: Path) 
     assert "chapter b" in story.chapters[2].reason
     assert story.wrong_claims == ("d",)
     assert not story.complete
+    assert story.outcome == "wrong"
     page = write_story(story, tmp_path / "report.html").read_text(encoding="utf-8")
     assert "is gone" in page
     assert 'src="http' not in page
@@ -187,4 +193,3 @@ def test_training_objects_are_those_of_the_build() -> None:
 
 def test_a_failed_chapter_claims_nothing() -> None:
     assert failed("why").right is None
-    assert not failed("why").wrong_claim

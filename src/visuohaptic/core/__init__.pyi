@@ -39,10 +39,12 @@ from .files.yaml_text import load_yaml_model as load_yaml_model
 from .files.yaml_text import parse_yaml as parse_yaml
 from .files.yaml_text import save_yaml as save_yaml
 from .geometry import area_vectors as area_vectors
+from .geometry import compose_2d as compose_2d
 from .geometry import hat as hat
 from .geometry import polygon_area as polygon_area
 from .geometry import polygon_centroid as polygon_centroid
 from .geometry import polygon_second_moments as polygon_second_moments
+from .geometry import relative_2d as relative_2d
 from .geometry import rotation_2d as rotation_2d
 from .geometry import so3_exp as so3_exp
 from .geometry import so3_log as so3_log

@@ -12,10 +12,12 @@ from jaxtyping import Float, Int
 
 __all__ = [
     "area_vectors",
+    "compose_2d",
     "hat",
     "polygon_area",
     "polygon_centroid",
     "polygon_second_moments",
+    "relative_2d",
     "rotation_2d",
     "so3_exp",
     "so3_log",
@@ -65,6 +67,46 @@ def rotation_2d(angle_rad: float) -> Float[np.ndarray, "2 2"]:
     """
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, -s], [s, c]])
+
+
+def compose_2d(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Pose in the plane of what has the pose ``second`` in the frame of ``first``.
+
+    Parameters
+    ----------
+    first, second
+        x, y [m], angle [rad].
+
+    Examples
+    --------
+    >>> compose_2d((1.0, 0.0, np.pi / 2), (2.0, 0.0, 0.0))[1]
+    2.0
+    """
+    c, s = np.cos(first[2]), np.sin(first[2])
+    x, y, angle = second
+    return float(first[0] + c * x - s * y), float(first[1] + s * x + c * y), first[2] + angle
+
+
+def relative_2d(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Pose ``second`` in the frame of ``first``: the inverse of :func:`compose_2d`.
+
+    Parameters
+    ----------
+    first, second
+        x, y [m], angle [rad], in one frame.
+
+    Examples
+    --------
+    >>> relative_2d((1.0, 0.0, 0.0), (3.0, 0.5, 0.1))
+    (2.0, 0.5, 0.1)
+    """
+    c, s = np.cos(first[2]), np.sin(first[2])
+    x, y = second[0] - first[0], second[1] - first[1]
+    return float(c * x + s * y), float(c * y - s * x), wrap_angle(second[2] - first[2])
 
 
 def hat(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:

@@ -15,21 +15,23 @@ from jaxtyping import Float
 
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
-from ..deformation.shapes.container import ContainerDescription
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..recognition.data.data_set import FeatureSet, load_feature_set
+from ..recognition.touch.haptic_model import UNKNOWN
 from ..recognition.touch.outline_match import container_outline
-from ..simulation.tabletop.bottles import Bottle
-from ..simulation.tabletop.deformable import DeformableContainer
+from ..simulation.tabletop.bottles import Bottle, random_bottle
+from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, Contents, DeformableContainer
 from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
 
 __all__ = [
     "CLASS", "GROUPS", "HEIGHTS", "PLACE", "TableBottle", "around_the_table", "contained",
-    "table_bottle", "training_objects",
+    "random_table_bottle", "table_bottle", "training_objects",
 ]  # fmt: skip
 
 #: Class of the bottle on the table; what the robot has to find out.
 CLASS = "bottle"
+#: Round classes among those that the robot knows, of PET.
+ROUND = ("bottle", "smoothie")
 HEIGHTS = 16
 #: The elliptic bottles answer under one name, as in Table 6.2.
 GROUPS = {"elliptic": ("elliptic", "isana")}
@@ -43,9 +45,9 @@ DENSITY, NECK_M = 1380.0, 0.0012
 class TableBottle:
     """The truth of the object on the table."""
 
-    description: ContainerDescription
+    name: str  #: of its class; ``unknown`` when the robot knows none like it
     closed: bool
-    fill: float  #: fraction of the volume that is water
+    fill: float  #: fraction of the volume up to which it is filled
     outline_m: Float[np.ndarray, "k 2"]  #: (radius, height) from the foot up
     foot_m: tuple[float, float]  #: of the axis on the table
     container: DeformableContainer
@@ -80,6 +82,7 @@ def contained(
     closed: bool,
     fill: float = 0.0,
     stiffer: float = 1.0,
+    filling: Contents = WATER_FILL,
 ) -> DeformableContainer:
     """Force against deformation of a round PET bottle of an outline.
 
@@ -92,9 +95,11 @@ def contained(
     closed
         Nothing can get out.
     fill
-        Fraction of the volume that is water.
+        Fraction of the volume up to which it is filled.
     stiffer
         Factor of the modulus.
+    filling
+        What it is filled with.
     """
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
@@ -105,8 +110,9 @@ def contained(
     area = 2 * math.pi * 0.5 * (r[1:] + r[:-1]) * step
     mass = DENSITY * float((area * 0.5 * (thickness[1:] + thickness[:-1])).sum())
     return DeformableContainer.of_revolution(
-        "closed" if closed else "open", shell, "PET", closed=closed, fill=fill, mass_kg=mass, max_m=0.01
-    )
+        "closed" if closed else "open", shell, "PET", closed=closed, fill=fill, mass_kg=mass, max_m=0.01,
+        filling=filling,
+    )  # fmt: skip
 
 
 def table_bottle(rng: np.random.Generator) -> TableBottle:
@@ -118,15 +124,66 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
     rng
         Draws variant, lid, water and place.
     """
+    outline, wall = _variant(CLASS, rng)
+    closed, wet = rng.random(2) < 0.5
+    fill = float(rng.uniform(0.05, 0.95)) if wet else 0.0
+    foot = (float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.02, 0.02)))
+    container = contained(outline, wall, closed=bool(closed), fill=fill)
+    return _on_the_table(CLASS, (outline, wall), (bool(closed), fill), container, (foot, rng))
+
+
+def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) -> TableBottle:
+    """A round transparent container of any class, or of none, with a modulus of its own and any contents.
+
+    Parameters
+    ----------
+    rng
+        Draws class, variant, wall, modulus and place.
+    today
+        Draws lid and contents.
+    """
+    name = str(rng.choice((*ROUND, UNKNOWN), p=(*(0.85 / len(ROUND) for _ in ROUND), 0.15)))
+    if name == UNKNOWN:
+        shape = random_bottle(rng, "round")
+        z = np.linspace(0.0, shape.height_m, 60)
+        outline, wall = np.column_stack([shape.radius_m(np.zeros(60), z), z]), float(rng.uniform(3e-4, 7e-4))
+    else:
+        outline, wall = _variant(name, rng)
+    stiffer, foot = (
+        float(rng.uniform(0.75, 1.3)),
+        (float(rng.uniform(-0.05, 0.05)), float(rng.uniform(-0.05, 0.05))),
+    )
+    closed, wet, dry = today.random(3) < (0.5, 0.65, 0.25)
+    fill = float(today.uniform(0.02, 1.0)) if wet else 0.0
+    container = contained(
+        outline,
+        wall,
+        closed=bool(closed),
+        fill=fill,
+        stiffer=stiffer,
+        filling=GRAIN_FILL if dry else WATER_FILL,
+    )
+    return _on_the_table(name, (outline, wall), (bool(closed), fill), container, (foot, rng))
+
+
+def _variant(name: str, rng: np.random.Generator) -> tuple[Float[np.ndarray, "k 2"], float]:
+    """Outline and wall [m] of a member of a class that the classifier was not trained with."""
     from ..deformation.shapes.container import load_container
     from ..deformation.shapes.variants import draw_variant
 
-    description = draw_variant(load_container(CLASS), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
-    closed, wet = rng.random(2) < 0.5
-    fill = float(rng.uniform(0.05, 0.95)) if wet else 0.0
-    outline = container_outline(description)
-    wall = float(description.wall[0])
-    foot = (float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.02, 0.02)))
+    description = draw_variant(load_container(name), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
+    return container_outline(description), float(description.wall[0])
+
+
+def _on_the_table(
+    name: str,
+    shape: tuple[Float[np.ndarray, "k 2"], float],
+    state: tuple[bool, float],
+    container: DeformableContainer,
+    place: tuple[tuple[float, float], np.random.Generator],
+) -> TableBottle:
+    """A bottle among a box and a can, before walls."""
+    (outline, wall), (closed, fill), (foot, rng) = shape, state, place
     height = float(outline[-1, 1])
     body = Revolution(
         (*foot, 0.0),
@@ -159,14 +216,7 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
         "opaque",
     )
     return TableBottle(
-        description,
-        bool(closed),
-        fill,
-        outline,
-        foot,
-        contained(outline, wall, closed=bool(closed), fill=fill),
-        wall,
-        RefractingScene((body, can), tuple(boxes)),
+        name, closed, fill, outline, foot, container, wall, RefractingScene((body, can), tuple(boxes))
     )
 
 

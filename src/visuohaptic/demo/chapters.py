@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from ..core.errors import InputError
 from ..simulation.faults import FaultKind
 from . import drive_chapters as drive
+from . import floor_chapters as floor
 from . import hand_chapters as hand
-from . import office_chapters as office
 from . import probe_chapters as probe
 from . import touch_chapters as touch
 from .story import Chapter, Mission, Story, run_chapters
@@ -22,11 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["CHAPTERS", "PARTS", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
+    Chapter("map", "The platform maps its path with the laser", (), floor.map_the_way, 1, floor.default_map),
     Chapter(
-        "map", "The platform maps its path with the laser", (), office.map_the_way, 1, office.default_map
-    ),
-    Chapter(
-        "door", "Today the door is blocked", ("map",), office.find_the_door_blocked, 1, office.default_door
+        "door", "Today the door is blocked", ("map",), floor.find_the_door_blocked, 1, floor.default_door
     ),
     Chapter(
         "foam",
@@ -89,6 +87,8 @@ def run_mission(
     fault: FaultKind | None = None,
     chapters: tuple[str, ...] | None = None,
     quick: bool = False,
+    world: int = 0,
+    visit: int = 0,
 ) -> Story:
     """Run the end-to-end demonstration, or a part of it.
 
@@ -110,7 +110,11 @@ def run_mission(
     chapters
         Names, instead of a part.
     quick
-        Fewer frames and views: for tests.
+        Fewer frames and views, shorter pushes: for tests.
+    world
+        Seed of a drawn house, of what stands in its doorway and on its table; 0 is the fixed office.
+    visit
+        Day in this world: people have moved things since.
 
     Raises
     ------
@@ -140,8 +144,10 @@ def run_mission(
         on_message,
         page,
         fault,
-        obstacles=1 if part == "foam" or quick else 3,
+        obstacles=1 if part == "foam" or (quick and not world) else 3,
         quick=quick,
+        world=world,
+        visit=visit,
     )
     return run_chapters(mission, chosen, given)
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from ..core.geometry import compose_2d, relative_2d
 from ..core.objects import HapticTag
 from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.path_plan import Plan
@@ -15,32 +16,82 @@ from ..simulation.faults import FaultKind
 from ..simulation.floor.floor_model import FloorObject
 from ..simulation.floor.floor_senses import FloorSenses
 from ..simulation.floor.floor_world import FloorWorld
+from ..simulation.mobile.laser import SimulatedLaser
+from ..simulation.mobile.odometry import DriftingBase
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
-from .office_chapters import GOAL, LOOK, MIN_FIT, ROBOT, fit_fraction, office_map
+from .floor_chapters import MIN_FIT, ROBOT, SEEN_SIGMA_M, fit_fraction, outline_m, world_map
+from .judge import Claim
 from .push_demo import show_obstacle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 
 __all__ = ["drive_to_the_table"]
 
-#: The table can be served from so far off the goal [m].
-NEAR_M = 0.15
+#: Between two scans that are laid on the map [s].
+SCAN_S = 0.33
 #: What is screwed to the floor weighs this much in the simulated world [kg].
 FIXED_KG = 500.0
 
 
-class _LostSenses(FloorSenses):
-    """The pose is lost at a time, and taken up elsewhere."""
+class _ScanSenses(FloorSenses):
+    """Pose by scans that are laid on the map, and by odometry between them; what is touched and seen goes by it."""
 
-    jump_at_s = math.inf
-    jump = (0.0, 0.0, 0.0)
+    def __init__(self, mission: Mission, world: FloorWorld) -> None:
+        super().__init__(world, mission.rng(10))
+        assert mission.mapper is not None
+        assert mission.platform is not None
+        self._mission, self._mapper = mission, mission.mapper
+        self._odometry = DriftingBase(world.base, mission.rng(12), mission.house.odometry)
+        self._laser_rng = mission.rng(13)
+        # The wheels go on counting from where they have led the platform.
+        self._counted, self._start = mission.platform.odometry(), self._true()
+        self._scanned = (world.t_s, self._counted)
+        self.jump_at_s, self.jump = math.inf, (0.0, 0.0, 0.0)
+        self.pose()
+
+    def _true(self) -> tuple[float, float, float]:
+        x, y, heading = (float(value) for value in self._world.pose_m())
+        return x, y, heading
 
     def pose(self) -> tuple[float, float, float]:
-        x, y, heading = super().pose()
-        if self._world.t_s < self.jump_at_s:
-            return x, y, heading
-        return x + self.jump[0], y + self.jump[1], heading + self.jump[2]
+        """Where the platform is on the map."""
+        state, now = self._odometry.state(), self._world.t_s
+        step = relative_2d(self._start, (state.x_m, state.y_m, state.heading_rad))
+        wheels = compose_2d(self._counted, step)
+        if now - self._scanned[0] >= SCAN_S:
+            self._scanned = (now, wheels)
+            place_objects(self._mission, self._world)
+            laser = SimulatedLaser(world_map(self._mission), None, self._laser_rng)
+            self._mapper.locate(laser.scan(self._true(), now), wheels)
+        x, y, heading = compose_2d(self._mapper.pose, relative_2d(self._scanned[1], wheels))
+        if now >= self.jump_at_s:
+            x, y, heading = x + self.jump[0], y + self.jump[1], heading + self.jump[2]
+        self._bias = np.array([x, y, heading]) - self._true()
+        return x, y, heading
+
+    def look(self, id: str) -> tuple[float, float, float] | None:
+        """Where an object is on the map: seen from the platform."""
+        seen = super().look(id)
+        if seen is None:
+            return None
+        x, y, _ = compose_2d(self.pose(), relative_2d(self._true(), seen))
+        return x, y, seen[2]
+
+
+def place_objects(mission: Mission, world: FloorWorld) -> None:
+    """Take down where everything truly is by now.
+
+    Parameters
+    ----------
+    mission
+        Receives the places.
+    world
+        In which the objects were moved.
+    """
+    for one in mission.house.obstacles:
+        x, y, turned = (float(value) for value in world.item_pose_m(one.name))
+        mission.placed[one.name] = (x, y, mission.yaw_rad[one.name] + turned)
 
 
 def drive_to_the_table(mission: Mission) -> ChapterResult:
@@ -53,20 +104,26 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     """
     known = mission.known
     assert known.map is not None
+    assert mission.platform is not None
+    fraction = fit_fraction(mission, known.map, mission.platform.pose, known.pose)
+    if fraction < MIN_FIT:
+        return failed(
+            f"only {100 * fraction:.0f} % of what the laser sees is on the map: it does not set out"
+        )
     grid = map_with_footprints(known.map, [item.footprint_m for item in known.objects])
-    problem = PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(GOAL), known.objects)
+    problem = PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), known.objects)
     plan, detour = make_plan(problem), without_pushing(problem)
     if not plan.reachable:
         return failed(f"there is no plan: {plan.reason}")
     world, senses = _world(mission)
     found, track = _travelled(mission, problem, world, senses)
     true_pose = tuple(float(value) for value in world.pose_m())
-    error_m = math.hypot(true_pose[0] - GOAL[0], true_pose[1] - GOAL[1])
+    error_m = math.dist(true_pose[:2], mission.house.table_m)
     estimated = senses.pose()
     parts = (
         Measure(
             "distance from the goal at the end [m]",
-            math.hypot(estimated[0] - GOAL[0], estimated[1] - GOAL[1]),
+            math.dist(estimated[:2], known.goal_m),
             error_m,
         ),
         Measure("planned duration [s]", plan.cost_s, None),
@@ -92,9 +149,11 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     known.arrived = True
     pushed = sorted({record.object for record in found.records if record.event == "pushed"})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
-    return done(
-        f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", error_m < NEAR_M, *parts
+    mission.spent(found.duration_s, found.pushes)
+    arrived = Claim(
+        "place", "platform at the table", estimated[:2], (true_pose[0], true_pose[1]), sigma=SEEN_SIGMA_M
     )
+    return done(f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", arrived, *parts)
 
 
 def _travelled(
@@ -126,9 +185,7 @@ def _travelled(
         if record.event in ("pushed", "explored", "bumped", "stalled", "arrived"):
             more = f" {record.object}" if record.object else ""
             mission.log(f"  {record.t_s - start_s:5.0f} s  {record.event}{more}")
-    for path in mission.paths:
-        x_m, y_m, yaw_rad = map(float, world.item_pose_m(path.obstacle.name))
-        mission.placed[path.obstacle.name] = (x_m, y_m, yaw_rad)
+    place_objects(mission, world)
     return found, np.array(track).reshape(-1, 3)
 
 
@@ -147,29 +204,28 @@ def _word(tag: HapticTag) -> str:
 
 
 def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:
-    """The office with the objects where they are now, with their mass."""
+    """The floor with the objects where they are now, with their mass."""
     items = []
-    for path in mission.paths:
-        true = path.obstacle
-        outline = true.outlines[0].moved(*mission.placed[true.name]).polygon_m(math.pi / 8)
-        disc = true.outlines[0].radius_m if len(np.atleast_2d(true.outlines[0].vertices_m)) == 1 else 0.0
+    for true in mission.house.obstacles:
+        shape = true.outlines[0]
+        disc = shape.radius_m if len(np.atleast_2d(shape.vertices_m)) == 1 else 0.0
         items.append(
             FloorObject(
                 true.name,
-                outline,
+                outline_m(mission, true, math.pi / 8),
                 true.mass_kg if true.movable else FIXED_KG,
                 true.friction if true.movable else 1.0,
                 round_m=float(disc),
             )
         )
-    rng = mission.rng(10)
-    world = FloorWorld(office_map(), items, LOOK)
-    if mission.fault is not FaultKind.LOST_POSE:
-        return world, FloorSenses(world, rng)
-    senses = _LostSenses(world, rng)
-    senses.jump_at_s = world.t_s + float(mission.rng(11).uniform(2.0, 25.0))
-    angle = float(mission.rng(11).uniform(0, 2 * math.pi))
-    senses.jump = (0.6 * math.cos(angle), 0.6 * math.sin(angle), 0.3)
+        mission.yaw_rad[true.name] = mission.placed[true.name][2]
+    assert mission.platform is not None
+    world = FloorWorld(mission.house.grid, items, mission.platform.pose)
+    senses = _ScanSenses(mission, world)
+    if mission.fault is FaultKind.LOST_POSE:
+        senses.jump_at_s = world.t_s + float(mission.rng(11).uniform(2.0, 25.0))
+        angle = float(mission.rng(11).uniform(0, 2 * math.pi))
+        senses.jump = (0.6 * math.cos(angle), 0.6 * math.sin(angle), 0.3)
     return world, senses
 
 
@@ -189,9 +245,9 @@ def _show(mission: Mission, world: FloorWorld) -> None:
         height_m=0.15,
         fixed=False,
     )
-    for path in mission.paths:
-        x, y, turn = (float(value) for value in world.item_pose_m(path.obstacle.name))
-        show_obstacle(mission.page, path.obstacle, (x, y, turn))
+    place_objects(mission, world)
+    for one in mission.house.obstacles:
+        show_obstacle(mission.page, one, mission.placed[one.name])
 
 
 def _picture(
@@ -228,4 +284,4 @@ def _picture(
 def default_arrival(mission: Mission) -> None:
     """The platform stands where the table can be served from."""
     mission.known.arrived = True
-    mission.known.pose = (*GOAL, 0.0)
+    mission.known.pose = (*mission.house.table_m, 0.0)

@@ -22,15 +22,19 @@ from jaxtyping import Float, UInt8
 from ..core.errors import InputError, VisuohapticError
 from ..io.maps.occupancy_map import OccupancyMap
 from ..simulation.faults import FaultKind
+from ..simulation.houses.house import House, office_house
+from ..simulation.houses.random_house import random_house
+from .judge import Claim, RunOutcome
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..core.objects import HapticTag
     from ..deformation.shapes.container import ContainerDescription
+    from ..navigation.mapping.mapper import OccupancyMapper
     from ..navigation.problem.planning_problem import MovableObject
     from ..reconstruction.pipeline import Reconstruction
-    from ..simulation.mobile.office import ApproachPath
+    from ..simulation.houses.led_platform import LedPlatform
     from ..simulation.tabletop.kitchen import KitchenTable
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
     from ..viewer.page import LivePage
@@ -85,7 +89,7 @@ class ChapterResult:
 
     outcome: ChapterOutcome
     reason: str  #: one sentence with the numbers that decided it
-    right: bool | None = None  #: whether what is claimed is true; None where nothing is claimed
+    claims: tuple[Claim, ...] = ()
     measures: tuple[Measure, ...] = ()
     pictures: tuple[Illustration, ...] = ()
     name: str = ""
@@ -98,9 +102,9 @@ class ChapterResult:
         return self.outcome is ChapterOutcome.DONE
 
     @property
-    def wrong_claim(self) -> bool:
-        """Said to be done, and not true."""
-        return self.done and self.right is False
+    def right(self) -> bool | None:
+        """Whether all that is claimed is true; ``None`` where nothing is claimed."""
+        return all(claim.right for claim in self.claims) if self.done and self.claims else None
 
 
 @dataclass(slots=True)
@@ -110,7 +114,9 @@ class Known:
     map: OccupancyMap | None = None  #: of the first round
     map_now: OccupancyMap | None = None  #: with what stands in the door today
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: estimated: x, y [m], heading [rad]
+    goal_m: tuple[float, float] = (0.0, 0.0)  #: from where the table is served
     obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each object in the door
+    ahead_rad: float = 0.0  #: heading in which what is in the way is met
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
     probe_sigma_N: float | None = None  #: of the beam sensor's force
@@ -138,22 +144,59 @@ class Mission:
     obstacles: int = 3  #: to touch; a chapter alone takes one
     quick: bool = False  #: fewer views and frames: for tests
     known: Known = field(default_factory=Known)
-    paths: tuple[ApproachPath, ...] = ()  #: the objects in the door as they truly are
-    placed: dict[str, tuple[float, float, float]] = field(default_factory=dict)  #: where they truly are now
+    world: int = (
+        0  #: seed of the house and of what is on its table; 0: the fixed office, the rest from ``seed``
+    )
+    visit: int = 0  #: day in this world
+    house: House = field(init=False)  #: the floor as it truly is
+    placed: dict[str, tuple[float, float, float]] = field(init=False)  #: where its objects truly are now
+    yaw_rad: dict[str, float] = field(default_factory=dict)  #: of its objects when the drive began
+    platform: LedPlatform | None = None  #: the platform as it truly moves, until it drives by itself
+    mapper: OccupancyMapper | None = None  #: lays scans on the map
     bottle: TableBottle | None = None  #: the one on the table
     kitchen: KitchenTable | None = None  #: arm, gripper and the bottle between its fingers
     scan: Reconstruction | None = None  #: what the camera saw of the table
     tags: dict[str, HapticTag] = field(default_factory=dict)
+    touches: int = 0  #: pushes, contacts and squeezes until now
+    robot_s: float = 0.0  #: time that the robot has spent until now, by its own clock
+
+    def spent(self, seconds: float, touches: int = 0) -> None:
+        """Take down what was done.
+
+        Parameters
+        ----------
+        seconds
+            By the robot's clock [s].
+        touches
+            Pushes, contacts and squeezes.
+        """
+        self.robot_s += seconds
+        self.touches += touches
+
+    def __post_init__(self) -> None:
+        drawn = random_house(self.world, self.visit) if self.world else office_house(self.rng(1))
+        self.house = drawn
+        self.placed = {one.name: (one.x_m, one.y_m, one.yaw_rad) for one in drawn.obstacles}
 
     def rng(self, part: int) -> np.random.Generator:
-        """Generator of one part of the world: a chapter that is left out does not change another's draws.
+        """Generator of one part of the run: a chapter that is left out does not change another's draws.
 
         Parameters
         ----------
         part
             Number of the part, added to the seed.
         """
-        return np.random.default_rng([self.seed, part])
+        return np.random.default_rng([self.seed, part, self.visit] if self.visit else [self.seed, part])
+
+    def world_rng(self, part: int) -> np.random.Generator:
+        """Generator of one part of the world, the same on every day.
+
+        Parameters
+        ----------
+        part
+            Number of the part, added to the seed of the world.
+        """
+        return np.random.default_rng([self.world or self.seed, part])
 
 
 #: A chapter's work.
@@ -188,7 +231,17 @@ class Story:
     @property
     def wrong_claims(self) -> tuple[str, ...]:
         """Chapters that say they are done, and are not."""
-        return tuple(one.name for one in self.chapters if one.wrong_claim)
+        return tuple(one.name for one in self.chapters if one.right is False)
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """Of all chapters that are done."""
+        return tuple(claim for one in self.chapters if one.done for claim in one.claims)
+
+    @property
+    def outcome(self) -> RunOutcome:
+        """Complete, an honest failure, or wrong."""
+        return RunOutcome.of(self.claims, self.complete)
 
     def summary(self) -> str:
         """One line."""
@@ -277,19 +330,17 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
-def done(reason: str, right: bool, *parts: Any) -> ChapterResult:
+def done(reason: str, *parts: Any) -> ChapterResult:
     """Result of a chapter that ended well.
 
     Parameters
     ----------
     reason
         One sentence with the numbers that decided it.
-    right
-        Whether what is claimed is true in the simulated world.
     *parts
-        Measures and illustrations in any order.
+        Claims, measures and illustrations in any order.
     """
-    return _result(ChapterOutcome.DONE, reason, right, parts)
+    return _result(ChapterOutcome.DONE, reason, parts)
 
 
 def failed(reason: str, *parts: Any) -> ChapterResult:
@@ -300,12 +351,13 @@ def failed(reason: str, *parts: Any) -> ChapterResult:
     reason
         One sentence that says why.
     *parts
-        Measures and illustrations in any order.
+        Measures and illustrations in any order; a chapter that failed claims nothing.
     """
-    return _result(ChapterOutcome.FAILED, reason, None, parts)
+    return _result(ChapterOutcome.FAILED, reason, parts)
 
 
-def _result(outcome: ChapterOutcome, reason: str, right: bool | None, parts: Sequence[Any]) -> ChapterResult:
+def _result(outcome: ChapterOutcome, reason: str, parts: Sequence[Any]) -> ChapterResult:
+    claims = tuple(part for part in parts if isinstance(part, Claim))
     measures = tuple(part for part in parts if isinstance(part, Measure))
     pictures = tuple(part for part in parts if isinstance(part, Illustration))
-    return ChapterResult(outcome, reason, right, measures, pictures)
+    return ChapterResult(outcome, reason, claims, measures, pictures)

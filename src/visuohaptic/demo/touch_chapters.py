@@ -5,20 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+from jaxtyping import Float
+
+from ..core.geometry import compose_2d, relative_2d, rotation_2d
 from ..core.objects import Estimate, HapticTag
 from ..core.robots import FrameSource
 from ..navigation.problem.planning_problem import MovableObject
 from ..simulation.faults import FaultyFrames, frame_faults
+from ..simulation.mobile.office import ApproachPath
 from ..tasks.mobile.explore_records import ExploreSettings
 from ..tasks.mobile.felt_footprint import felt_footprint
-from .office_chapters import ROBOT, approach_to, set_the_door
+from .floor_chapters import ROBOT, default_door, near_side, nearest_obstacle, outline_m
+from .judge import Claim
 from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
-__all__ = ["default_tags", "explore_obstacles", "tag_is_right"]
+__all__ = ["default_tags", "explore_obstacles", "tag_claims"]
 
-#: Friction that is measured must be true within this fraction, or this many of its standard deviations.
-FRACTION, SIGMAS = 0.12, 3.0
+#: From the platform's hull to what it drives at: the foam, and floor on which the camera sees it come [m].
+START_M = 0.03 + 0.17
 EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4)
 #: A shorter drive and a shorter push: for tests.
 QUICK = replace(
@@ -37,44 +43,75 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     known = mission.known
     grid = known.map_now
     assert grid is not None
-    paths = []
-    for group in known.obstacle_points_m:
-        # Driven at where the laser has seen it; what stands there is the world's business.
-        x, y = float(group[:, 0].min()), float(group[:, 1].mean())
-        true = min(mission.paths, key=lambda path: abs(path.obstacle.y_m - y))
-        paths.append(approach_to(true.obstacle, x, y))
-    if mission.obstacles < len(paths):
-        movable = sorted(paths, key=lambda path: path.obstacle.mass_kg if path.obstacle.movable else math.inf)
-        paths = movable[: mission.obstacles]
+    if not known.obstacle_points_m:
+        return done("nothing is in the way that could be touched")
+    paths = [_approach(mission, group) for group in known.obstacle_points_m]
+    order = sorted(range(len(paths)), key=lambda k: _mass_kg(paths[k]))[: mission.obstacles]
     found = run_demo(
         mission.folder / "touch",
         seed=mission.seed,
         on_message=lambda line: mission.log(f"  {line}" if line else ""),
         page=mission.page,
-        scene=(grid, paths),
+        scene=(grid, [paths[k] for k in sorted(order)]),
         explore=_settings(mission),
         through=lambda source: _through(mission, source),
     )
-    objects, rights, measures = [], [], []
-    for group, one in zip(known.obstacle_points_m, found.objects, strict=False):
+    objects, claims, measures = [], [], []
+    for k, one in zip(sorted(order), found.objects, strict=True):
         mission.placed[one.name] = one.end_pose
+        mission.spent(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
         felt = HapticTag() if one.exploration.fit_state is None else one.tag
         ready = felt.fixed is not None
         mission.tags[one.name] = felt
-        outline = felt_footprint(one.exploration, group, front_m=ROBOT.radius_m)
+        # The push is told by the platform's own motion, and seen from where the laser had it.
+        outline = felt_footprint(
+            one.exploration, _moved(known.obstacle_points_m[k], known.pose, _true_pose(mission)),
+            front_m=ROBOT.radius_m, heading_rad=paths[k].start[2],
+        )  # fmt: skip
+        outline = _moved(outline, _true_pose(mission), known.pose)
         objects.append(MovableObject(one.name, outline, felt if ready else None))
         if ready:
-            rights.append(tag_is_right(one))
+            claims += tag_claims(one)
         measures += _against_truth(one)
         mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
     known.objects = tuple(objects)
     tagged = sum(item.tag is not None for item in objects)
-    parts = (*measures, *_pictures(mission, found.objects, found))
+    parts = (*claims, *measures, *_pictures(mission, found.objects, found))
     if not tagged:
         why = ", ".join(f"{one.name} {one.exploration.outcome.value}" for one in found.objects)
         return failed(f"nothing could be tagged: {why}", *parts)
     rest = "" if tagged == len(objects) else f"; {len(objects) - tagged} stay unknown"
-    return done(f"{tagged} of {len(objects)} objects were pushed and tagged{rest}", all(rights), *parts)
+    return done(f"{tagged} of {len(objects)} objects were pushed and tagged{rest}", *parts)
+
+
+def _approach(mission: Mission, group: Float[np.ndarray, "k 2"]) -> ApproachPath:
+    """Driven at where the laser has seen it; what stands there, and where that truly is, are the world's business."""
+    ahead = mission.known.ahead_rad
+    x, y = near_side(group, ahead)[0]
+    true = nearest_obstacle(mission, group.mean(axis=0))
+    here = relative_2d(mission.known.pose, (float(x), float(y), ahead))
+    before = ROBOT.radius_m + START_M
+    start = compose_2d(compose_2d(_true_pose(mission), here), (-before, 0.0, 0.0))
+    return ApproachPath(true.moved(*mission.placed[true.name]), start, before)
+
+
+def _true_pose(mission: Mission) -> tuple[float, float, float]:
+    assert mission.platform is not None
+    return mission.platform.pose
+
+
+def _moved(
+    points_m: Float[np.ndarray, "k 2"],
+    before: tuple[float, float, float],
+    after: tuple[float, float, float],
+) -> Float[np.ndarray, "k 2"]:
+    """Points as seen from one pose, in a frame where that pose is another."""
+    turn = rotation_2d(after[2] - before[2])
+    return (points_m - before[:2]) @ turn.T + after[:2]
+
+
+def _mass_kg(path: ApproachPath) -> float:
+    return path.obstacle.mass_kg if path.obstacle.movable else math.inf
 
 
 def _settings(mission: Mission) -> ExploreSettings:
@@ -88,8 +125,8 @@ def _through(mission: Mission, source: FrameSource) -> FrameSource:
     return FaultyFrames(source, frame_faults(mission.fault, at_s), mission.rng(8))
 
 
-def tag_is_right(one: DemoObject) -> bool:
-    """Whether what the tag says is true of the obstacle.
+def tag_claims(one: DemoObject) -> list[Claim]:
+    """What a tag says beside the obstacle's truth.
 
     Parameters
     ----------
@@ -97,14 +134,11 @@ def tag_is_right(one: DemoObject) -> bool:
         The push with its true obstacle.
     """
     tag, true = one.tag, one.path.obstacle
-    if bool(tag.fixed) == true.movable:
-        return False
-    if not true.movable:
-        return True
+    claims = [Claim("fixed", one.name, bool(tag.fixed), not true.movable)]
     felt = tag.static_friction_N
-    return felt is None or abs(felt.value - true.static_friction_N) <= max(
-        FRACTION * true.static_friction_N, SIGMAS * felt.sigma
-    )
+    if felt is not None and true.movable:
+        claims.append(Claim("friction", one.name, felt.value, true.static_friction_N, sigma=felt.sigma))
+    return claims
 
 
 def _felt_text(tag: HapticTag) -> str:
@@ -161,13 +195,13 @@ def default_tags(mission: Mission) -> None:
     mission
         Receives tags and footprints.
     """
-    if not mission.paths:
-        set_the_door(mission)
+    if not mission.known.obstacle_points_m:
+        default_door(mission)
     rng = mission.rng(9)
     objects = []
-    for path in mission.paths:
-        true = path.obstacle
-        outline = true.outlines[0].moved(*mission.placed[true.name]).polygon_m(math.pi / 8)
+    near = [nearest_obstacle(mission, group.mean(axis=0)) for group in mission.known.obstacle_points_m]
+    for true in near:
+        outline = outline_m(mission, true, math.pi / 8)
         tag = HapticTag(fixed=not true.movable, explored=1, failed=0)
         if true.movable:
             off = 1.0 + 0.03 * float(rng.standard_normal())

@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import compose_2d, relative_2d
 from ...core.laser_scan import LaserScan
 from ...core.measurement import Reason
-from ...io.maps.occupancy_map import OccupancyMap
+from ...io.maps.occupancy_map import FREE, OccupancyMap
 from .scan_matching import SURELY_FREE as _SURELY_FREE
 from .scan_matching import HitGrid, MatchSettings, ScanMatch, match_scan
 
@@ -93,6 +94,47 @@ class OccupancyMapper:
         self._refused = 0
         self._allocate((1, 1))
 
+    @classmethod
+    def from_map(
+        cls,
+        grid: OccupancyMap,
+        pose: tuple[float, float, float],
+        odometry: tuple[float, float, float],
+        settings: MapperSettings | None = None,
+    ) -> OccupancyMapper:
+        """Go on with a map that exists: to localise in it, or to refine it.
+
+        Parameters
+        ----------
+        grid
+            The map; its axes are those of its frame. Walls are taken to be in the middle of their cells.
+        pose
+            Of the scanner (x, y, yaw) in the map [m, rad].
+        odometry
+            Pose of the scanner by odometry at the same time [m, rad].
+        settings
+            Of sensor model and odometry; the resolution is the map's.
+
+        Raises
+        ------
+        InputError
+            The map is turned in its frame.
+        """
+        if abs(grid.origin[2]) > 1e-9:
+            raise InputError("map", f"found an origin turned by {grid.origin[2]:g} rad, expected 0")
+        mapper = cls(replace(settings or MapperSettings(), resolution_m=grid.resolution_m))
+        mapper._allocate(grid.shape)
+        mapper._corner = np.array(grid.origin[:2])
+        bound = mapper.settings.bound
+        occupied = grid.cells >= 50
+        mapper._log_odds[occupied], mapper._log_odds[grid.cells == FREE] = bound, -bound
+        mapper._count[occupied] = 1.0
+        rows, columns = np.indices(grid.shape)
+        mapper._mean_row[:], mapper._mean_column[:] = rows + 0.5, columns + 0.5
+        mapper._pose, mapper._odometry = pose, odometry
+        mapper._added = mapper.settings.warm_up_scans
+        return mapper
+
     @property
     def pose(self) -> tuple[float, float, float]:
         """(x [m], y [m], yaw [rad]) of the scanner at the last scan, in the map."""
@@ -119,10 +161,7 @@ class OccupancyMapper:
             A scan that is not valid, has too few points or does not fit is not
             added, and the pose goes on by odometry.
         """
-        if not np.isfinite(odometry).all():
-            raise InputError("odometry", f"found {odometry}, expected three finite numbers")
-        guess = self._predict(odometry)
-        match = self._match(scan, guess)
+        match = self._fit(scan, odometry)
         self._refused = 0 if match.valid else self._refused + 1
         if self._refused > self.settings.patience and scan.valid:
             # The map is wrong here, and the robot would stay lost: restart from the odometry.
@@ -131,13 +170,40 @@ class OccupancyMapper:
             )
             match = replace(match, valid=True)
             self._refused = 0
+        self._take(match)
+        if match.valid and (match.inliers < self.settings.well_known or self._has_moved()):
+            self._cast(scan)
+        return match
+
+    def locate(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
+        """Lay a scan on the map without adding it: localisation in what is mapped.
+
+        Parameters
+        ----------
+        scan
+            One turn of the scanner.
+        odometry
+            Pose of the scanner (x, y, yaw) by odometry, in the frame of the last call [m, rad].
+
+        Returns
+        -------
+        ScanMatch
+            When the scan does not fit, the pose goes on by odometry.
+        """
+        match = self._fit(scan, odometry)
+        self._take(match)
+        return match
+
+    def _fit(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
+        if not np.isfinite(odometry).all():
+            raise InputError("odometry", f"found {odometry}, expected three finite numbers")
+        return self._match(scan, self._predict(odometry))
+
+    def _take(self, match: ScanMatch) -> None:
         self._pose = match.pose
         if match.valid:
             self._spread = np.zeros((3, 3))
         self.matches.append(match)
-        if match.valid and (match.inliers < self.settings.well_known or self._has_moved()):
-            self._cast(scan)
-        return match
 
     def _predict(self, odometry: tuple[float, float, float]) -> tuple[float, float, float]:
         """Pose by odometry since the last scan; what it may be off by grows until a scan fits again."""
@@ -148,18 +214,9 @@ class OccupancyMapper:
             self._pose = odometry
             self._spread = np.diag([1e-6, 1e-6, 1e-6])
             return odometry
-        c, sn = math.cos(before[2]), math.sin(before[2])
-        dx, dy = odometry[0] - before[0], odometry[1] - before[1]
-        ahead, left = c * dx + sn * dy, c * dy - sn * dx
-        turn = (odometry[2] - before[2] + math.pi) % (2 * math.pi) - math.pi
-        path_m = math.hypot(ahead, left)
-        heading = self._pose[2]
-        c, sn = math.cos(heading), math.sin(heading)
-        pose = (
-            self._pose[0] + c * ahead - sn * left,
-            self._pose[1] + sn * ahead + c * left,
-            heading + turn,
-        )
+        step = relative_2d(before, odometry)
+        path_m, turn = math.hypot(step[0], step[1]), step[2]
+        pose = compose_2d(self._pose, step)
         place = (s.odometry_sigma_per_m * path_m) ** 2 + s.odometry_floor[0] ** 2
         angle = s.odometry_sigma_rad_per_rad * abs(turn) + s.odometry_sigma_rad_per_m * path_m
         self._spread = self._spread + np.diag([place, place, angle**2 + s.odometry_floor[1] ** 2])

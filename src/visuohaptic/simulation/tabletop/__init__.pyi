@@ -6,6 +6,9 @@ from .crown_cap import CapSeen as CapSeen
 from .crown_cap import CrownCapCell as CrownCapCell
 from .crown_cap import Opener as Opener
 from .crown_cap import OpenerBeam as OpenerBeam
+from .deformable import GRAIN_FILL as GRAIN_FILL
+from .deformable import WATER_FILL as WATER_FILL
+from .deformable import Contents as Contents
 from .deformable import DeformableContainer as DeformableContainer
 from .depth_camera import DepthCamera as DepthCamera
 from .depth_camera import DepthCameraOptics as DepthCameraOptics

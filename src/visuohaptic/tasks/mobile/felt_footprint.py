@@ -7,6 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from ...core.geometry import rotation_2d
 from ...core.objects import Primitive, PrimitiveKind
 from .explore import ObstacleExploration
 
@@ -14,7 +15,11 @@ __all__ = ["felt_footprint"]
 
 
 def felt_footprint(
-    found: ObstacleExploration, seen_m: Float[np.ndarray, "n 2"], *, front_m: float
+    found: ObstacleExploration,
+    seen_m: Float[np.ndarray, "n 2"],
+    *,
+    front_m: float,
+    heading_rad: float = 0.0,
 ) -> Float[np.ndarray, "p 2"]:
     """Outline on the floor where the object was left.
 
@@ -26,9 +31,11 @@ def felt_footprint(
     found
         The exploration.
     seen_m
-        Laser points of the object before the push, map frame [m]; the push went along x.
+        Laser points of the object before the push, map frame [m].
     front_m
         Distance from the platform's centre to the origin of the foam's frame F, x ahead [m].
+    heading_rad
+        Of the push [rad].
 
     Returns
     -------
@@ -41,13 +48,15 @@ def felt_footprint(
         c, s = math.cos(state.heading_rad), math.sin(state.heading_rad)
         ahead = corners + np.array([front_m, 0.0])
         return ahead @ np.array([[c, s], [-s, c]]) + (state.x_m, state.y_m)
-    (x0, y0), (_, y1) = seen_m.min(axis=0), seen_m.max(axis=0)
+    turn = rotation_2d(heading_rad)
+    (x0, y0), (_, y1) = (seen_m @ turn).min(axis=0), (seen_m @ turn).max(axis=0)
     width = max(float(y1 - y0), 0.05)
     front_x = float(x0)
     if state is not None:
-        front_x = max(front_x, state.x_m + front_m * math.cos(state.heading_rad))
+        here = np.array([state.x_m, state.y_m]) @ turn
+        front_x = max(front_x, float(here[0]) + front_m * math.cos(state.heading_rad - heading_rad))
     back_x = front_x + width
-    return np.array([[front_x, y0], [back_x, y0], [back_x, y0 + width], [front_x, y0 + width]])
+    return np.array([[front_x, y0], [back_x, y0], [back_x, y0 + width], [front_x, y0 + width]]) @ turn.T
 
 
 def _corners(shape: Primitive) -> Float[np.ndarray, "p 2"] | None:

@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", type=Path, metavar="YAML", help="touch three obstacles in this map")
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder (results/demo)")
     parser.add_argument("--seed", type=int, default=2, help="of everything random (2)")
+    parser.add_argument("--world", type=int, default=0, help="seed of a drawn house; 0: the office (0)")
     parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 
 
@@ -65,8 +66,9 @@ def run(args: Any) -> dict[str, Any]:
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
-    if args.seed < 0:
-        raise InputError("--seed", f"found {args.seed}, expected 0 or more")
+    for name, value in (("--seed", args.seed), ("--world", args.world)):
+        if value < 0:
+            raise InputError(name, f"found {value}, expected 0 or more")
     with ExitStack() as stack:
         page = None
         if args.view:
@@ -112,11 +114,13 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
     from ....demo.report import write_story
 
     if page is not None:
-        from ....demo.office_chapters import office_map
+        from ....demo.story import Mission
 
-        grid = office_map()
+        grid = Mission(args.seed, args.out, world=args.world).house.grid
         page.set_map(grid.cells, grid.resolution_m, grid.origin)
-    story = run_mission(args.out, part=args.part, seed=args.seed, on_message=args.report, page=page)
+    story = run_mission(
+        args.out, part=args.part, seed=args.seed, on_message=args.report, page=page, world=args.world
+    )
     report = write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")
@@ -132,6 +136,7 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
                 "outcome": one.outcome.value,
                 "reason": one.reason,
                 "claim_is_true": one.right,
+                "claims": [claim.as_row() for claim in one.claims],
                 "measures": [{"what": m.what, "ours": m.ours, "truth": m.truth} for m in one.measures],
                 "duration_s": one.duration_s,
             }

@@ -1,0 +1,359 @@
+"""The floor of the mission: its first round with the laser, and the way to the table that is blocked today."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.geometry import compose_2d, relative_2d, rotation_2d
+from ..io.maps.occupancy_map import OccupancyMap
+from ..navigation.mapping.map_changes import map_agreement, mark_points, new_objects, scan_fit
+from ..navigation.mapping.mapper import OccupancyMapper
+from ..navigation.planning.policies import without_pushing
+from ..navigation.planning.search.domain_builder import build_search_domain
+from ..navigation.planning.search.drives import pull_string
+from ..navigation.planning.search.search_domain import grid_from_world, world_from_grid
+from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
+from ..simulation.faults import FaultKind, wrong_map
+from ..simulation.houses.led_platform import LedPlatform
+from ..simulation.mobile.obstacles import SimulatedObstacle
+from ..tasks.mobile.travel.travel_memory import map_with_footprints
+from .judge import Claim
+from .story import ChapterResult, Illustration, Measure, Mission, done, failed
+
+__all__ = ["ROBOT", "find_the_door_blocked", "map_the_way", "world_map"]
+
+ROBOT = RobotModel(0.17)
+#: Between two scans on the way [m].
+STEP_M = 0.1
+#: Fraction of a scan's beams that must end where the map says. From 120 poses about the goal at least 0.96 fit
+#: the maps that the laser made, and from 40 at most 0.92 a map that is shifted or has objects too many.
+MIN_FIT = 0.94
+#: What is farther from the path leaves room for the platform beside it [m].
+BESIDE_M = 2 * ROBOT.radius_m + 0.2
+#: It looks from so far before the first thing that is in the way, and from as far to either side [m].
+LOOK_M, ASIDE_M = 0.9, 0.45
+#: Standard deviation of a place that the laser has seen, by the map's and the laser's errors [m].
+SEEN_SIGMA_M = 0.03
+
+
+def world_map(mission: Mission) -> OccupancyMap:
+    """The true floor with everything that stands on it, for the laser.
+
+    Parameters
+    ----------
+    mission
+        With the house, and where its objects truly are.
+    """
+    outlines = [outline_m(mission, one) for one in mission.house.obstacles]
+    return map_with_footprints(mission.house.fine_grid(), outlines)
+
+
+def outline_m(
+    mission: Mission, obstacle: SimulatedObstacle, step_rad: float = math.pi / 16
+) -> Float[np.ndarray, "k 2"]:
+    """Where an obstacle truly is by now [m].
+
+    Parameters
+    ----------
+    mission
+        With the places of all obstacles.
+    obstacle
+        One of the house.
+    step_rad
+        Of a round outline.
+    """
+    return obstacle.outlines[0].moved(*mission.placed[obstacle.name]).polygon_m(step_rad)
+
+
+def _path(
+    grid: OccupancyMap, corners: Sequence[tuple[float, float]], radius_m: float
+) -> Float[np.ndarray, "n 3"]:
+    """Poses every ten centimetres along the shortest path through corners."""
+    problem = PlanningProblem(grid, RobotModel(radius_m), np.array(corners[0]), np.array(corners[-1]))
+    world = build_search_domain(problem)
+    still = np.zeros((0, 2))
+    parts = []
+    for start, end in itertools.pairwise(corners):
+        path, _ = pull_string(
+            world, still, grid_from_world(grid, np.array(start)), grid_from_world(grid, np.array(end))
+        )
+        parts.append(world_from_grid(grid, path))
+    path_m = np.concatenate(parts)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
+    keep = np.concatenate([[True], np.diff(along) > 1e-9])
+    at = np.arange(0.0, along[-1], STEP_M)
+    points = np.column_stack([np.interp(at, along[keep], path_m[keep, axis]) for axis in (0, 1)])
+    heading = np.unwrap(np.arctan2(*np.gradient(points, axis=0).T[::-1]))
+    # The laser looks ahead only: turns are as smooth as a person makes them.
+    smooth = np.convolve(np.pad(heading, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")
+    return np.column_stack([points, smooth])
+
+
+def map_the_way(mission: Mission) -> ChapterResult:
+    """The first round: laser scans are laid on each other, odometry only helps.
+
+    A person leads the platform, stops where the table is served from, and brings it to where errands begin.
+
+    Parameters
+    ----------
+    mission
+        Receives map, pose, and the place of the table.
+    """
+    house = mission.house
+    poses = _path(house.grid, house.tour_m, 0.25)
+    platform = LedPlatform(house, _pose(poses[0]), mission.rng(2), mission.rng(3))
+    mapper = OccupancyMapper()
+    served = int(np.hypot(*(poses[:, :2] - house.table_m).T).argmin())
+    for number, pose in enumerate([*poses, house.start]):
+        platform.go(relative_2d(platform.pose, _pose(pose)))
+        mapper.add(platform.scan(), platform.odometry())
+        if number == served:
+            mission.known.goal_m = mapper.pose[:2]
+    found = mapper.map()
+    off_m = math.dist(mapper.pose[:2], platform.pose[:2])
+    drift_m = math.dist(platform.odometry()[:2], platform.pose[:2])
+    lost = sum(not match.valid for match in mapper.matches)
+    right, wrong = map_agreement(found, house.grid)
+    if mission.fault is FaultKind.WRONG_MAP:
+        found = OccupancyMap(wrong_map(found.cells, mission.rng(4)), found.resolution_m, found.origin)
+        mission.log("  fault: the map is shifted, and has objects that are not there")
+    known = mission.known
+    known.map = known.map_now = found
+    known.pose, mission.mapper, mission.platform = mapper.pose, mapper, platform
+    if lost > 0.2 * len(poses):
+        return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
+    sigma_m = math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2])))
+    table = Claim("place", "table", known.goal_m, house.table_m, sigma=max(sigma_m, SEEN_SIGMA_M))
+    return done(
+        f"{len(poses)} scans along {STEP_M * len(poses):.0f} m make a map of "
+        f"{found.size_m[0]:.1f} m x {found.size_m[1]:.1f} m",
+        table,
+        Claim("place", "platform", mapper.pose[:2], platform.pose[:2], sigma=max(sigma_m, SEEN_SIGMA_M)),
+        Measure("position error after the round, by the map [m]", off_m, None),
+        Measure("position error after the round, by odometry alone [m]", drift_m, None),
+        Measure("free cells that are truly free [%]", 100 * right, None),
+        Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong, None),
+    )
+
+
+def _pose(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, heading = (float(value) for value in values)
+    return x, y, heading
+
+
+def find_the_door_blocked(mission: Mission) -> ChapterResult:
+    """Drive to the table until something new is in the way, and look at it from several places.
+
+    Parameters
+    ----------
+    mission
+        With the map of the first round; receives the laser points of each object.
+    """
+    known, grid = mission.known, mission.known.map
+    assert grid is not None
+    assert mission.platform is not None
+    mission.platform.see(world_map(mission))
+    plan = without_pushing(_problem(mission, grid))
+    if not plan.reachable:
+        return failed(f"on the map of the first round there is no path to the table: {plan.reason}")
+    mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {plan.cost_s:.0f} s")
+    if fit_fraction(mission, grid, mission.platform.pose, known.pose) < MIN_FIT:
+        return failed("what the laser sees does not fit the map: the platform does not know where it is")
+    path = _path(grid, [known.pose[:2], known.goal_m], ROBOT.radius_m)
+    groups = _drive_until_blocked(mission, path)
+    near = [one for one in groups if _distance(one, path) < BESIDE_M]
+    known.map_now = mark_points(grid, groups)
+    blocked = without_pushing(_problem(mission, known.map_now))
+    if blocked.reachable:
+        return done(f"nothing new is in the way, {len(groups)} new beside it")
+    known.obstacle_points_m = tuple(near)
+    known.ahead_rad = _across(near, path)
+    for one in near:
+        (x, y), wide = near_side(one, known.ahead_rad)
+        mission.log(f"  something new at ({x:.2f}, {y:.2f}) m, {100 * wide:.0f} cm wide as seen")
+    return done(
+        f"{len(near)} objects leave no path: {blocked.reason}",
+        *(_place_claim(mission, one) for one in near),
+        Measure("objects in the way", len(near), None),
+        _door_picture(mission, path),
+    )
+
+
+def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, "k 2"]]:
+    """Groups of new points along the path; the platform ends before the first that is in its way."""
+    grid = mission.known.map
+    assert grid is not None
+    seen: list[Float[np.ndarray, "k 2"]] = []
+    groups: list[Float[np.ndarray, "k 2"]] = []
+    for pose in path:
+        seen.append(_look_from(mission, _pose(pose)))
+        groups = new_objects(grid, np.concatenate(seen[-10:]))
+        ahead = [one for one in groups if _distance(one, path) < BESIDE_M]
+        gap = min((float(np.hypot(*(one - pose[:2]).T).min()) for one in ahead), default=math.inf)
+        if gap < LOOK_M:
+            break
+    else:
+        return groups
+    marked = mark_points(grid, groups)
+    here = mission.known.pose
+    for aside in np.linspace(-ASIDE_M, ASIDE_M, 7):
+        place = compose_2d(here, (0.0, float(aside), 0.0))
+        # A metre of the map is enough to see whether there is room.
+        if not without_pushing(
+            PlanningProblem(marked, ROBOT, np.array(here[:2]), np.array(place[:2]))
+        ).reachable:
+            continue
+        seen.append(_look_from(mission, place))
+    _look_from(mission, here)
+    return new_objects(grid, np.concatenate(seen))
+
+
+def _look_from(mission: Mission, pose: tuple[float, float, float]) -> Float[np.ndarray, "k 2"]:
+    """Go to a pose of the map, see where that truly was, and scan: hits in the map."""
+    platform, mapper = mission.platform, mission.mapper
+    assert platform is not None
+    assert mapper is not None
+    platform.go(relative_2d(mission.known.pose, pose))
+    scan = platform.scan()
+    mapper.locate(scan, platform.odometry())
+    mission.known.pose = mapper.pose
+    x, y, heading = mapper.pose
+    c, s = math.cos(heading), math.sin(heading)
+    return scan.points_m @ np.array([[c, s], [-s, c]]) + (x, y)
+
+
+def _distance(group: Float[np.ndarray, "k 2"], path: Float[np.ndarray, "n 3"]) -> float:
+    return float(np.hypot(*(group[:, None] - path[None, :, :2]).transpose(2, 0, 1)).min())
+
+
+def _across(groups: Sequence[Float[np.ndarray, "k 2"]], path: Float[np.ndarray, "n 3"]) -> float:
+    """Heading in which a row of objects is met at right angles, or that of the path where there is but one [rad]."""
+    middles = np.array([one.mean(axis=0) for one in groups])
+    nearest = np.hypot(*(path[:, None, :2] - middles[None]).transpose(2, 0, 1)).min(axis=1).argmin()
+    heading = float(path[nearest, 2])
+    if len(middles) < 2:
+        return heading
+    _, _, axes = np.linalg.svd(middles - middles.mean(axis=0))
+    normal = axes[1] * np.sign(axes[1] @ (math.cos(heading), math.sin(heading)))
+    return math.atan2(normal[1], normal[0])
+
+
+def _place_claim(mission: Mission, group: Float[np.ndarray, "k 2"]) -> Claim:
+    """Middle of an object by what is seen of it, against the true one that is nearest."""
+    true = nearest_obstacle(mission, group.mean(axis=0))
+    x, y, _ = mission.placed[true.name]
+    front, width = near_side(group, mission.known.ahead_rad)
+    # The near side alone is seen: an object is taken to be as deep as it is wide, and may be a leg or a plank.
+    depth = 0.5 * width
+    value = front + depth * np.array([math.cos(mission.known.ahead_rad), math.sin(mission.known.ahead_rad)])
+    sigma = math.hypot(SEEN_SIGMA_M, 0.5 * depth)
+    return Claim("place", true.name, (float(value[0]), float(value[1])), (x, y), sigma=sigma)
+
+
+def near_side(group: Float[np.ndarray, "k 2"], heading_rad: float) -> tuple[Float[np.ndarray, "2"], float]:
+    """Middle of the side of an object that is met first [m], and its width [m].
+
+    Parameters
+    ----------
+    group
+        Laser points of the object [m].
+    heading_rad
+        In which it is met [rad].
+    """
+    turn = rotation_2d(heading_rad)
+    low, high = (group @ turn).min(axis=0), (group @ turn).max(axis=0)
+    return turn @ np.array([low[0], 0.5 * (low[1] + high[1])]), float(high[1] - low[1])
+
+
+def nearest_obstacle(mission: Mission, point_m: Float[np.ndarray, "2"]) -> SimulatedObstacle:
+    """The true obstacle that a point of the map belongs to: the world's business.
+
+    Parameters
+    ----------
+    mission
+        With the places of all obstacles.
+    point_m
+        Of what was seen [m].
+    """
+    return min(
+        mission.house.obstacles, key=lambda one: math.dist(mission.placed[one.name][:2], tuple(point_m))
+    )
+
+
+def fit_fraction(
+    mission: Mission,
+    grid: OccupancyMap,
+    true_pose: tuple[float, float, float],
+    estimated_pose: tuple[float, float, float],
+) -> float:
+    """Fraction of a scan's hits that have something on the map near; objects in the door aside.
+
+    Parameters
+    ----------
+    mission
+        For the noise of the laser.
+    grid
+        The robot's map.
+    true_pose
+        Where the platform is: x, y [m], heading [rad].
+    estimated_pose
+        Estimated.
+    """
+    scan = LedPlatform(mission.house, true_pose, mission.rng(5), mission.rng(6)).scan()
+    c, s = math.cos(estimated_pose[2]), math.sin(estimated_pose[2])
+    return scan_fit(grid, scan.points_m @ np.array([[c, s], [-s, c]]) + estimated_pose[:2])
+
+
+def _problem(
+    mission: Mission, grid: OccupancyMap, objects: tuple[MovableObject, ...] = ()
+) -> PlanningProblem:
+    known = mission.known
+    return PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), objects)
+
+
+def _door_picture(mission: Mission, path: Float[np.ndarray, "n 3"]) -> Illustration:
+    from ..report.floor_chart import MapObject, floor_map
+
+    grid = mission.known.map_now
+    assert grid is not None
+    objects = [MapObject(f"new {k + 1}", _box(one)) for k, one in enumerate(mission.known.obstacle_points_m)]
+    x, y, _ = grid.origin
+    figure = floor_map(
+        grid.cells, grid.resolution_m, (x, y), path_world_m=path[:, :2], objects=objects,
+        robot_radius_m=ROBOT.radius_m,
+    )  # fmt: skip
+    return Illustration(
+        figure,
+        "The map that the laser made on the first round, the path to the table (blue), and what is new in its way",
+    )
+
+
+def _box(points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "4 2"]:
+    (x0, y0), (x1, y1) = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def default_map(mission: Mission) -> None:
+    """The true floor instead of a measured map."""
+    house, known = mission.house, mission.known
+    grid = house.grid
+    if mission.fault is FaultKind.WRONG_MAP:
+        grid = OccupancyMap(wrong_map(grid.cells, mission.rng(4)), grid.resolution_m, grid.origin)
+    known.map = known.map_now = grid
+    known.goal_m, known.pose = house.table_m, house.start
+    mission.platform = LedPlatform(house, house.start, mission.rng(2), mission.rng(3))
+    mission.mapper = OccupancyMapper.from_map(grid, house.start, mission.platform.odometry())
+
+
+def default_door(mission: Mission) -> None:
+    """Places of what is in the way as it truly is."""
+    known, house = mission.known, mission.house
+    path = _path(house.grid, [house.start[:2], house.table_m], ROBOT.radius_m)
+    outlines = [outline_m(mission, one) for one in house.obstacles]
+    near = [one for one in outlines if _distance(one, path) < BESIDE_M]
+    known.obstacle_points_m, known.ahead_rad = tuple(near), _across(near, path)
