@@ -1,3 +1,4 @@
+from .cyclone_node import CycloneNode as CycloneNode
 from .open_node import TRANSPORTS as TRANSPORTS
 from .open_node import open_node as open_node
 from .rclpy_node import RclpyNode as RclpyNode

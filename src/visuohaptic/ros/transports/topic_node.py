@@ -65,11 +65,13 @@ class RosPublisher:
         Type of its messages.
     outlet
         Of the transport.
+    closed
+        Whether the node is closed.
     """
 
-    def __init__(self, topic: str, kind: MessageType, outlet: Outlet) -> None:
+    def __init__(self, topic: str, kind: MessageType, outlet: Outlet, closed: Callable[[], bool]) -> None:
         self.topic = topic
-        self._kind, self._outlet = kind, outlet
+        self._kind, self._outlet, self._closed = kind, outlet, closed
         self._sequence = 0
         self._lock = threading.Lock()
 
@@ -90,13 +92,15 @@ class RosPublisher:
         """
         data = encode(message, self._kind)
         with self._lock:
+            if self._closed():
+                raise DeviceError(f"{self.topic}: cannot be published, its node is closed")
             self._outlet.send(data, self._sequence + 1)
             self._sequence += 1
 
     @property
     def heard(self) -> bool:
         """Whether anybody subscribes to it now; over zenoh not known of a latched topic, and no then."""
-        return self._outlet.heard
+        return not self._closed() and self._outlet.heard
 
     def wait_until_heard(self, timeout_s: float = 1.0) -> None:
         """A command that nobody hears must not be taken for one that is carried out.
@@ -223,7 +227,8 @@ class TopicNode(Closing):
             Publishing waits where the network is slower than the messages come, instead of losing some.
         """
         place, kind = self._endpoint(topic, datatype)
-        return RosPublisher(place, kind, self._outlet(place, kind, qos or Qos(), wait))
+        outlet = self._outlet(place, kind, qos or Qos(), wait)
+        return RosPublisher(place, kind, outlet, lambda: self._closed)
 
     def subscribe(
         self,
@@ -306,6 +311,7 @@ class TopicNode(Closing):
                 close()
             except Exception as error:  # noqa: BLE001 - transports' errors have no common base; the rest must close, too
                 _log.debug("while closing: %s", error)
+        self._closing.clear()
         self._leave()
 
     @abstractmethod
