@@ -97,7 +97,7 @@ def test_humble_has_no_hashes() -> None:
     ):
         b.subscribe("chatter", STRING, got.append)
         publisher = a.advertise("chatter", STRING)
-        assert publisher.entity.type_hash == NO_HASH == "TypeHashNotSupported"
+        assert next(e for e in b.graph() if e.topic).type_hash == NO_HASH == "TypeHashNotSupported"
         assert until(lambda: publisher.publish({"data": ""}) or got)
 
 

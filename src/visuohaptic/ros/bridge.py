@@ -2,117 +2,20 @@
 
 from __future__ import annotations
 
-import logging
 import threading
-import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from ..core.camera.frame import Frame
-from ..core.errors import DeviceError, InputError, StaleFrameError
+from ..core.errors import InputError
 from ..core.resources import Closing
-from ..core.robots import BaseState
 from ..sensing.readers.load import load_reader
 from ..sensing.readers.sensor_reader import SensorReader
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
-from .frames import TopicFrames
-from .latest import LatestMessage
-from .node import RosNode
-from .robots.mobile_base import base_state
-from .sink import RosSink
+from .channel import SensorChannel, SensorReport
+from .transports.open_node import open_node
+from .transports.topic_node import TopicNode
 
-__all__ = ["Bridge", "SensorReport"]
-
-_log = logging.getLogger(__name__)
-
-
-@dataclass(slots=True)
-class SensorReport:
-    """What became of the images of one sensor."""
-
-    name: str
-    frames: int = 0
-    reasons: Counter[str] = field(default_factory=Counter)
-    stale: int = 0  #: how often it was published that no image comes
-    left_out: int = 0  #: images that came faster than they were read
-    damaged: int = 0  #: images that could not be decoded
-    lost: int = 0  #: images that were sent but never came, and those left out
-
-
-def _odometry(latest: LatestMessage) -> Callable[[float], BaseState | None]:
-    """Newest odometry, where there is some now: without it a sensor goes by its images alone."""
-
-    def state(t_s: float) -> BaseState | None:
-        try:
-            return base_state(latest.get(0.0))
-        except StaleFrameError:
-            return None
-
-    return state
-
-
-class _Channel:
-    """One sensor with its topics and its thread."""
-
-    def __init__(self, bridge: Bridge, section: SensorSection, reader: SensorReader[Any]) -> None:
-        self.report = SensorReport(section.name)
-        self._bridge, self._section, self.reader = bridge, section, reader
-        self.sink = RosSink(bridge.node, frame=section.frame or section.name)
-        for topic, datatype in reader.topics.items():
-            self.sink.advertise(topic, datatype)
-        self.frames = TopicFrames(
-            bridge.node, section.image, camera=reader.camera, depth=section.queue, grey=True
-        )
-        self._last_index = -1
-        self._thread = threading.Thread(target=self._run, name=f"sensor {section.name}", daemon=True)
-
-    def start(self) -> None:
-        self._thread.start()
-
-    def _run(self) -> None:
-        try:
-            if self._section.zero_frames:
-                _log.info("%s: zeroing on %d frames", self._section.name, self._section.zero_frames)
-                self.reader.zero(self._first_frames())
-            while not self._bridge.stopping:
-                self._step()
-        except Exception as error:  # noqa: BLE001 - raised by wait() in the caller's thread
-            self._bridge.fail(self, error)
-
-    def _first_frames(self) -> Iterator[Frame]:
-        for _ in range(self._section.zero_frames):
-            while not self._bridge.stopping:
-                try:
-                    yield self.frames.read(self._bridge.config.stale_s)
-                    break
-                except DeviceError:
-                    continue
-
-    def _step(self) -> None:
-        try:
-            frame = self.frames.read(self._bridge.config.stale_s)
-        except DeviceError:
-            if not self._bridge.stopping:
-                self.report.stale += 1
-                self.reader.blank(time.time(), self.sink)
-            return
-        reason = self.reader.read(frame, self.sink).reason
-        self.report.frames += 1
-        self.report.reasons[reason.value] += 1
-        if self._last_index >= 0:
-            self.report.lost += max(0, frame.index - self._last_index - 1)
-        self._last_index = frame.index
-
-    def close(self) -> SensorReport:
-        self.frames.close()
-        if self._thread.is_alive():
-            self._thread.join()
-        self.reader.close()
-        self.report.left_out, self.report.damaged = self.frames.left_out, self.frames.damaged
-        return self.report
+__all__ = ["Bridge"]
 
 
 class Bridge(Closing):
@@ -137,24 +40,22 @@ class Bridge(Closing):
     def __init__(self, config: BridgeConfig, folder: Path) -> None:
         self.config = config
         self._stop = threading.Event()
-        self._problem: tuple[_Channel, BaseException] | None = None
-        self._channels: list[_Channel] = []
+        self._problem: BaseException | None = None
+        self._channels: list[SensorChannel] = []
         self.reports: tuple[SensorReport, ...] = ()
         files = [(section, folder / section.config) for section in config.sensors]
         kinds = [sensor_kind(path) for _, path in files]
         readers: list[SensorReader[Any]] = []
-        node: RosNode | None = None
+        node: TopicNode | None = None
         try:
             for (section, path), kind in zip(files, kinds, strict=True):
                 reader = load_reader(path, section.name)
                 readers.append(reader)
-                _check(section, reader, path, kind)
-            self.node = node = RosNode(config.node.name, config.node.options(folder))
+                check_sensor(section, reader, path, kind)
+            self.node = node = open_node(config.node.name, config.node.options(folder), config.node.transport)
             for (section, _), reader in zip(files, readers, strict=True):
-                if section.odometry is not None:
-                    latest = LatestMessage(node, section.odometry, "nav_msgs/msg/Odometry", config.stale_s)
-                    reader.odometry = _odometry(latest)
-                self._channels.append(_Channel(self, section, reader))
+                channel = SensorChannel(node, section, reader, config.stale_s, self._stop, self._fail)
+                self._channels.append(channel)
         except BaseException:
             for reader in readers:
                 reader.close()
@@ -187,18 +88,9 @@ class Bridge(Closing):
         """Whether :meth:`stop` was called, or a sensor has failed."""
         return self._stop.is_set()
 
-    def fail(self, channel: _Channel, error: BaseException) -> None:
-        """A sensor cannot go on: all end, and :meth:`wait` raises its error.
-
-        Parameters
-        ----------
-        channel
-            Whose sensor it is.
-        error
-            What was raised in its thread.
-        """
-        if self._problem is None:
-            self._problem = (channel, error)
+    def _fail(self, error: BaseException) -> None:
+        """A sensor cannot go on: all end, and :meth:`wait` raises its error."""
+        self._problem = self._problem or error
         self._stop.set()
 
     def wait(self, timeout_s: float | None = None) -> bool:
@@ -216,7 +108,7 @@ class Bridge(Closing):
         """
         stopped = self._stop.wait(timeout_s)
         if self._problem is not None:
-            raise self._problem[1]
+            raise self._problem
         return stopped
 
     def stop(self) -> None:
@@ -236,7 +128,25 @@ class Bridge(Closing):
         self.node.close()
 
 
-def _check(section: SensorSection, reader: SensorReader[Any], path: Path, kind: str) -> None:
+def check_sensor(section: SensorSection, reader: SensorReader[Any], path: Path, kind: str) -> None:
+    """Refuse a combination that cannot measure.
+
+    Parameters
+    ----------
+    section
+        Names of its topics.
+    reader
+        The sensor.
+    path
+        Its file.
+    kind
+        ``foam``, ``beam`` or ``scene``.
+
+    Raises
+    ------
+    InputError
+        Odometry for a beam, or neither a zero reference nor frames to take one from.
+    """
     if section.odometry is not None and kind == "beam":
         raise InputError(path, "a beam sensor has no use for odometry", field=f"{section.name}.odometry")
     if not section.zero_frames:

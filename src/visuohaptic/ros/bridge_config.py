@@ -9,7 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..core.errors import InputError, brief
 from ..core.files import load_yaml, load_yaml_model
-from .session import ROUTER, RosOptions
+from .transports.open_node import Transport
+from .transports.session import ROUTER, RosOptions
 from .wire.graph import check_node, resolve_name
 
 __all__ = ["BridgeConfig", "NodeSection", "SensorSection"]
@@ -26,6 +27,7 @@ class NodeSection(_Section):
 
     name: str = "visuohaptic"
     namespace: str = "/"
+    transport: Transport = "zenoh"
     domain: Annotated[int, Field(ge=0, le=232)] = 0
     type_hashes: bool = True
     connect: list[str] = [ROUTER]

@@ -19,7 +19,7 @@ from ..core.files import ImageMode, decode_image
 from ..core.resources import Closing
 from ..io.frames.mcap_frames import camera_from_message
 from ..io.ros.ros_image import decode_raw
-from .node import Received, RosNode
+from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos
 
 __all__ = ["TopicFrames"]
@@ -54,7 +54,7 @@ class TopicFrames(Closing):
 
     def __init__(
         self,
-        node: RosNode,
+        node: TopicNode,
         topic: str,
         *,
         camera: Camera | None = None,

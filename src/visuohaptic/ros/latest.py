@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..core.errors import DeviceError, InputError, StaleFrameError, VisuohapticError
-from .node import Received, RosNode
+from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos
 
 __all__ = ["LatestMessage", "Repeater", "finite"]
@@ -32,7 +32,7 @@ class LatestMessage:
         An older one counts as none: a robot whose odometry has stopped must not be taken for one that stands.
     """
 
-    def __init__(self, node: RosNode, topic: str, datatype: str, max_age_s: float) -> None:
+    def __init__(self, node: TopicNode, topic: str, datatype: str, max_age_s: float) -> None:
         self.topic, self.max_age_s = node.resolve(topic), max_age_s
         self._new = threading.Condition()
         self._received: tuple[Received, float] | None = None

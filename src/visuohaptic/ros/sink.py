@@ -8,7 +8,7 @@ from typing import Any
 from ..core.measurement import ForceProfile
 from ..io.sinks.measurement_sink import MeasurementSink
 from .markers import contact_markers
-from .node import RosNode, RosPublisher
+from .transports.topic_node import RosPublisher, TopicNode
 from .wire.graph import Qos
 
 __all__ = ["RosSink"]
@@ -31,7 +31,7 @@ class RosSink(MeasurementSink):
         Name of the sensor's frame of coordinates.
     """
 
-    def __init__(self, node: RosNode, *, frame: str = "sensor") -> None:
+    def __init__(self, node: TopicNode, *, frame: str = "sensor") -> None:
         self.frame = frame
         self._node = node
         self._publishers: dict[str, RosPublisher] = {}

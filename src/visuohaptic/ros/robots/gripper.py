@@ -12,7 +12,7 @@ from ...core.robots import Gripper, GripperState
 from ...io.ros.ros_messages import header, stamp_ns
 from ..frames import message_time_s
 from ..latest import LatestMessage, finite
-from ..node import Received, RosNode
+from ..transports.topic_node import Received, TopicNode
 
 __all__ = ["RosGripper"]
 
@@ -41,7 +41,7 @@ class RosGripper(Closing, Gripper):
 
     def __init__(
         self,
-        node: RosNode,
+        node: TopicNode,
         joint: str,
         *,
         command: str = "gripper_controller/joint_trajectory",

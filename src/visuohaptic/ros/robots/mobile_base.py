@@ -13,7 +13,7 @@ from ...core.robots import BaseState, MobileBase
 from ...io.ros.ros_messages import header
 from ..frames import message_time_s
 from ..latest import LatestMessage, Repeater, finite
-from ..node import Received, RosNode
+from ..transports.topic_node import Received, TopicNode
 
 __all__ = ["RosBase"]
 
@@ -40,7 +40,7 @@ class RosBase(Closing, MobileBase):
 
     def __init__(
         self,
-        node: RosNode,
+        node: TopicNode,
         *,
         command: str = "cmd_vel",
         odometry: str = "odom",
@@ -57,7 +57,7 @@ class RosBase(Closing, MobileBase):
         self._command: tuple[float, float] | None = None
         self._publisher = node.advertise(command, datatype)
         self._odometry = LatestMessage(node, odometry, "nav_msgs/msg/Odometry", max_age_s)
-        self._repeater = Repeater(self._send, rate_Hz, f"commands to {self._publisher.entity.topic}")
+        self._repeater = Repeater(self._send, rate_Hz, f"commands to {self._publisher.topic}")
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.

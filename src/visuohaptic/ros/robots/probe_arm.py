@@ -16,7 +16,7 @@ from ...core.robots import ProbeArm
 from ...io.ros import ros_messages as ros
 from ..frames import message_time_s
 from ..latest import LatestMessage, Repeater, finite
-from ..node import RosNode
+from ..transports.topic_node import TopicNode
 
 __all__ = ["RosArm"]
 
@@ -45,7 +45,7 @@ class RosArm(Closing, ProbeArm):
 
     def __init__(
         self,
-        node: RosNode,
+        node: TopicNode,
         reach_m: tuple[float, float],
         *,
         command: str = "target_frame",
@@ -61,7 +61,7 @@ class RosArm(Closing, ProbeArm):
         self._line: _Line | None = None
         self._publisher = node.advertise(command, "geometry_msgs/msg/PoseStamped")
         self._pose = LatestMessage(node, pose, "geometry_msgs/msg/PoseStamped", max_age_s)
-        self._repeater = Repeater(self._step, rate_Hz, f"targets to {self._publisher.entity.topic}")
+        self._repeater = Repeater(self._step, rate_Hz, f"targets to {self._publisher.topic}")
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Begin to move the tip in a straight line.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import DeviceError, InputError, MissingExtraError
+from ...core.errors import DeviceError, InputError, MissingExtraError
 
 __all__ = ["RosOptions", "open_session", "shown_error"]
 

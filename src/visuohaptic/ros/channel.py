@@ -1,0 +1,142 @@
+"""One sensor between its image topic and its topics of forces."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..core.camera.frame import Frame
+from ..core.errors import DeviceError, StaleFrameError
+from ..core.robots import BaseState
+from ..sensing.readers.sensor_reader import SensorReader
+from .bridge_config import SensorSection
+from .frames import TopicFrames
+from .latest import LatestMessage
+from .robots.mobile_base import base_state
+from .sink import RosSink
+from .transports.topic_node import TopicNode
+
+__all__ = ["SensorChannel", "SensorReport"]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class SensorReport:
+    """What became of the images of one sensor."""
+
+    name: str
+    frames: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    stale: int = 0  #: how often it was published that no image comes
+    left_out: int = 0  #: images that came faster than they were read
+    damaged: int = 0  #: images that could not be decoded
+    lost: int = 0  #: images that were sent but never came, and those left out
+
+
+def _odometry(latest: LatestMessage) -> Callable[[float], BaseState | None]:
+    """Newest odometry, where there is some now: without it a sensor goes by its images alone."""
+
+    def state(t_s: float) -> BaseState | None:
+        try:
+            return base_state(latest.get(0.0))
+        except StaleFrameError:
+            return None
+
+    return state
+
+
+class SensorChannel:
+    """One sensor with its topics and its thread.
+
+    Parameters
+    ----------
+    node
+        Node that subscribes and publishes.
+    section
+        Names of its topics.
+    reader
+        The sensor; closed with the channel.
+    stale_s
+        Without an image for so long, ``stale`` is published [s].
+    stop
+        Set to end it.
+    fail
+        Called in the channel's thread with the error that has ended it.
+    """
+
+    def __init__(
+        self,
+        node: TopicNode,
+        section: SensorSection,
+        reader: SensorReader[Any],
+        stale_s: float,
+        stop: threading.Event,
+        fail: Callable[[BaseException], None],
+    ) -> None:
+        self.report = SensorReport(section.name)
+        self.reader = reader
+        self._node, self._section, self._stale_s, self._stop, self._fail = node, section, stale_s, stop, fail
+        self._latest: LatestMessage | None = None
+        if section.odometry is not None:
+            self._latest = LatestMessage(node, section.odometry, "nav_msgs/msg/Odometry", stale_s)
+            reader.odometry = _odometry(self._latest)
+        self.sink = RosSink(node, frame=section.frame or section.name)
+        for topic, datatype in reader.topics.items():
+            self.sink.advertise(topic, datatype)
+        self.frames = TopicFrames(node, section.image, camera=reader.camera, depth=section.queue, grey=True)
+        self._last_index = -1
+        self._thread = threading.Thread(target=self._run, name=f"sensor {section.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to measure."""
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            if self._section.zero_frames:
+                _log.info("%s: zeroing on %d frames", self._section.name, self._section.zero_frames)
+                self.reader.zero(self._first_frames())
+            while not self._stop.is_set():
+                self._step()
+        except Exception as error:  # noqa: BLE001 - raised in the caller's thread
+            self._fail(error)
+
+    def _first_frames(self) -> Iterator[Frame]:
+        for _ in range(self._section.zero_frames):
+            while not self._stop.is_set():
+                try:
+                    yield self.frames.read(self._stale_s)
+                    break
+                except DeviceError:
+                    continue
+
+    def _step(self) -> None:
+        try:
+            frame = self.frames.read(self._stale_s)
+        except DeviceError:
+            if not self._stop.is_set():
+                self.report.stale += 1
+                self.reader.blank(self._node.now_s(), self.sink)
+            return
+        reason = self.reader.read(frame, self.sink).reason
+        self.report.frames += 1
+        self.report.reasons[reason.value] += 1
+        if self._last_index >= 0:
+            self.report.lost += max(0, frame.index - self._last_index - 1)
+        self._last_index = frame.index
+
+    def close(self) -> SensorReport:
+        """End it, after ``stop`` was set; returns what became of its images."""
+        self.frames.close()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._latest is not None:
+            self._latest.close()
+        self.reader.close()
+        self.report.left_out, self.report.damaged = self.frames.left_out, self.frames.damaged
+        return self.report

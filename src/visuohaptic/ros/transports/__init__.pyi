@@ -1,0 +1,13 @@
+from .cyclone_node import CycloneNode as CycloneNode
+from .open_node import TRANSPORTS as TRANSPORTS
+from .open_node import open_node as open_node
+from .rclpy_node import RclpyNode as RclpyNode
+from .session import RosOptions as RosOptions
+from .session import open_session as open_session
+from .session import shown_error as shown_error
+from .topic_node import Outlet as Outlet
+from .topic_node import Received as Received
+from .topic_node import RosPublisher as RosPublisher
+from .topic_node import RosSubscription as RosSubscription
+from .topic_node import TopicNode as TopicNode
+from .zenoh_node import RosNode as RosNode

@@ -1,0 +1,293 @@
+"""A node on DDS without ROS: the Python package of Eclipse Cyclone DDS, with the names and types that ROS 2 uses.
+
+Topics are prefixed with ``rt``, types are mangled and key-less, data is XCDR1, the type's hash stands in the user
+data of an endpoint, and ``ros_discovery_info`` tells which node an endpoint belongs to (rmw_dds_common).
+"""
+
+from __future__ import annotations
+
+import keyword
+import threading
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from ...core.errors import DeviceError, MissingExtraError
+from ..wire.attachment import Attachment
+from ..wire.cdr import decode, encode
+from ..wire.graph import Entity, EntityKind, Qos
+from ..wire.message_types import Field, MessageType, Shape, parse_definition
+from .session import RosOptions, shown_error
+from .topic_node import RosSubscription, TopicNode
+
+__all__ = ["CycloneNode"]
+
+#: Nodes and endpoints that are read of the graph.
+_MAX_TOLD = 10_000
+
+_DISCOVERY = parse_definition(
+    "rmw_dds_common/msg/ParticipantEntitiesInfo",
+    "Gid gid\nNodeEntitiesInfo[] node_entities_info_seq\n===\nMSG: rmw_dds_common/Gid\nuint8[16] data\n===\n"
+    "MSG: rmw_dds_common/NodeEntitiesInfo\nstring<=256 node_namespace\nstring<=256 node_name\n"
+    "Gid[] reader_gid_seq\nGid[] writer_gid_seq\n",
+)
+
+
+def _idl_type(field: Field, structs: dict[str, Any]) -> Any:
+    """The type of a field in the words of the DDS binding."""
+    from cyclonedds.idl import types
+
+    plain = {"string": str, "bool": bool, "byte": types.byte, "char": types.uint8}
+    kind = structs.get(field.kind) or plain.get(field.kind) or getattr(types, field.kind)
+    if field.kind == "string" and field.text_capacity:
+        kind = types.bounded_str[field.text_capacity]
+    if field.shape is Shape.ARRAY:
+        return types.array[kind, field.capacity]
+    if field.shape is Shape.BOUNDED:
+        return types.sequence[kind, field.capacity]
+    return types.sequence[kind] if field.shape is Shape.SEQUENCE else kind
+
+
+def _raw_type(kind: MessageType) -> Any:
+    """A type of DDS with the message's structure whose samples are CDR bytes that this library has written."""
+    from cyclonedds.idl import make_idl_struct
+
+    structs: dict[str, Any] = {}
+
+    def struct(name: str) -> Any:
+        for field in kind.parts[name]:
+            if field.nested and field.kind not in structs:
+                struct(field.kind)
+        package, middle, short = name.split("/")
+        fields = {
+            f"_{field.name}" if keyword.iskeyword(field.name) else field.name: _idl_type(field, structs)
+            for field in kind.parts[name]
+        }
+        structs[name] = make_idl_struct(f"{short}_", f"{package}.{middle}.dds_.{short}_", fields)
+        return structs[name]
+
+    def read(data: bytes, **_: Any) -> Any:
+        sample = object.__new__(whole)
+        sample.cdr = bytes(data)
+        return sample
+
+    whole = struct(kind.name)
+    whole.serialize = lambda sample, **_: sample.cdr
+    whole.deserialize = whole.deserialize_key = staticmethod(read)
+    return whole
+
+
+class _CycloneOutlet:
+    def __init__(self, topic: str, kind: Any, writer: Any) -> None:
+        self._topic, self._kind = topic, kind
+        self.writer = writer  #: ``None`` once the node is closed: DDS deletes what nobody refers to
+
+    @property
+    def heard(self) -> bool:
+        return bool(self.writer.get_matched_subscriptions())
+
+    def send(self, data: bytes, number: int) -> None:
+        try:
+            self.writer.write(self._kind.deserialize(data))
+        except Exception as error:
+            raise DeviceError(f"{self._topic}: cannot be published ({shown_error(error)})") from error
+
+
+class CycloneNode(TopicNode):
+    """A node over Cyclone DDS, without ROS; a context manager. Topics only.
+
+    Parameters
+    ----------
+    name
+        Of the node.
+    options
+        Domain and namespace; the other fields are of zenoh.
+
+    Raises
+    ------
+    MissingExtraError
+        The package cyclonedds is not installed.
+    DeviceError
+        The domain cannot be joined.
+    """
+
+    def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
+        super().__init__(name, options)
+        try:
+            from cyclonedds.builtin import (
+                BuiltinDataReader,
+                BuiltinTopicDcpsParticipant,
+                BuiltinTopicDcpsPublication,
+                BuiltinTopicDcpsSubscription,
+            )
+            from cyclonedds.core import DDSException
+            from cyclonedds.domain import DomainParticipant
+            from cyclonedds.qos import Policy
+            from cyclonedds.qos import Qos as DdsQos
+        except ImportError as error:
+            raise MissingExtraError("cyclonedds", "dds", "DDS without ROS") from error
+        try:
+            enclave = DdsQos(Policy.Userdata(b"enclave=/;"))
+            self._participant = DomainParticipant(self.options.domain, qos=enclave)
+        except DDSException as error:
+            raise DeviceError(
+                f"domain {self.options.domain} cannot be joined ({shown_error(error)})"
+            ) from error
+        self._endpoints: dict[EntityKind, list[Any]] = {EntityKind.PUBLISHER: [], EntityKind.SUBSCRIPTION: []}
+        self._participants = BuiltinDataReader(self._participant, BuiltinTopicDcpsParticipant)
+        self._told = (
+            (EntityKind.PUBLISHER, BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)),
+            (EntityKind.SUBSCRIPTION, BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)),
+        )
+        discovery = "ros_discovery_info"
+        kind, topic = self._topic(discovery, _DISCOVERY)
+        self._nodes = self._reader(topic, _DISCOVERY, Qos(latched=True, depth=_MAX_TOLD))
+        writer = self._writer(topic, _DISCOVERY, Qos(latched=True, depth=1))
+        self._discovery = _CycloneOutlet(discovery, kind, writer)
+        self._outlets = [self._discovery]
+        self._announce()
+
+    def _topic(self, name: str, kind: MessageType) -> tuple[Any, Any]:
+        from cyclonedds.topic import Topic
+
+        data_type = _raw_type(kind)
+        return data_type, Topic(self._participant, name, data_type)
+
+    def _qos(self, qos: Qos, kind: MessageType, *, keep_all: bool = False) -> Any:
+        from cyclonedds.qos import Policy
+        from cyclonedds.qos import Qos as DdsQos
+        from cyclonedds.util import duration
+
+        return DdsQos(
+            Policy.Reliability.Reliable(duration(seconds=1))
+            if qos.reliable
+            else Policy.Reliability.BestEffort,
+            Policy.Durability.TransientLocal if qos.latched else Policy.Durability.Volatile,
+            Policy.History.KeepAll if keep_all else Policy.History.KeepLast(qos.depth),
+            # A latched writer keeps as many for those who come late.
+            Policy.DurabilityService(0, Policy.History.KeepLast(qos.depth), -1, -1, -1),
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+            Policy.Userdata(f"typehash={kind.type_hash()};".encode()),
+        )
+
+    def _writer(self, topic: Any, kind: MessageType, qos: Qos, *, wait: bool = False) -> Any:
+        from cyclonedds.pub import DataWriter, Publisher
+
+        # The binding allows durability service on writers alone.
+        return DataWriter(Publisher(self._participant), topic, self._qos(qos, kind, keep_all=wait))
+
+    def _reader(self, topic: Any, kind: MessageType, qos: Qos) -> Any:
+        from cyclonedds.sub import DataReader
+
+        return DataReader(self._participant, topic, self._qos(qos, kind))
+
+    def _announce(self) -> None:
+        """Tell which endpoints are this node's."""
+
+        def gids(kind: EntityKind) -> list[dict[str, bytes]]:
+            return [{"data": entity.guid.bytes} for entity in self._endpoints[kind]]
+
+        info = {
+            "node_namespace": self.namespace,
+            "node_name": self.name,
+            "reader_gid_seq": gids(EntityKind.SUBSCRIPTION),
+            "writer_gid_seq": gids(EntityKind.PUBLISHER),
+        }
+        message = {"gid": {"data": self._participant.guid.bytes}, "node_entities_info_seq": [info]}
+        self._discovery.send(encode(message, _DISCOVERY), 0)
+
+    def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> _CycloneOutlet:
+        data_type, place = self._topic("rt" + topic, kind)
+        writer = self._writer(place, kind, qos, wait=wait)
+        self._endpoints[EntityKind.PUBLISHER].append(writer)
+        self._announce()
+        self._outlets.append(_CycloneOutlet(topic, data_type, writer))
+        return self._outlets[-1]
+
+    def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:
+        from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet
+        from cyclonedds.util import duration
+
+        _, place = self._topic("rt" + subscription.topic, kind)
+        reader = self._reader(place, kind, qos)
+        waiting, pause = WaitSet(self._participant), duration(milliseconds=100)
+        waiting.attach(ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
+        counts: Counter[int] = Counter()  # by writer: DDS does not tell its own number of a message
+        end = threading.Event()
+
+        def run() -> None:
+            while not end.is_set():
+                waiting.wait(pause)
+                for sample in reader.take(qos.depth):
+                    info = sample.sample_info
+                    if info.valid_data:
+                        counts[info.publication_handle] += 1
+                        gid = info.publication_handle.to_bytes(16, "little")
+                        beside = Attachment(counts[info.publication_handle], info.source_timestamp, gid)
+                        subscription.take(sample.cdr, beside)
+
+        thread = threading.Thread(target=run, name=f"{self.name} {subscription.topic}", daemon=True)
+        self._endpoints[EntityKind.SUBSCRIPTION].append(reader)
+        self._announce()
+        thread.start()
+
+        def undeclare() -> None:
+            end.set()
+            if threading.current_thread() is not thread:
+                thread.join()
+
+        self._closing.append(undeclare)
+        return undeclare
+
+    def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
+        """As told by the others so far; endpoints whose node is not known have none."""
+        here = {sample.key.bytes for sample in _alive(self._participants)}
+        newest = {}
+        for sample in self._nodes.read(_MAX_TOLD):
+            if sample.sample_info.valid_data:
+                info = decode(sample.cdr, _DISCOVERY, "ros_discovery_info")
+                newest[bytes(info.gid.data)] = info
+        owners: dict[bytes, tuple[str, str]] = {}
+        found = []
+        for gid in sorted(newest.keys() & here):
+            for node in newest[gid].node_entities_info_seq:
+                place = (node.node_namespace, node.node_name)
+                found.append(self._entity(EntityKind.NODE, place))
+                owners |= {bytes(each.data): place for each in (*node.reader_gid_seq, *node.writer_gid_seq)}
+        for kind, reader in self._told:
+            for sample in _alive(reader):
+                if sample.topic_name.startswith("rt/") and sample.type_name.endswith("_"):
+                    place = owners.get(sample.key.bytes, ("/", ""))
+                    found.append(self._entity(kind, place, *_told_endpoint(sample)))
+        return tuple(found)
+
+    def _entity(self, kind: EntityKind, place: tuple[str, str], *endpoint: Any) -> Entity:
+        return Entity(self.options.domain, "", 0, 0, kind, *place, *endpoint)
+
+    def _leave(self) -> None:
+        for outlet in self._outlets:
+            outlet.writer = None
+        for endpoints in self._endpoints.values():
+            endpoints.clear()
+        del self._nodes, self._told, self._participants, self._participant
+
+
+def _alive(reader: Any) -> list[Any]:
+    """What is there now, of what the reader of a built-in topic was told of."""
+    from cyclonedds.core import InstanceState
+
+    told = reader.read(_MAX_TOLD)
+    return [sample for sample in told if sample.sample_info.instance_state == InstanceState.Alive]
+
+
+def _told_endpoint(sample: Any) -> tuple[str, str, str, Qos]:
+    """Topic, type, type hash and quality of service of a discovered endpoint."""
+    from cyclonedds.qos import Policy
+
+    qos = sample.qos
+    data = bytes(qos[Policy.Userdata].data).decode(errors="replace") if Policy.Userdata in qos else ""
+    reliable = Policy.Reliability in qos and qos[Policy.Reliability] != Policy.Reliability.BestEffort
+    latched = Policy.Durability in qos and qos[Policy.Durability] == Policy.Durability.TransientLocal
+    datatype = sample.type_name.replace("::dds_::", "::").removesuffix("_").replace("::", "/")
+    topic = sample.topic_name.removeprefix("rt")
+    return topic, datatype, data.removeprefix("typehash=").rstrip(";\0"), Qos(reliable, latched)

@@ -1,0 +1,51 @@
+"""A node by the name of what carries its messages."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+from ...core.errors import InputError, brief
+from .session import RosOptions
+from .topic_node import TopicNode
+
+__all__ = ["TRANSPORTS", "Transport", "open_node"]
+
+Transport = Literal["zenoh", "rclpy", "cyclonedds"]
+TRANSPORTS: tuple[str, ...] = get_args(Transport)
+
+
+def open_node(name: str, options: RosOptions | None = None, transport: str = "zenoh") -> TopicNode:
+    """Join the robot's nodes.
+
+    Parameters
+    ----------
+    name
+        Of the node.
+    options
+        Domain, namespace; routers of zenoh.
+    transport
+        ``zenoh`` for robots with ``rmw_zenoh_cpp``, ``rclpy`` for ROS 2 itself over DDS, ``cyclonedds`` for DDS
+        without ROS.
+
+    Raises
+    ------
+    InputError
+        There is no such transport.
+    MissingExtraError
+        Its library is not installed.
+    DeviceError
+        No router answers.
+    """
+    if transport == "zenoh":
+        from .zenoh_node import RosNode
+
+        return RosNode(name, options)
+    if transport == "rclpy":
+        from .rclpy_node import RclpyNode
+
+        return RclpyNode(name, options)
+    if transport == "cyclonedds":
+        from .cyclone_node import CycloneNode
+
+        return CycloneNode(name, options)
+    raise InputError("transport", f"found {brief(transport)}, expected one of {', '.join(TRANSPORTS)}")
