@@ -2,7 +2,8 @@
 
 Deformation d and force F both carry noise. Least squares of F on a noisy d comes out too soft, by
 the fraction of the noise in d^2: its known part is taken off the moments (Fuller 1987). Where the
-fingers hardly move, only the weighted distance to the line (Deming) says anything.
+fingers hardly move, only the weighted distance to the line (Deming) says anything, and it is the compliance that has a
+Gaussian error: what is read is its mean given that it is positive.
 """
 
 from __future__ import annotations
@@ -152,20 +153,28 @@ def _slope(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, floa
     inside = dd - count * var_d
     if var_d == 0 or inside > 25 * count * var_d:
         k = df / inside if inside > 0 else math.nan
-        square = inside
-    else:
-        # Deming: the line with the least weighted distance.
-        if df <= 0:
-            # Pressed and not moved: stiffer than the noise lets see.
-            seen = float(f.mean()) > 5 * noise.force_N / math.sqrt(count)
-            return (math.sqrt(ff / (count * var_d)), 1.0) if seen else (math.nan, math.nan)
-        ratio = var_f / var_d
-        half = 0.5 * (ff - ratio * dd)
-        k = (half + math.hypot(half, math.sqrt(ratio) * df)) / df
-        # d^2 along the line, from both sensors, less what is noise.
-        square = (ratio * dd + k * df) / (ratio + k * k)
-        square = max(square - count * var_d * ratio / (ratio + k * k), 0.25 * square)
-    return k, math.sqrt((var_f + k * k * var_d) / square) / abs(k) if k else math.nan
+        return k, math.sqrt((var_f + k * k * var_d) / inside) / abs(k) if k else math.nan
+    if df <= 0 and float(f.mean()) <= 5 * noise.force_N / math.sqrt(count):
+        return math.nan, math.nan  # no push is seen
+    # Deming: the line with the least weighted distance, as a compliance, which noise may make negative.
+    ratio = var_f / var_d
+    half = 0.5 * (ff - ratio * dd)
+    scale = half + math.hypot(half, math.sqrt(ratio) * df)
+    if not scale > 0:
+        return math.nan, math.nan
+    compliance = df / scale
+    # f^2 along the line, from both sensors, less what is noise.
+    square = (ratio * dd + scale) / (1 + ratio * compliance**2)
+    square = max(square - count * var_f / (1 + ratio * compliance**2), 0.25 * square)
+    return _positive(compliance, math.sqrt((compliance**2 * var_f + var_d) / square))
+
+
+def _positive(compliance: float, sigma: float) -> tuple[float, float]:
+    """Stiffness and its relative standard deviation: a Gaussian compliance, of which only what is above 0 is possible."""
+    away = max(compliance / sigma, -8.0)  # beyond this both factors of the slope vanish
+    slope = math.sqrt(2 / math.pi) * math.exp(-0.5 * away**2) / math.erfc(-away / math.sqrt(2))
+    mean = compliance + sigma * slope
+    return 1 / mean, sigma * math.sqrt(max(1 - slope * (away + slope), 0.0)) / mean
 
 
 def _quadratic(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, float]:

@@ -12,7 +12,7 @@ zeros of its sensors and Young's modulus, which all touches share, too, and d wh
 All of them are integrated out, since everything is Gaussian given l and s: l is 1 for an object inside the trained ranges
 and :data:`OUTSIDE` for one that leaves them, s is 1 for a pose as good as it should be and :data:`CARELESS` for a poor one.
 Each combination is a Gaussian of its own, equally probable beforehand, so that residuals have the heavy tails of their
-mixture. W_k is shrunk to the average of all classes, by as much as makes objects that are left out most probable.
+mixture. W_k is shrunk to the average of all classes, by as much as makes objects of k that are left out most probable.
 "Unknown" is an answer like the others, with Gaussians of its own (:mod:`.unknown_class`).
 
 Stiffness is read in series with the resolution c0 of a touch, k / (1 + c0 k): what hardly moves is as stiff as can be seen,
@@ -59,8 +59,8 @@ OUTSIDE = 1.43
 #: A pose is known to 2 mm by a calibrated gripper, and to 5 mm by one that is not.
 CARELESS = 2.5
 POSES = (1.0, CARELESS)
-#: Objects that the average covariance of all classes counts for: what is tried.
-STRENGTHS = (1.0, 3.0, 10.0, 30.0, 100.0)
+#: Objects that the average covariance of all classes counts for: what is tried. A hundredth of an object is next to none.
+STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
 NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation")
 
@@ -332,18 +332,21 @@ def _within(
 ) -> Float[np.ndarray, "k p p"]:
     """Covariance of each class, shrunk to their average (empirical Bayes with an inverse Wishart prior).
 
-    Every third object is left out in turn, and judged by the covariance of the others.
+    Every third object is left out in turn, and judged by the covariance of the others. Each class has a strength of its own:
+    one whose walls have few parameters does not bend as those of another with grooves do.
     """
     turn = np.arange(len(number)) % 3
-    score = np.zeros(len(STRENGTHS))
+    score = np.zeros((len(STRENGTHS), int(number.max()) + 1))
     for fold in range(3):
         for trial, strength in enumerate(STRENGTHS):
             for k, covariance in enumerate(_shrunk(away[turn != fold], number[turn != fold], strength)):
                 root = np.linalg.cholesky(covariance + np.diag(own))
                 left = away[(turn == fold) & (number == k)]
                 white = np.linalg.solve(root, left.T)
-                score[trial] -= 0.5 * (white**2).sum() + len(left) * np.log(np.diag(root)).sum()
-    return _shrunk(away, number, STRENGTHS[int(score.argmax())])
+                score[trial, k] -= 0.5 * (white**2).sum() + len(left) * np.log(np.diag(root)).sum()
+    each = np.stack([_shrunk(away, number, strength) for strength in STRENGTHS])
+    out: np.ndarray = each[score.argmax(axis=0), np.arange(score.shape[1])]
+    return out
 
 
 def _shrunk(
