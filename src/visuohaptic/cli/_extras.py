@@ -83,6 +83,7 @@ OPTIONAL = (
 #: Modules that an argument needs when it is given, with every verb that has it.
 BY_ARGUMENT: Mapping[str, tuple[str, ...]] = {
     "cluster": ("distributed",),
+    "page": ("matplotlib",),
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
     "view": ("viser",),
