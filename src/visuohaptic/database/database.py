@@ -225,6 +225,11 @@ class ObjectDatabase(Closing):
             )
             return {row.id: row.change for row in rows}, last
 
+    def last_change(self) -> int:
+        """Number of the last change."""
+        with self.connections.reading() as connection:
+            return last_change(connection)
+
     def stored(self, ids: Sequence[str]) -> dict[str, tuple[VisuoHapticObject, float | None]]:
         """Objects with the time of their deletion (``None`` for living ones).
 

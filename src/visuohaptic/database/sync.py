@@ -63,7 +63,7 @@ def synchronise(
         differing += [one for one in written.known if not _same(written.merged[one], offered[one])]
     # Where it met something that was not offered yet, both together are news for the others.
     sent += _offer(local, shared, differing, is_shared)[0]
-    now = local.changed(last_here)[1]
+    now = local.last_change()
     # What came from there is not offered back, unless somebody else wrote here meanwhile.
     _note(local, shared.id, now if now == last_here + writes else last_here, last_there)
     return Synchronised(sent, received)

@@ -5,8 +5,6 @@ from .bridge_config import NodeSection as NodeSection
 from .bridge_config import SensorSection as SensorSection
 from .frames import TopicFrames as TopicFrames
 from .latest import LatestMessage as LatestMessage
-from .latest import Repeater as Repeater
-from .latest import finite as finite
 from .markers import arrow as arrow
 from .markers import contact_markers as contact_markers
 from .node import Received as Received
