@@ -6,6 +6,7 @@ import random
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,6 +138,39 @@ def _both_ways(one: ObjectDatabase, two: ObjectDatabase, shared: ObjectDatabase)
     changes = shared.changed(0)[1]
     synchronise(one, shared)
     assert not shared.changed(changes)[0]  # nothing new is nothing written
+
+
+def test_what_was_received_is_not_offered_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with (
+        open_database(tmp_path / "a") as one,
+        open_database(tmp_path / "b") as two,
+        open_database(tmp_path / "s") as shared,
+    ):
+        one.add_many(make_object(number) for number in range(5))
+        one.add(make_object(7))
+        two.add(add_evidence(make_object(7), Evidence("material.youngs_modulus_Pa", Estimate(3e9, 1e6))))
+        assert (found := synchronise(one, shared)) == type(found)(6, 0)
+        # Of the object that both know, the second knows all; the first learns of it.
+        assert synchronise(two, shared) == type(found)(1, 5)
+        writes = shared.changed(0)[1]
+        assert synchronise(two, shared) == type(found)(0, 0)
+        assert synchronise(one, shared) == type(found)(0, 1)
+        assert synchronise(one, shared) == type(found)(0, 0)
+        assert shared.changed(0)[1] == writes
+        # What somebody adds here while news arrive is not taken for one of them.
+        two.add(make_object(8))
+        synchronise(two, shared)
+        write = one.write_merged
+
+        def busy(items: Any) -> Any:
+            one.add(make_object(9))
+            return write(items)
+
+        monkeypatch.setattr(one, "write_merged", busy)
+        assert synchronise(one, shared).received == 1
+        monkeypatch.undo()
+        synchronise(one, shared)
+        assert "o0000009" in shared
 
 
 def test_two_robots_share_a_folder(tmp_path: Path) -> None:

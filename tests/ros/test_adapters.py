@@ -12,8 +12,10 @@ import pytest
 from visuohaptic.core import DeviceError, Gripper, InputError, MobileBase, ProbeArm, StaleFrameError
 from visuohaptic.core.camera import Pose
 from visuohaptic.io.ros import ros_messages as messages
-from visuohaptic.ros import Repeater, RosNode
+from visuohaptic.ros import RosNode
 from visuohaptic.ros.robots import RosArm, RosBase, RosGripper
+from visuohaptic.tasks.framework import check_robot
+from visuohaptic.tasks.robots import Repeater
 
 from .conftest import until
 
@@ -208,3 +210,30 @@ def test_a_repeater_that_fails_says_so() -> None:
     repeater.close()
     with pytest.raises(InputError):
         Repeater(fail, 0.0, "commands")
+
+
+def test_a_simulated_platform_keeps_the_contract(machine: Robot, ours: RosNode) -> None:
+    """Five times as fast as real: its odometry has the simulation's time."""
+    fast = 5.0
+    state, began = {"t": 0.0, "x": 0.0, "y": 0.0, "heading": 0.3}, time.monotonic()
+
+    def moved() -> dict:
+        speed, turn = (machine.got[-1].linear.x, machine.got[-1].angular.z) if machine.got else (0.0, 0.0)
+        dt, state["t"] = fast * (time.monotonic() - began) - state["t"], fast * (time.monotonic() - began)
+        state["heading"] += dt * turn
+        state["x"] += dt * speed * math.cos(state["heading"])
+        state["y"] += dt * speed * math.sin(state["heading"])
+        pose = Pose.from_rotation_vector([0.0, 0.0, state["heading"]], [state["x"], state["y"], 0.0])
+        twist = {"linear": {"x": speed, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": turn}}
+        return {
+            "header": messages.header(state["t"], "odom"),
+            "child_frame_id": "base_link",
+            "pose": {"pose": messages.pose(pose), "covariance": COVARIANCE},
+            "twist": {"twist": twist, "covariance": COVARIANCE},
+        }
+
+    machine.obey("cmd_vel", "geometry_msgs/msg/Twist")
+    machine.tell("odom", "nav_msgs/msg/Odometry", moved)
+    with RosBase(ours, rate_Hz=100.0) as base:
+        rules = check_robot({"base": base, "wait": lambda duration_s: time.sleep(duration_s / fast)})
+    assert not [rule for rule in rules if rule.problem]

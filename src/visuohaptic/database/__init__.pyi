@@ -22,6 +22,7 @@ from .rows import ALIVE as ALIVE
 from .rows import MANY as MANY
 from .rows import Stored as Stored
 from .rows import Summary as Summary
+from .rows import Written as Written
 from .rows import drop_shards as drop_shards
 from .rows import feature_vectors as feature_vectors
 from .rows import fetch as fetch

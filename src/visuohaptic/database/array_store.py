@@ -33,6 +33,7 @@ class ArrayStore:
     def __init__(self, folder: ShardFolder | None) -> None:
         self.folder = folder
         self._tidy_due = folder is not None
+        self._ahead: dict[tuple[str, int], cards.Arrays] = {}
 
     def close(self) -> None:
         """Close all files."""
@@ -90,15 +91,40 @@ class ArrayStore:
         if row.shard is None:
             return {}
         if self.folder is not None:
-            arrays = self.folder.read(row.shard, row.row_group)
+            ahead = self._ahead.pop((row.shard, row.row_group), None)
+            arrays = self.folder.read(row.shard, [row.row_group])[0] if ahead is None else ahead
         else:
             import pyarrow.parquet as pq
 
             data = connection.scalar(select(shard.c.data).where(shard.c.name == row.shard))
-            arrays = unpack(pq.ParquetFile(io.BytesIO(data or b"")), row.row_group, where)
+            arrays = unpack(pq.ParquetFile(io.BytesIO(data or b"")), [row.row_group], where)[0]
         if cards.arrays_digest(arrays) != row.arrays_sha256:
             raise DatabaseError(f"{where}: its arrays do not have the hash they were stored with")
         return arrays
+
+    def read_ahead(self, rows: Sequence[Any]) -> None:
+        """Read the arrays of rows that follow, all of a shard at once.
+
+        Parameters
+        ----------
+        rows
+            Of the objects.
+
+        Raises
+        ------
+        FileNotFoundError
+            A shard is gone: another process has replaced it.
+        """
+        self._ahead = {}
+        if self.folder is None:
+            return
+        groups: dict[str, list[int]] = {}
+        for row in rows:
+            if row.shard is not None:
+                groups.setdefault(row.shard, []).append(row.row_group)
+        for name, chosen in groups.items():
+            for number, arrays in zip(chosen, self.folder.read(name, chosen), strict=True):
+                self._ahead[name, number] = arrays
 
     def remove(self, names: Sequence[str]) -> None:
         """Remove the files of shards that no object names any more.

@@ -31,6 +31,7 @@ from .merge import merge_objects
 from .rows import (
     ALIVE,
     Summary,
+    Written,
     drop_shards,
     feature_vectors,
     fetch,
@@ -200,8 +201,8 @@ class ObjectDatabase(Closing):
             last = last_change(connection)  # first: what is written meanwhile is read again next time
             return *feature_vectors(connection, kind, since, self.where), last
 
-    def changed(self, since: int) -> tuple[Sequence[str], int]:
-        """Ids of objects written or deleted after a change.
+    def changed(self, since: int) -> tuple[dict[str, int], int]:
+        """Objects written or deleted after a change.
 
         Parameters
         ----------
@@ -210,17 +211,24 @@ class ObjectDatabase(Closing):
 
         Returns
         -------
-        ids
-            Ids, deleted objects included.
+        changes
+            Number of the last change by id, deleted objects included, in order of the numbers.
         change
-            Number of the last change.
+            Number of the last change of all.
         """
         with self.connections.reading() as connection:
             last = last_change(connection)
             rows = connection.execute(
-                select(object_.c.id).where(object_.c.change > since).order_by(object_.c.change)
-            ).scalars()
-            return rows.all(), last
+                select(object_.c.id, object_.c.change)
+                .where(object_.c.change > since)
+                .order_by(object_.c.change)
+            )
+            return {row.id: row.change for row in rows}, last
+
+    def last_change(self) -> int:
+        """Number of the last change."""
+        with self.connections.reading() as connection:
+            return last_change(connection)
 
     def stored(self, ids: Sequence[str]) -> dict[str, tuple[VisuoHapticObject, float | None]]:
         """Objects with the time of their deletion (``None`` for living ones).
@@ -238,7 +246,7 @@ class ObjectDatabase(Closing):
         for _ in range(5):
             try:
                 with self.connections.reading() as connection:
-                    found = fetch(connection, ids, self._decode)
+                    found = fetch(connection, ids, self._decode, self._arrays.read_ahead)
                 return {one: (item.obj, item.deleted_s) for one, item in found.items()}
             except FileNotFoundError:
                 continue
@@ -264,7 +272,7 @@ class ObjectDatabase(Closing):
         InputError
             The id is not of up to 128 letters, digits, ``.``, ``_`` and ``-``.
         """
-        return self._write([obj])[obj.id][0]
+        return self._write([obj]).merged[obj.id][0]
 
     def add_many(
         self,
@@ -320,9 +328,7 @@ class ObjectDatabase(Closing):
         now_s = time.time() if t_s is None else t_s
         self.write_merged({object_id: (VisuoHapticObject(object_id), now_s)})
 
-    def write_merged(
-        self, items: Mapping[str, tuple[VisuoHapticObject, float | None]]
-    ) -> dict[str, tuple[VisuoHapticObject, float | None]]:
+    def write_merged(self, items: Mapping[str, tuple[VisuoHapticObject, float | None]]) -> Written:
         """Join versions from elsewhere, deletions too, with those here, in one transaction.
 
         Parameters
@@ -332,16 +338,16 @@ class ObjectDatabase(Closing):
 
         Returns
         -------
-        dict
-            What is now stored, in the same form.
+        Written
+            What is now stored.
         """
         objects = [obj for obj, _ in items.values()]
         return self._write(objects, {one: deleted_s for one, (_, deleted_s) in items.items()})
 
     def _write(
         self, objects: Sequence[VisuoHapticObject], deletions: Mapping[str, float | None] | None = None
-    ) -> dict[str, tuple[VisuoHapticObject, float | None]]:
-        """Merge with what is stored, and store; returns by id the result and when it was deleted."""
+    ) -> Written:
+        """Merge with what is stored, and store."""
         latest: dict[str, VisuoHapticObject] = {}
         for obj in objects:
             if not _ID.fullmatch(obj.id):
@@ -354,7 +360,7 @@ class ObjectDatabase(Closing):
         with self._turn, self.connections.writing() as connection:
             change = next_change(connection)
             self._arrays.tidy(connection, self.where)
-            known = fetch(connection, list(latest), self._decode)
+            known = fetch(connection, list(latest), self._decode, self._arrays.read_ahead)
             rows, blobs = [], []
             for one, obj in latest.items():
                 old = known.get(one)
@@ -376,7 +382,7 @@ class ObjectDatabase(Closing):
             store_rows(connection, rows)
             unneeded = drop_shards(connection, [old.row.shard for _, old, _ in rows if old is not None])
         self._arrays.remove(unneeded)
-        return merged
+        return Written(merged, change, frozenset(known), frozenset(row["id"] for row, _, _ in rows))
 
     def check(self) -> Check:
         """Read everything and compare every hash."""

@@ -155,7 +155,7 @@ def import_object(folder: Path | str) -> VisuoHapticObject:
 
         try:
             with pq.ParquetFile(path.parent / _ARRAYS) as file:
-                arrays = unpack(file, 0, path.parent / _ARRAYS)
+                arrays = unpack(file, [0], path.parent / _ARRAYS)[0]
         except (pa.ArrowException, OSError) as error:  # damaged headers are reported as either
             raise InputError(path.parent / _ARRAYS, f"is not a Parquet file ({error})") from error
     obj = replace(decode(card.object, arrays, path), licence=card.licence)

@@ -21,6 +21,7 @@ __all__ = [
     "MANY",
     "Stored",
     "Summary",
+    "Written",
     "drop_shards",
     "feature_vectors",
     "fetch",
@@ -40,6 +41,18 @@ class Stored:
     obj: VisuoHapticObject
     deleted_s: float | None
     row: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What a write came to."""
+
+    merged: dict[
+        str, tuple[VisuoHapticObject, float | None]
+    ]  #: by id what is stored now, and when it was deleted
+    change: int  #: number of this write
+    known: frozenset[str]  #: ids that were there before
+    changed: frozenset[str]  #: ids of which something is new
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +185,10 @@ def feature_vectors(
 
 
 def fetch(
-    connection: Connection, ids: Sequence[str], decode: Callable[[Any, Connection], VisuoHapticObject]
+    connection: Connection,
+    ids: Sequence[str],
+    decode: Callable[[Any, Connection], VisuoHapticObject],
+    read_ahead: Callable[[Sequence[Any]], object],
 ) -> dict[str, Stored]:
     """Stored objects by id, deleted ones too; unknown ids are left out.
 
@@ -184,10 +200,14 @@ def fetch(
         Ids of the objects.
     decode
         Reads the object of a row.
+    read_ahead
+        Called with rows that are decoded next.
     """
     found = {}
     for start in range(0, len(ids), 500):
-        for row in connection.execute(MANY, {"requested": list(ids[start : start + 500])}):
+        rows = connection.execute(MANY, {"requested": list(ids[start : start + 500])}).all()
+        read_ahead(rows)
+        for row in rows:
             found[row.id] = Stored(decode(row, connection), row.deleted_s, row)
     return found
 

@@ -70,15 +70,15 @@ def pack(items: Sequence[Arrays], sink: Any) -> None:
             )
 
 
-def unpack(file: Any, row_group: int, where: object) -> Arrays:
-    """Arrays of one row group of an open Parquet file.
+def unpack(file: Any, row_groups: Sequence[int], where: object) -> list[Arrays]:
+    """Arrays of some row groups of an open Parquet file.
 
     Parameters
     ----------
     file
         ``pyarrow.parquet.ParquetFile`` of a shard.
-    row_group
-        Place of the object in it.
+    row_groups
+        Places of the objects in it.
     where
         The file, for messages.
 
@@ -90,20 +90,24 @@ def unpack(file: Any, row_group: int, where: object) -> Arrays:
     import pyarrow as pa
 
     try:
-        if not 0 <= row_group < file.num_row_groups:
-            raise InputError(where, f"has {file.num_row_groups} row groups, expected number {row_group}")
-        rows = file.read_row_group(row_group, use_threads=False).to_pydict()
-        found = {}
-        for name, dtype, shape, data in zip(*(rows[column] for column in _schema().names), strict=True):
-            if dtype not in DTYPES or len(data) > MAX_ARRAY_BYTES:
-                raise InputError(where, f"array {name!r} is of {dtype!r} with {len(data)} bytes")
-            sides = [int(side) for side in shape.split("x")] if shape else []
-            found[name] = np.frombuffer(data, np.dtype(dtype).newbyteorder("<")).reshape(sides)
+        if bad := [group for group in row_groups if not 0 <= group < file.num_row_groups]:
+            raise InputError(where, f"has {file.num_row_groups} row groups, expected number {bad[0]}")
+        rows = file.read_row_groups(list(row_groups), use_threads=False).to_pydict()
+        arrays = zip(*(rows[column] for column in _schema().names), strict=True)
+        counts = [file.metadata.row_group(group).num_rows for group in row_groups]
+        found = [dict(_array(where, *next(arrays)) for _ in range(count)) for count in counts]
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, AttributeError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(where, f"is not a readable shard ({error})") from error
     return found
+
+
+def _array(where: object, name: str, dtype: str, shape: str, data: bytes) -> tuple[str, np.ndarray]:
+    if dtype not in DTYPES or len(data) > MAX_ARRAY_BYTES:
+        raise InputError(where, f"array {name!r} is of {dtype!r} with {len(data)} bytes")
+    sides = [int(side) for side in shape.split("x")] if shape else []
+    return name, np.frombuffer(data, np.dtype(dtype).newbyteorder("<")).reshape(sides)
 
 
 def file_sha256(path: Path) -> str:
@@ -179,15 +183,15 @@ class ShardFolder:
             os.close(handle)
         return name, sha256, size
 
-    def read(self, name: str, row_group: int) -> Arrays:
-        """Arrays of one object.
+    def read(self, name: str, row_groups: Sequence[int]) -> list[Arrays]:
+        """Arrays of objects in one shard.
 
         Parameters
         ----------
         name
             Name of the shard.
-        row_group
-            Place of the object in it.
+        row_groups
+            Places of the objects in it.
 
         Raises
         ------
@@ -210,7 +214,7 @@ class ShardFolder:
                 if len(self._open) > self._limit:
                     self._open.popitem(last=False)[1].close()
             self._open.move_to_end(name)
-            return unpack(file, row_group, self.path(name))
+            return unpack(file, row_groups, self.path(name))
 
     def remove(self, names: Sequence[str]) -> None:
         """Remove shards that no object refers to.

@@ -6,7 +6,7 @@ order: there are no conflicts to ask about, and a synchronisation that was inter
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from sqlalchemy import select
@@ -49,8 +49,35 @@ def synchronise(
     Where an object was seen last stays here: it is knowledge of one robot in one place (Alt 2016, Sec. 6.3.3).
     """
     sent_to, received_to = _known(local, shared.id)
-    ids, last_here = local.changed(sent_to)
+    changes, last_here = local.changed(sent_to)
+    sent, echoes = _offer(local, shared, list(changes), is_shared)
+    changes, last_there = shared.changed(received_to)
+    # What was sent a moment ago is there as it is here: nothing can be learnt from it.
+    news = [one for one, change in changes.items() if echoes.get(one) != change]
+    received, writes, differing = 0, 0, []
+    for start in range(0, len(news), BATCH):
+        offered = shared.stored(news[start : start + BATCH])
+        written = local.write_merged(offered)
+        received += len(written.changed)
+        writes += 1
+        differing += [one for one in written.known if not _same(written.merged[one], offered[one])]
+    # Where it met something that was not offered yet, both together are news for the others.
+    sent += _offer(local, shared, differing, is_shared)[0]
+    now = local.last_change()
+    # What came from there is not offered back, unless somebody else wrote here meanwhile.
+    _note(local, shared.id, now if now == last_here + writes else last_here, last_there)
+    return Synchronised(sent, received)
+
+
+def _offer(
+    local: ObjectDatabase,
+    shared: ObjectDatabase,
+    ids: Sequence[str],
+    is_shared: Callable[[VisuoHapticObject], bool],
+) -> tuple[int, dict[str, int]]:
+    """Send objects; how many, and by id the change in which it was stored there, where nothing was added to it."""
     sent = 0
+    echoes: dict[str, int] = {}
     for start in range(0, len(ids), BATCH):
         found = local.stored(ids[start : start + BATCH])
         offer = {
@@ -59,23 +86,23 @@ def synchronise(
             if deleted_s is not None or is_shared(obj)
         }
         if offer:
-            shared.write_merged(offer)
+            written = shared.write_merged(offer)
             sent += len(offer)
-    ids, last_there = shared.changed(received_to)
-    received = 0
-    for start in range(0, len(ids), BATCH):
-        batch = ids[start : start + BATCH]
-        before = local.stored(batch)
-        after = local.write_merged(shared.stored(batch))
-        # What was sent a moment ago comes back as it is: nothing was learnt from it.
-        received += sum(one not in before or _told(before[one]) != _told(pair) for one, pair in after.items())
-    # What came from there is a change here, too, and is offered once more next time: it merges to nothing new.
-    _note(local, shared.id, last_here, last_there)
-    return Synchronised(sent, received)
+            echoes |= {
+                one: written.change
+                for one in offer
+                if one not in written.known or _same(written.merged[one], offer[one])
+            }
+    return sent, echoes
+
+
+def _same(one: tuple[VisuoHapticObject, float | None], other: tuple[VisuoHapticObject, float | None]) -> bool:
+    """Whether two versions tell the same, but for where the object was seen."""
+    return _told(one) == _told(other)
 
 
 def _told(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float | None]:
-    card, arrays = cards.encode(pair[0])
+    card, arrays = cards.encode(replace(pair[0], seen=None))
     return cards.card_text(card), cards.arrays_digest(arrays) if arrays else "", pair[1]
 
 

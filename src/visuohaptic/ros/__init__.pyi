@@ -6,8 +6,6 @@ from .channel import SensorChannel as SensorChannel
 from .channel import SensorReport as SensorReport
 from .frames import TopicFrames as TopicFrames
 from .latest import LatestMessage as LatestMessage
-from .latest import Repeater as Repeater
-from .latest import finite as finite
 from .markers import arrow as arrow
 from .markers import contact_markers as contact_markers
 from .robots.gripper import RosGripper as RosGripper

@@ -10,8 +10,9 @@ from ...core.errors import DeviceError, InputError
 from ...core.resources import Closing
 from ...core.robots import Gripper, GripperState
 from ...io.ros.ros_messages import header, stamp_ns
+from ...tasks.robots.repeater import finite
 from ..frames import message_time_s
-from ..latest import LatestMessage, finite
+from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
 __all__ = ["RosGripper"]

@@ -11,8 +11,9 @@ from ...core.errors import DeviceError, InputError
 from ...core.resources import Closing
 from ...core.robots import BaseState, MobileBase
 from ...io.ros.ros_messages import header
+from ...tasks.robots.repeater import Repeater, finite
 from ..frames import message_time_s
-from ..latest import LatestMessage, Repeater, finite
+from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
 __all__ = ["RosBase"]

@@ -14,8 +14,9 @@ from ...core.geometry import so3_log
 from ...core.resources import Closing
 from ...core.robots import ProbeArm
 from ...io.ros import ros_messages as ros
+from ...tasks.robots.repeater import Repeater, finite
 from ..frames import message_time_s
-from ..latest import LatestMessage, Repeater, finite
+from ..latest import LatestMessage
 from ..transports.topic_node import TopicNode
 
 __all__ = ["RosArm"]

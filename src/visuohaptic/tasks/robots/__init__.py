@@ -1,0 +1,5 @@
+"""Robots that people own, as the protocols of a task."""
+
+from ...core.front_door import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)
