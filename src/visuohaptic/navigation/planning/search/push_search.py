@@ -146,7 +146,9 @@ class _Search:
     def _with_pushes(self, free: PushHeuristic, plan: SearchResult) -> SearchResult:
         """A cheaper plan than that without pushes, where there is one and there is time to look."""
         if plan.found:
-            plan = replace(plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units)
+            plan = replace(
+                plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units
+            )
         needed = _bottlenecks(self.domain, self.goal, self.active, self._until(ALONE))
         if plan.found and self._until(SOON[-1]).passed:
             return plan
