@@ -60,7 +60,7 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
 
     def on_graph(index: int) -> float:
         obj = domain.bodies[index].obj
-        live.set_obstacle(obj.id, obj.footprint_m + (MOVED_M, 0.0))
+        live.set_obstacle(obj.id, obj.footprint_m + np.array([MOVED_M, 0.0]))
         regions = live.regions
         first, last = (int(node) for node in regions.node_at(cells))
         rest_s = regions.potential[cells[:, 0], cells[:, 1]].sum() * regions.unit_s
