@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from tests.worlds.maps import Robot, World, raster
 
-__all__ = ["Planner", "described"]
+__all__ = ["Planner", "described", "problem_of"]
 
 ONE_THREAD = dict.fromkeys(
     ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
@@ -130,7 +130,8 @@ def _map(data: dict[str, Any]) -> Any:
     return OccupancyMap(flat.reshape(data["shape"]).copy(), data["resolution_m"])
 
 
-def _problem(data: dict[str, Any]) -> Any:
+def problem_of(data: dict[str, Any]) -> Any:
+    """The library's problem of plain data."""
     from visuohaptic.core import Estimate, HapticTag
     from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
 
@@ -166,11 +167,11 @@ def _plan(request: dict[str, Any]) -> dict[str, Any]:
     from visuohaptic.navigation.planning import make_plan
 
     # The problem is made anew for every call: what is remembered of the last one is not a first plan.
-    problem = _problem(request["problem"])
+    problem = problem_of(request["problem"])
     plan, spent = _timed(lambda: make_plan(problem))
     times = [spent["cpu_s"]]
     for _ in range(request.get("repeats", 1) - 1 if spent["cpu_s"] < 1.0 else 0):
-        problem = _problem(request["problem"])
+        problem = problem_of(request["problem"])
         times.append(_timed(lambda problem=problem: make_plan(problem))[1]["cpu_s"])
     return {**spent, "cpu_s": float(np.median(times)), "plan": plan.to_json()}
 
@@ -178,7 +179,7 @@ def _plan(request: dict[str, Any]) -> dict[str, Any]:
 def _compare(request: dict[str, Any]) -> dict[str, Any]:
     from visuohaptic.navigation.planning import alternatives, make_plan
 
-    problem = _problem(request["problem"])
+    problem = problem_of(request["problem"])
     cheapest = make_plan(problem)
     others, spent = _timed(lambda: alternatives(problem))
     return {
@@ -217,7 +218,7 @@ def _route(request: dict[str, Any]) -> dict[str, Any]:
     from visuohaptic.navigation.planning import extend_graph
     from visuohaptic.navigation.problem import ManipulationNode
 
-    problem = _problem(request["problem"])
+    problem = problem_of(request["problem"])
     layers = grid_layers(problem.map, SpeedLimits(problem.robot.radius_m))
     graph = build_graph(layers)
     with tempfile.TemporaryDirectory() as folder:
@@ -248,6 +249,12 @@ def _chords(path: Path) -> tuple[list[list[float]], list[list[float]]]:
     return free, [[*at[a], *at[b]] for a, b in ends if objects & {a, b}]
 
 
+def _drives(request: dict[str, Any]) -> dict[str, Any]:
+    from ._plan_drives import measured
+
+    return measured(request)
+
+
 def _warm(request: dict[str, Any]) -> dict[str, Any]:
     """Compile, or load what was compiled, before anything is timed."""
     from tests.worlds.floor_scenes import doors_in_series
@@ -259,7 +266,14 @@ def main() -> None:
     """Answer requests until there are no more."""
     limit = int(sys.argv[1])
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    calls = {"warm": _warm, "plan": _plan, "compare": _compare, "scene": _scene, "route": _route}
+    calls = {
+        "warm": _warm,
+        "plan": _plan,
+        "compare": _compare,
+        "scene": _scene,
+        "route": _route,
+        "drives": _drives,
+    }
     for line in sys.stdin:
         request = json.loads(line)
         # The default action of the signal ends the process, whatever code it is in.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -25,6 +25,26 @@ class PushUncertainty:
     centre_m: float = 0.015  #: of the centre of friction, along x and y
     place_m: float = 0.01  #: of the object against the platform, along x and y
     yaw_rad: float = 0.05
+
+    def sample(
+        self, model: PushModel, object_m: tuple[float, float, float], rng: np.random.Generator
+    ) -> tuple[PushModel, Float[np.ndarray, "3"]]:
+        """Sample a model and a pose about the nominal ones.
+
+        Parameters
+        ----------
+        model
+            Nominal model; its contact friction and its supports are varied.
+        object_m
+            Nominal pose: x, y [m], yaw [rad].
+        rng
+            Source of the samples.
+        """
+        friction = max(0.0, model.contact_friction + self.contact_friction * rng.standard_normal())
+        support = model.support_m + self.centre_m * rng.standard_normal(2)
+        sigma = np.array([self.place_m, self.place_m, self.yaw_rad])
+        sampled = replace(model, contact_friction=friction, support_m=support)
+        return sampled, np.asarray(object_m, dtype=np.float64) + sigma * rng.standard_normal(3)
 
 
 def sampled_pushes(

@@ -144,8 +144,14 @@ class _Search:
         return self._with_pushes(free, plan)
 
     def _with_pushes(self, free: PushHeuristic, plan: SearchResult) -> SearchResult:
-        """A cheaper plan than that without pushes, where there is one."""
+        """A cheaper plan than that without pushes, where there is one and there is time to look."""
+        if plan.found:
+            plan = replace(
+                plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units
+            )
         needed = _bottlenecks(self.domain, self.goal, self.active, self._until(ALONE))
+        if plan.found and self._until(SOON[-1]).passed:
+            return plan
         heuristic = self._heuristic(needed, free)
         if plan.found:
             heuristic.limit = int(plan.cost * heuristic.units / self.domain.block) + 1
