@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import csv
 import doctest
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.reconstruction import SurfaceMesh, body_completion
 from visuohaptic.reconstruction.body_completion import BodyCompletion
 from visuohaptic.reconstruction.completion import Touch
-from visuohaptic.reconstruction.transparency import UprightBody
+from visuohaptic.reconstruction.fusion import SpaceGrid
+from visuohaptic.reconstruction.transparency import UprightBody, find_regions, save_regions
 
 #: A glass of 13 cm: r(z) = 3 cm + 1 cm (z / H)^2, 3 mm off the axis that the outlines show, which know it to 4 mm.
 HEIGHT_M, AWAY_M = 0.13, np.array([0.003, -0.002])
@@ -95,3 +100,46 @@ def test_a_body_over_nothing_is_refused_and_the_example_runs():
             SurfaceMesh(TABLE.vertices_m + np.array([5.0, 5.0, 0.0]), TABLE.faces), BODY, 0.12
         )
     assert doctest.testmod(body_completion).failed == 0
+
+
+def test_touches_on_the_command_line_complete_a_clear_glass(tmp_path, capsys):
+    """The files of `reconstruct`, and a table of touches that grows by the planned line's contact."""
+    inside = np.ones((4, 4, 6), dtype=bool)
+    grid = SpaceGrid.around((-0.04, -0.04, 0.03), (0.04, 0.04, 0.15), 0.02)
+    (region,) = find_regions(inside.astype(float), inside, inside, grid, min_voxels=1)
+    save_regions(tmp_path / "regions.json", (replace(region, body=BODY),))
+    TABLE.save(tmp_path / "surface.ply")
+    table, rows, found = tmp_path / "touches.csv", [], []
+    words = ["complete", str(tmp_path / "surface.ply"), "--region", str(tmp_path / "regions.json"), "--clear"]
+    words += ["--next", "--json", "--out", str(tmp_path / "completed.ply")]
+    for number in range(6):
+        last = ["--touches", str(table)] if rows else []
+        last += ["--plot", str(tmp_path / "completed.png")] if number == 5 else []
+        assert main([*words, *last]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+        start_m, end_m = (np.array(found[-1]["next"][name]) for name in ("start_m", "end_m"))
+        contact = probe(start_m, end_m)
+        ends = zip(("start_x_m", "start_y_m", "start_z_m"), start_m, strict=True)
+        row = dict(ends) | dict(zip(("end_x_m", "end_y_m", "end_z_m"), end_m, strict=True))
+        where = ["", "", ""] if contact is None else contact.tolist()
+        rows.append(row | dict(zip(("x_m", "y_m", "z_m"), where, strict=True)) | {"sigma_m": 0.0003})
+        with table.open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+    # As with the library (the first test): five contacts halve what the outlines leave open.
+    assert found[-1]["expected_error_m"] < 0.5 * found[0]["expected_error_m"]
+    wall = SurfaceMesh.load(tmp_path / "completed.ply").vertices_m
+    wall = wall[(wall[:, 2] > 0.01) & (wall[:, 2] < 0.12)]
+    gap_m = np.hypot(*(wall[:, :2] - AWAY_M).T) - radius_m(wall[:, 2])
+    assert np.sqrt(np.mean(gap_m**2)) < 0.003
+    assert (tmp_path / "completed.png").stat().st_size > 5000
+
+
+def test_a_cluster_without_an_outline_is_refused_with_the_remedy(tmp_path, capsys):
+    TABLE.save(tmp_path / "surface.ply")
+    hull = [[x, y, z] for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
+    (tmp_path / "regions.json").write_text(json.dumps({"clusters": [{"hull": hull}]}))
+    words = ["complete", str(tmp_path / "surface.ply"), "--region", str(tmp_path / "regions.json"), "--clear"]
+    assert main([*words, "--out", str(tmp_path / "completed.ply")]) == 2
+    assert "found no outline of the cluster" in capsys.readouterr().err

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ..core.errors import InputError
 from ..core.files import atomic_path
+from .body_completion import BodyCompletion
 from .completion.surface_completion import Completion
 from .mesh import SurfaceMesh
 from .pipeline import Reconstruction
@@ -24,7 +25,7 @@ _DRAWN_VERTICES = 120
 _GREY = (0.72, 0.72, 0.72, 1.0)
 
 
-def plot_completion(completion: Completion, path: Path | str) -> None:
+def plot_completion(completion: Completion | BodyCompletion, path: Path | str) -> None:
     """The completed surface from two sides: grey where it was seen, else coloured by its standard deviation.
 
     Parameters
@@ -57,13 +58,16 @@ def plot_completion(completion: Completion, path: Path | str) -> None:
     path = _checked(path)
     mesh = completion.completed()
     sigma_mm = 1e3 * completion.sigma_m(mesh.vertices_m)[mesh.faces].mean(axis=1)
-    seen = sigma_mm <= 1e3 * completion.settings.visual_sigma_m
+    seen = sigma_mm <= 1e3 * completion.visual_sigma_m
     scale = ScalarMappable(Normalize(0.0, max(float(sigma_mm.max(initial=0.0)), 1e-3)), "viridis")
     colors = np.where(seen[:, None], _GREY, scale.to_rgba(sigma_mm))
     contacts_m = np.array([t.contact_m for t in completion.touches if t.contact_m is not None]).reshape(-1, 3)
     # The object alone: what it stands on would hide it.
-    low_m, high_m = completion.region.hull_m.min(axis=0), completion.region.hull_m.max(axis=0)
-    room_m = 0.5 * completion.region.size_m
+    own_m = (
+        completion.region.hull_m if isinstance(completion, Completion) else completion.surface().vertices_m
+    )
+    low_m, high_m = own_m.min(axis=0), own_m.max(axis=0)
+    room_m = 0.5 * float((high_m - low_m).max())
     figure, views = _figure()
     for axes in views:
         _draw(axes, mesh, colors, low_m - room_m, high_m + room_m)

@@ -8,10 +8,19 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeFloat,
+    PositiveFloat,
+    ValidationError,
+)
 
 from ...core.errors import InputError
 from ...core.files import field_problems
+from ..transparency.outline_fit import UprightBody
 
 __all__ = ["HoleRegion", "load_hole_regions"]
 
@@ -33,9 +42,12 @@ class HoleRegion:
     hull_m: Float[np.ndarray, "v 3"]  #: its corners [m]
     planes: Float[np.ndarray, "p 4"]  #: unit normals outwards and offsets, n . x + o <= 0 inside
     score: float = 1.0  #: of the transparency detector
+    body: UprightBody | None = None  #: upright body that its outlines show
 
     @classmethod
-    def of_points(cls, points_m: Float[np.ndarray, "n 3"], score: float = 1.0) -> HoleRegion:
+    def of_points(
+        cls, points_m: Float[np.ndarray, "n 3"], score: float = 1.0, body: UprightBody | None = None
+    ) -> HoleRegion:
         """The convex hull of points.
 
         Parameters
@@ -44,6 +56,8 @@ class HoleRegion:
             Points (n, 3) [m].
         score
             Score of the transparency detector.
+        body
+            Upright body that its outlines show.
 
         Raises
         ------
@@ -62,7 +76,7 @@ class HoleRegion:
                 "HoleRegion", "its points span no volume, expected corners of a solid"
             ) from error
         # The triangles of a flat side share their plane.
-        return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), score)
+        return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), score, body)
 
     def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Growth of the hull at which it holds a point; negative inside.
@@ -116,10 +130,26 @@ class HoleRegion:
         return float(np.ptp(self.hull_m, axis=0).max())
 
 
+_Pair = tuple[FiniteFloat, FiniteFloat]
+
+
 class _Cluster(BaseModel):
     model_config = ConfigDict(extra="ignore")
     hull: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = Field(min_length=4, max_length=100_000)
     score: FiniteFloat = 1.0
+    axis: _Pair | None = None
+    axis_sigma: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
+    radius: tuple[PositiveFloat, PositiveFloat] | None = None
+    radius_sigma: NonNegativeFloat | None = None
+    height: _Pair | None = None
+    evidence: FiniteFloat = 0.0
+
+    def body(self) -> UprightBody | None:
+        """The upright body; ``None`` where the file does not hold all of it."""
+        axis, sigma, radius, height = self.axis, self.axis_sigma, self.radius, self.height
+        if axis is None or sigma is None or radius is None or self.radius_sigma is None or height is None:
+            return None
+        return UprightBody(np.array(axis), np.array(sigma), radius, self.radius_sigma, height, self.evidence)
 
 
 class _RegionsFile(BaseModel):
@@ -128,7 +158,7 @@ class _RegionsFile(BaseModel):
 
 
 def load_hole_regions(path: Path | str) -> list[HoleRegion]:
-    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]) and ``score``.
+    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]), ``score``, and the body that outlines show.
 
     Parameters
     ----------
@@ -158,7 +188,7 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     regions = []
     for number, cluster in enumerate(found.clusters):
         try:
-            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.score))
+            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.score, cluster.body()))
         except InputError as error:
             raise InputError(path, error.problem, field=f"clusters.{number}.hull") from error
     return regions

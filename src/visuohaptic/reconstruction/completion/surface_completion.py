@@ -146,6 +146,11 @@ class Completion:
         return (np.asarray(sigma_m) / extent_m) ** 2 / self._scale
 
     @property
+    def visual_sigma_m(self) -> float:
+        """Noise of the visible surface [m]."""
+        return self.settings.visual_sigma_m
+
+    @property
     def implicit(self) -> RbfSurface:
         """The fitted signed distance, positive outside."""
         return self._fit

@@ -139,7 +139,9 @@ def _body_entries(body: UprightBody) -> dict[str, Any]:
         "axis": np.round(body.axis_m, 5).tolist(),
         "axis_sigma": np.round(body.axis_sigma_m, 5).tolist(),
         "radius": np.round(body.radius_m, 5).tolist(),
+        "radius_sigma": round(body.radius_sigma_m, 5),
         "height": np.round(body.height_m, 5).tolist(),
+        "evidence": round(body.evidence, 2),
     }
 
 

@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ....reconstruction.completion.touch import TouchPlan
+    from ....core.camera.pose import Pose
+    from ....reconstruction.body_completion import BodyCompletion
+    from ....reconstruction.completion.hole_region import HoleRegion
+    from ....reconstruction.completion.surface_completion import Completion
+    from ....reconstruction.completion.touch import Touch, TouchPlan
+    from ....reconstruction.mesh import SurfaceMesh
 
 __all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
@@ -16,7 +21,8 @@ NEEDS = ("robust_laplacian", "skimage")
 
 EPILOG = """\
 reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
-        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty)
+        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty);
+        with --clear regions.json needs the outlines that `reconstruct` writes (axis, radius, height)
 writes  the completed surface (PLY) with sigma_m of each vertex, how far it may be off [m]
 
 example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
@@ -29,6 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--region", type=Path, required=True, help="regions.json")
     parser.add_argument(
         "--cluster", type=int, help="number of the region; the nearest to the model by default"
+    )
+    parser.add_argument(
+        "--clear",
+        action="store_true",
+        help="the vessel is fully clear: complete it from its outlines, without a visible band",
     )
     parser.add_argument("--touches", type=Path, help="CSV table of touches so far")
     parser.add_argument(
@@ -50,7 +61,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....core.errors import InputError
     from ....io.meshes.ply import PlyMesh, write_ply
     from ....reconstruction.completion.hole_region import load_hole_regions
-    from ....reconstruction.completion.surface_completion import Completion, CompletionSettings
+    from ....reconstruction.completion.surface_completion import Completion
     from ....reconstruction.completion.touch import read_touches
     from ....reconstruction.completion.touch_registration import register_touches
     from ....reconstruction.mesh import SurfaceMesh
@@ -70,10 +81,7 @@ def run(args: Any) -> dict[str, Any]:
         known = [touch.contact_m for touch in read_touches(args.register) if touch.contact_m is not None]
         pose, rms_m = register_touches(np.array(known).reshape(-1, 3), model)
     _check_reach(touches, args.touches, model.vertices_m, regions[number].hull_m, pose)
-    settings = CompletionSettings(use_priors=not args.no_priors)
-    completion = Completion(model, regions[number], settings, T_visual_haptic=pose)
-    for touch in touches:
-        completion.add(touch)
+    completion = _joined(args, model, regions[number], touches, pose)
     completed = completion.completed()
     fields = {"sigma_m": completion.sigma_m(completed.vertices_m)}
     write_ply(args.out, PlyMesh(completed.vertices_m, completed.faces, completed.colors, fields))
@@ -84,21 +92,51 @@ def run(args: Any) -> dict[str, Any]:
     found: dict[str, Any] = {
         "out": str(args.out),
         "cluster": number,
-        "supports": len(completion.band.points_m),
         "touches": len(touches),
         "vertices": len(completed.vertices_m),
         "triangles": len(completed.faces),
-        "gap_m": completion.band.gap_m,
         "expected_error_m": completion.expected_error_m(),
         "done": completion.done(args.bound_m),
     }
     if pose is not None:
         found["registration"] = {"matrix_visual_haptic": pose.matrix.tolist(), "rms_m": rms_m}
-    if (prior := completion.prior) is not None:
-        found["symmetry"] = {"rotation": prior.p_rotation, "mirror": prior.p_mirror, "sweep": prior.p_sweep}
+    if isinstance(completion, Completion):
+        found |= {"supports": len(completion.band.points_m), "gap_m": completion.band.gap_m}
+        if (prior := completion.prior) is not None:
+            found["symmetry"] = {
+                "rotation": prior.p_rotation,
+                "mirror": prior.p_mirror,
+                "sweep": prior.p_sweep,
+            }
     if args.next:
         found["next"] = _planned(completion.next_touch())
     return found
+
+
+def _joined(
+    args: Any, model: SurfaceMesh, region: HoleRegion, touches: list[Touch], pose: Pose | None
+) -> Completion | BodyCompletion:
+    """The completion with all touches: from the visible band, or of a fully clear vessel from its outlines."""
+    from ....core.errors import InputError
+    from ....reconstruction.body_completion import BodyCompletion
+    from ....reconstruction.completion.surface_completion import Completion, CompletionSettings
+
+    if not args.clear:
+        settings = CompletionSettings(use_priors=not args.no_priors)
+        completion = Completion(model, region, settings, T_visual_haptic=pose)
+        for touch in touches:
+            completion.add(touch)
+        return completion
+    if region.body is None:
+        raise InputError(
+            args.region,
+            "found no outline of the cluster (axis, radius, height), expected one for --clear",
+            remedy="write it by `visuohaptic reconstruct` with the method consistency",
+        )
+    clear = BodyCompletion.standing(model, region.body, float(region.hull_m[:, 2].max()))
+    for touch in touches:
+        clear.add(touch if pose is None else touch.moved(pose))
+    return clear
 
 
 def _planned(plan: TouchPlan) -> dict[str, Any]:

@@ -18,7 +18,8 @@ EPILOG = """\
 reads
   nothing
 writes, into --out
-  scan/                      a sequence of about 40 depth images around a table with clear, labelled bottles
+  scan/                      a sequence of about 40 depth images around a table with clear, labelled bottles;
+                             --clear: of clear vessels without labels, for `visuohaptic complete --clear`
   truth.csv                  x_m, y_m, radius_m, height_m of each bottle, to compare with
 
 example
@@ -31,6 +32,9 @@ example
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("--out", type=Path, required=True, help="folder")
+    parser.add_argument(
+        "--clear", action="store_true", help="fully clear vessels, for `complete --clear`, without labels"
+    )
     parser.add_argument("--seed", type=int, default=2, help="of the scene and its noise (2)")
 
 
@@ -42,7 +46,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....simulation.tabletop.depth_camera import DepthCamera
     from ....simulation.tabletop.glass_scenes import glass_scene
 
-    scene = glass_scene(args.seed, kind="labelled", arc_deg=360, step_m=_STEP_M)
+    scene = glass_scene(args.seed, kind="thick" if args.clear else "labelled", arc_deg=360, step_m=_STEP_M)
     args.out.mkdir(parents=True, exist_ok=True)
     views = scene.save(
         args.out / "scan",

@@ -16,7 +16,8 @@ NEEDS = ("skimage",)
 EPILOG = """\
 reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
 writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
-        each transparent part, in metres in the frame of the poses) in the folder --out
+        each transparent part, and the axis, radii and heights of the body that its outlines show, in metres in
+        the frame of the poses) in the folder --out
 
 example: visuohaptic reconstruct scan --out model
 """
@@ -112,6 +113,7 @@ def run(args: Arguments) -> dict[str, Any]:
         "method": args.method,
         "regions": [
             {"centroid_m": region.centroid_m, "size_m": region.size_m, "score": region.score}
+            | ({"outline": asdict(region.body)} if region.body else {})
             for region in found.regions
         ],
         "triangles": len(found.surface.faces),
