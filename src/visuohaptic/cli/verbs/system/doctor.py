@@ -22,8 +22,8 @@ EPILOG = """\
 reads   nothing; with --robot the module, which is looked for in this folder, too
 writes  nothing; ends with code 2 when a library of the core does not work, or the robot breaks a rule
 
-The function that --robot names returns the parts of the robot: base, arm, gripper, camera (a mapping, or
-RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
+The function that --robot names returns the parts of the robot: base, arm, gripper, camera, localizer, depth,
+feel (a mapping, or RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
 the fingers close by 1 cm: have room, and a hand on the emergency stop.
 
 examples
