@@ -350,3 +350,10 @@ def test_the_doctor_tries_a_robot(capsys, tmp_path, monkeypatch):
     assert "it stands a second after stop()" in capsys.readouterr().err
     assert main(["doctor", "--robot", "no_such_module:connect"]) == 2
     assert "cannot be imported" in capsys.readouterr().err
+
+
+def test_the_doctor_reaches_a_robot_in_a_process_of_its_own(capsys):
+    assert main(["doctor", "--robot", "visuohaptic.simulation.served:kitchen", "--apart", "--still"]) == 0
+    kept = capsys.readouterr().out
+    assert "feel     kept    it feels no force there, in newtons" in kept
+    assert "gripper  kept    it is measured anew within 0.2 s" in kept
