@@ -2,6 +2,9 @@ from .machine import Machine as Machine
 from .machine import Observation as Observation
 from .machine import Rule as Rule
 from .machine import replay as replay
+from .path_clearance import Capsule as Capsule
+from .path_clearance import KnownObstacles as KnownObstacles
+from .path_clearance import PathClearance as PathClearance
 from .robot_contract import ContractRule as ContractRule
 from .robot_contract import RobotParts as RobotParts
 from .robot_contract import assert_robot as assert_robot
