@@ -15,6 +15,7 @@ from ..simulation.faults import FaultKind
 from ..simulation.floor.floor_model import FloorObject
 from ..simulation.floor.floor_senses import FloorSenses
 from ..simulation.floor.floor_world import FloorWorld
+from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
@@ -121,7 +122,15 @@ def _travelled(
             )
         return made
 
-    found = travel(problem, world.base, senses, wait, TravelSettings(timeout_s=600.0), plan=plan)
+    guard = Supervisor(clock=lambda: world.t_s)
+    found = travel(
+        problem,
+        guard.base(world.base),
+        guard.senses(senses),
+        guard.wait(wait),
+        TravelSettings(timeout_s=600.0),
+        plan=plan,
+    )
     for record in found.records:
         if record.event in ("pushed", "explored", "bumped", "stalled", "arrived"):
             more = f" {record.object}" if record.object else ""
