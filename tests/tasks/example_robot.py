@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 
-from visuohaptic.core import BaseState, GripperState, InputError
-from visuohaptic.core.camera import Frame, Pose
+from visuohaptic.core import BaseState, GripperState, InputError, MapPose
+from visuohaptic.core.camera import Camera, Frame, Pose
 
 
 class Base:
@@ -97,11 +98,38 @@ class Pictures:
         self.close()
 
 
-def connect(base=None, arm=None, gripper=None, camera=None):
+class MapFrame:
+    """Where the base is in a map that is turned by a right angle against its odometry."""
+
+    def __init__(self, base):
+        self.base = base
+
+    def locate(self):
+        state = self.base.state()
+        return MapPose(state.t_s, 3.0 - state.y_m, 1.0 + state.x_m, state.heading_rad + 0.5 * math.pi)
+
+
+class Depth:
+    camera = Camera.simple(6, 4, focal_px=5.0)
+    t_s = 0.0
+
+    def read(self):
+        self.t_s += 1 / 30
+        return SimpleNamespace(t_s=self.t_s, depth_m=np.full((4, 6), 1.5, np.float32))
+
+
+def feel(frame):
+    return SimpleNamespace(valid=True, force_N=0.02, surface_m=math.nan)
+
+
+def connect(base=None, arm=None, gripper=None, camera=None, localizer=None, depth=None, feel=feel):
     base, arm, gripper = base or Base(), arm or Arm(), gripper or Fingers()
 
     def wait(duration_s):
         for part in (base, arm, gripper):
             part.wait(duration_s)
 
-    return {"base": base, "arm": arm, "gripper": gripper, "camera": camera or Pictures(), "wait": wait}
+    return {
+        "base": base, "arm": arm, "gripper": gripper, "camera": camera or Pictures(),
+        "localizer": localizer or MapFrame(base), "depth": depth or Depth(), "feel": feel, "wait": wait,
+    }  # fmt: skip

@@ -9,6 +9,7 @@ from visuohaptic.core import InputError
 from visuohaptic.core.camera import Pose
 from visuohaptic.rigs.squeeze_rig import BOTTLE
 from visuohaptic.rigs.virtual_gripper import GripperSensor
+from visuohaptic.tasks.framework import assert_robot
 from visuohaptic.tasks.manipulation import FoamFinger, Hand, Place, SqueezeSettings, squeeze
 
 OBJECT_M = (0.5, 0.0, 0.0)
@@ -49,6 +50,14 @@ def test_a_squeeze_with_the_foam_finger_tells_radius_and_stiffness(rig) -> None:
     assert curve.surface_m == pytest.approx(0.035, abs=1.5e-4)
     # Force 3 %, and 0.02 mm from point to point of a way of 1.2 mm.
     assert curve.stiffness_N_per_m == pytest.approx(2e4, rel=0.08)
+
+
+def test_the_foam_finger_keeps_the_contract_of_a_finger(rig) -> None:
+    """Everything that the tasks of the hand read of it, in their units."""
+    maker, sensor = rig
+    sensor.reset()
+    gripper = maker.gripper(rng=np.random.default_rng(3))
+    assert_robot({"camera": gripper, "feel": FoamFinger(sensor, middle_m=0.065)})
 
 
 def test_without_touch_there_is_no_surface(rig) -> None:

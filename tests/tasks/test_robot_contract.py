@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from visuohaptic.core import InputError
 from visuohaptic.core.camera import Frame
 from visuohaptic.simulation.mobile import SimulatedBase
 from visuohaptic.simulation.tabletop import SimulatedArm
-from visuohaptic.tasks.framework import RobotParts, check_robot
+from visuohaptic.tasks.framework import RobotParts, assert_robot, check_robot
 
 
 def broken(rules):
@@ -157,6 +158,83 @@ class Arrays(right.Pictures):
         return (np.zeros((4, 6), np.uint8) for _ in range(9))
 
 
+class MapInMillimetres(right.MapFrame):
+    def locate(self):
+        true = super().locate()
+        return replace(true, x_m=1e3 * true.x_m, y_m=1e3 * true.y_m)
+
+
+class MapMirrored(right.MapFrame):
+    def locate(self):
+        true = super().locate()
+        return replace(true, heading_rad=-true.heading_rad)
+
+
+class MapOnce(right.MapFrame):
+    """Told anew every half second only."""
+
+    def locate(self):
+        true = super().locate()
+        return replace(true, t_s=0.5 * math.floor(2.0 * true.t_s))
+
+
+class Slow(right.Base):
+    """Its odometry comes every 0.4 s."""
+
+    told = None
+
+    def state(self):
+        if self.told is None or self.t_s - self.told.t_s >= 0.4:
+            self.told = super().state()
+        return self.told
+
+
+class DepthInMillimetres(right.Depth):
+    def read(self):
+        image = super().read()
+        image.depth_m = 1e3 * image.depth_m
+        return image
+
+
+class DepthZeros(right.Depth):
+    """0 where nothing was measured."""
+
+    def read(self):
+        image = super().read()
+        image.depth_m[0] = 0.0
+        return image
+
+
+class DepthTurned(right.Depth):
+    def read(self):
+        image = super().read()
+        image.depth_m = image.depth_m.T
+        return image
+
+
+def felt(**values):
+    return lambda frame: SimpleNamespace(**({"valid": True, "force_N": 0.0, "surface_m": math.nan} | values))
+
+
+BASE = right.Base()
+SENSORS = {
+    "map in mm": ({"base": BASE, "localizer": MapInMillimetres(BASE)}, "it moves with the base"),
+    "map mirrored": ({"base": BASE, "localizer": MapMirrored(BASE)}, "it turns with the base"),
+    "map that is old": ({"base": BASE, "localizer": MapOnce(BASE)}, "it is measured anew within 0.2 s"),
+    "no localizer": ({"localizer": object()}, "it is a Localizer"),
+    "slow odometry": ({"base": Slow()}, "it is measured anew within 0.2 s"),
+    "depth in mm": ({"depth": DepthInMillimetres()}, "its depths are in metres"),
+    "depth with zeros": ({"depth": DepthZeros()}, "its depths are in metres"),
+    "depth turned": ({"depth": DepthTurned()}, "its images are of the camera's size"),
+    "no read": ({"depth": right.Pictures()}, "it is a DepthSource"),
+    "finger in grams": ({"feel": felt(force_N=250.0)}, "it feels no force there"),
+    "finger that is never valid": ({"feel": felt(valid=False)}, "it is valid on a finger"),
+    "finger in mm": ({"feel": felt(surface_m=35.0)}, "its surface is in metres"),
+    "a float": ({"feel": lambda frame: 0.1}, "what it feels has valid"),
+    "no arguments": ({"feel": lambda: None}, "its methods work"),
+}  # fmt: skip
+
+
 OTHERS = {
     "gripper in mm": ({"gripper": OpeningInMillimetres()}, "its opening is in metres"),
     "gripper from the other end": ({"gripper": Closing()}, "it moves at the speed it is told"),
@@ -173,7 +251,7 @@ OTHERS = {
 def test_the_example_keeps_every_rule():
     rules = check_robot(right.connect())
     assert not broken(rules)
-    assert {rule.part for rule in rules} == {"base", "arm", "gripper", "camera"}
+    assert {rule.part for rule in rules} == {"base", "arm", "gripper", "camera", "localizer", "depth", "feel"}
     assert len(rules) > 30
 
 
@@ -192,6 +270,21 @@ def test_another_wrong_part_is_told_its_fault(name):
     found = broken(check_robot(right.connect(**part)))
     assert [(found[0][0], len(found))] == [(next(iter(part)), 1)]
     assert found[0][1].startswith(rule)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_a_wrong_sensor_is_told_its_fault(name):
+    parts, rule = SENSORS[name]
+    found = broken(check_robot(right.connect(**parts)))
+    assert any(one.startswith(rule) for _, one in found), found
+
+
+def test_a_test_of_ones_own_says_every_rule_that_is_broken():
+    assert_robot(right.connect())
+    with pytest.raises(AssertionError, match=r"depth: its depths are in metres.*found 1500"):
+        assert_robot(right.connect(depth=DepthInMillimetres()))
+    with pytest.raises(InputError, match=r"found a robot for contract 2\.0, expected 1\."):
+        check_robot({**right.connect(), "contract": "2.0"})
 
 
 def test_a_robot_that_must_not_move_does_not():
@@ -257,3 +350,10 @@ def test_the_doctor_tries_a_robot(capsys, tmp_path, monkeypatch):
     assert "it stands a second after stop()" in capsys.readouterr().err
     assert main(["doctor", "--robot", "no_such_module:connect"]) == 2
     assert "cannot be imported" in capsys.readouterr().err
+
+
+def test_the_doctor_reaches_a_robot_in_a_process_of_its_own(capsys):
+    assert main(["doctor", "--robot", "visuohaptic.simulation.served:kitchen", "--apart", "--still"]) == 0
+    kept = capsys.readouterr().out
+    assert "feel     kept    it feels no force there, in newtons" in kept
+    assert "gripper  kept    it is measured anew within 0.2 s" in kept

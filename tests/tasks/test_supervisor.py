@@ -159,6 +159,24 @@ def test_a_force_that_rises_stops_it_before_the_limit():
         assert force == 14.0
 
 
+def test_a_force_that_rose_stops_it_while_nobody_reads():
+    """100 N/s at the last reading of 4 N: 20 N in 0.16 s, less half the braking time: before the reading is stale."""
+    base = Rolling()
+    with Supervisor(
+        SafetyLimits(max_force_N=20.0, brake_s=0.1, max_age_s=0.15), clock=lambda: base.now
+    ) as guard:
+        watched = guard.base(base)
+        watched.state()
+        watched.drive(0.2, 0.0)
+        for k in range(3):
+            guard.note_force(PERIOD_S * k, 2.0 * k)
+        while base.velocity.any():
+            base.wait(PERIOD_S)
+            guard.check()
+    assert 0.1 < base.now < 0.13
+    assert "N before it stands" in guard.holds[0].reason
+
+
 def test_an_arm_keeps_its_reach_its_box_its_speed_and_its_force():
     arm = right.Arm()
     limits = SafetyLimits(max_tip_speed_m_s=0.1, min_tip_m=(0.0, -1.0, 0.02), max_force_N=5.0)

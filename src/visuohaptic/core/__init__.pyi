@@ -9,6 +9,7 @@ from .cards import decode as decode
 from .cards import digest_of as digest_of
 from .cards import encode as encode
 from .cards import order_of as order_of
+from .clock_watch import ClockWatch as ClockWatch
 from .codec import from_dict as from_dict
 from .codec import to_dict as to_dict
 from .errors import CalibrationError as CalibrationError
@@ -91,11 +92,16 @@ from .ranges import at_least as at_least
 from .ranges import check_ranges as check_ranges
 from .ranges import within as within
 from .resources import Closing as Closing
+from .robots import ROBOT_CONTRACT as ROBOT_CONTRACT
 from .robots import BaseState as BaseState
-from .robots import ClockWatch as ClockWatch
+from .robots import DepthImage as DepthImage
+from .robots import DepthSource as DepthSource
+from .robots import FingerTouch as FingerTouch
 from .robots import FrameSource as FrameSource
 from .robots import Gripper as Gripper
 from .robots import GripperState as GripperState
+from .robots import Localizer as Localizer
+from .robots import MapPose as MapPose
 from .robots import MobileBase as MobileBase
 from .robots import ProbeArm as ProbeArm
 from .robots import require_members as require_members

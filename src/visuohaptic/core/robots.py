@@ -7,9 +7,7 @@ never knows which of them it drives.
 from __future__ import annotations
 
 import inspect
-import math
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Generic, Protocol, Self, runtime_checkable
@@ -23,19 +21,23 @@ from .camera.pose import Pose
 from .errors import InputError
 
 __all__ = [
+    "ROBOT_CONTRACT",
     "BaseState",
-    "ClockWatch",
+    "DepthImage",
+    "DepthSource",
+    "FingerTouch",
     "FrameSource",
     "Gripper",
     "GripperState",
+    "Localizer",
+    "MapPose",
     "MobileBase",
     "ProbeArm",
     "require_members",
 ]
 
-#: A clock has stopped after this many control periods without advancing, five seconds of a loop at 50 Hz, or
-#: after so long by the host's clock [s]: no robot's odometry or camera is that slow, no operator that patient.
-MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0
+#: Version of the protocols. The first number changes when a robot that kept them may not any more.
+ROBOT_CONTRACT = "1.1"
 
 
 @runtime_checkable
@@ -206,6 +208,81 @@ class ProbeArm(Protocol):
         """Smallest and largest distance of the tip from the base."""
 
 
+@dataclass(frozen=True, slots=True)
+class MapPose:
+    """Where a robot is in a map."""
+
+    t_s: float  #: of the measurement
+    x_m: float
+    y_m: float
+    heading_rad: float  #: counter-clockwise from x
+
+
+@runtime_checkable
+class Localizer(Protocol):
+    """Says where the robot is in the map.
+
+    Examples
+    --------
+    >>> class Known:
+    ...     def locate(self): return MapPose(0.0, 1.0, 2.0, 0.0)
+    >>> isinstance(Known(), Localizer)
+    True
+    """
+
+    def locate(self) -> MapPose:
+        """Newest pose in the map, with the time of the measurement that it is from."""
+
+
+class FingerTouch(Protocol):
+    """What a finger's sensor says of a frame."""
+
+    @property
+    def valid(self) -> bool:
+        """Whether it can be trusted."""
+
+    @property
+    def force_N(self) -> float:
+        """Force of the finger on what it touches [N]."""
+
+    @property
+    def surface_m(self) -> float:
+        """Where the touched surface is, from the middle between the fingers [m]; NaN without touch."""
+
+
+class DepthImage(Protocol):
+    """One image of a depth camera."""
+
+    @property
+    def t_s(self) -> float:
+        """When it was taken [s]."""
+
+    @property
+    def depth_m(self) -> Float[np.ndarray, "rows columns"]:
+        """Along the optical axis [m]; NaN: not measured."""
+
+
+@runtime_checkable
+class DepthSource(Protocol):
+    """A depth camera.
+
+    Examples
+    --------
+    >>> class Blind:
+    ...     camera = None
+    ...     def read(self): raise NotImplementedError
+    >>> isinstance(Blind(), DepthSource)
+    True
+    """
+
+    @property
+    def camera(self) -> Camera:
+        """Its model, of the size of the images."""
+
+    def read(self) -> DepthImage:
+        """Wait for the next image."""
+
+
 def require_members(
     obj: object, protocol: type, where: str, role: str = "robot", *, members: Sequence[str] | None = None
 ) -> None:
@@ -284,54 +361,3 @@ def _method_fault(obj: object, name: str, parameters: list[inspect.Parameter]) -
     except ValueError:  # compiled: its arguments are not known
         return ""
     return ""
-
-
-class ClockWatch:
-    """Notices a robot's clock that stands still, by counted control periods and by the host's clock.
-
-    A time-out by the robot's clock alone never comes when that clock stands. Each control period
-    calls :meth:`update`; the clock has stopped when it did not advance for ``max_periods`` of them,
-    or for ``max_host_s`` of the host's monotonic clock.
-
-    Parameters
-    ----------
-    max_periods
-        Control periods; ``None`` for a caller whose periods have no length, as one that polls.
-    max_host_s
-        Time of the host [s].
-    host_clock
-        Returns the host's monotonic time [s].
-    """
-
-    def __init__(
-        self,
-        *,
-        max_periods: int | None = MAX_STILL_PERIODS,
-        max_host_s: float = MAX_STILL_S,
-        host_clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._max_periods, self._max_host_s, self._host_clock = max_periods, max_host_s, host_clock
-        self._newest_s, self._since_s, self.periods = -math.inf, math.nan, 0
-
-    def update(self, t_s: float) -> str:
-        """Take the robot's time, and judge whether its clock runs.
-
-        Parameters
-        ----------
-        t_s
-            Time by the robot's clock [s].
-
-        Returns
-        -------
-        str
-            Why the clock counts as stopped; empty while it runs.
-        """
-        if t_s > self._newest_s or math.isnan(self._since_s):
-            self._newest_s = t_s if math.isfinite(t_s) else self._newest_s
-            self._since_s, self.periods = self._host_clock(), 0
-            return ""
-        self.periods += 1
-        host_s = self._host_clock() - self._since_s
-        if host_s > self._max_host_s or (self._max_periods is not None and self.periods >= self._max_periods):
-            return f"the robot's clock stands at {t_s:g} s for {self.periods} control periods"
-        return ""

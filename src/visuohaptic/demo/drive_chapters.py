@@ -18,6 +18,7 @@ from ..simulation.floor.floor_senses import FloorSenses
 from ..simulation.floor.floor_world import FloorWorld
 from ..simulation.mobile.laser import SimulatedLaser
 from ..simulation.mobile.odometry import DriftingBase
+from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
@@ -180,7 +181,15 @@ def _travelled(
             )
         return made
 
-    found = travel(problem, world.base, senses, wait, TravelSettings(timeout_s=600.0), plan=plan)
+    guard = Supervisor(clock=lambda: world.t_s)
+    found = travel(
+        problem,
+        guard.base(world.base),
+        guard.senses(senses),
+        guard.wait(wait),
+        TravelSettings(timeout_s=600.0),
+        plan=plan,
+    )
     for record in found.records:
         if record.event in ("pushed", "explored", "bumped", "stalled", "arrived"):
             more = f" {record.object}" if record.object else ""

@@ -13,6 +13,8 @@ from ..recognition.touch.haptic_model import UNKNOWN, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
 from ..simulation.faults import FaultKind
 from ..simulation.tabletop.kitchen import KitchenTable
+from ..tasks.framework.supervised_parts import Supervisor
+from ..tasks.framework.supervisor import SafetyLimits
 from ..tasks.manipulation.bayes_squeeze import BayesSqueezer, correct_by_squeezes
 from ..tasks.manipulation.classify import Classification, ClassifySettings, classify_by_squeezing
 from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identify_contents
@@ -35,6 +37,8 @@ __all__ = ["grasp_the_bottle", "recognise_the_bottle"]
 
 #: At a single place an unusual bottle can be as stiff and as wide as another class.
 CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.98, 2, 8
+#: The gripper's limit, above the firmest squeeze [N].
+MAX_GRIP_N = 60.0
 #: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
 #: planned height has lost: it is held by this at least, where the wall bears it [N].
 MIN_GRIP_N = 2.5
@@ -64,7 +68,15 @@ def the_hand(mission: Mission) -> tuple[KitchenTable, Hand]:
             fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else never,
         )
     kitchen = mission.kitchen
-    return kitchen, Hand(kitchen.arm, kitchen, kitchen, kitchen.feel, kitchen.weigh)
+    guard = Supervisor(SafetyLimits(max_force_N=MAX_GRIP_N), clock=lambda: kitchen.arm.t_s)
+    hand = Hand(
+        guard.arm(kitchen.arm),
+        guard.gripper(kitchen),
+        guard.frames(kitchen),
+        guard.force(kitchen.feel),
+        kitchen.weigh,
+    )
+    return kitchen, hand
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:

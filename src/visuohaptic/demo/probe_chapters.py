@@ -17,6 +17,8 @@ from ..simulation.tabletop.arm import SimulatedArm
 from ..simulation.tabletop.depth_camera import DepthCamera
 from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..simulation.tabletop.probe_cell import ProbeCell
+from ..tasks.framework.path_clearance import Capsule, KnownObstacles
+from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
 from .bottle import PLACE, TableBottle, around_the_table, random_table_bottle, table_bottle
 from .judge import Claim
@@ -41,6 +43,8 @@ MAX_ERROR_M = 0.010
 FLOOR_M = 0.008
 #: The top of a completed outline is known to a few millimetres [m].
 HEIGHT_SIGMA_M = 0.003
+#: The probe's rod, upright above its tip [m].
+ROD_M, ROD_RADIUS_M = 0.15, 0.0025
 #: How far from its axis the bottle is looked for [m].
 REACH_M = 0.065
 
@@ -289,7 +293,19 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion) -> Com
         compliance_m_per_N=compliance,
         sigma_m=0.0005 + sigma_N * compliance,
     )
-    return complete_by_touch(arm, cell, feel, completion, settings, T_base_visual=PLACE)
+    guard, visible = Supervisor(clock=lambda: arm.t_s), completion.visual
+    # The rod of the probe, against what the camera has seen.
+    seen = KnownObstacles(
+        (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, ROD_M), ROD_RADIUS_M),), [PLACE.apply(visible.vertices_m)]
+    )
+    return complete_by_touch(
+        guard.arm(arm, seen),
+        guard.frames(cell),
+        guard.force(feel),
+        completion,
+        settings,
+        T_base_visual=PLACE,
+    )
 
 
 def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray, "n 2"]:

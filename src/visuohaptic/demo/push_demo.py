@@ -31,6 +31,7 @@ from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.push_world import FoamPushWorld
 from ..simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ..simulation.rendering.appearance import Look
+from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.mobile.explore import ExploreStep, ObstacleExploration, explore_obstacle
 from ..tasks.mobile.explore_records import ExploreSettings
 
@@ -227,8 +228,14 @@ class _Push:
             np.random.default_rng(self.seed),
         )
         camera = SimulatedSensorCamera(world, self.stage.virtual.renderer(), duration_s=60.0, seed=self.seed)
+        guard = Supervisor(clock=lambda: world.t_s)
         found = explore_obstacle(
-            world.base, through(camera), self.stage.sensor, settings, scene=tracker, on_step=self._step
+            guard.base(world.base),
+            guard.frames(through(camera)),
+            guard.sensor(self.stage.sensor),
+            settings,
+            scene=tracker,
+            on_step=self._step,
         )
         events = tuple(event for name, event in world.events if name == path.obstacle.name)
         place = _pose_of(world, path.obstacle)

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from ...core.clock_watch import ClockWatch
 from ...core.errors import DeviceError, InputError
 from ...core.geometry import wrap_angle
 from ...core.ranges import POSITIVE, check_ranges
-from ...core.robots import BaseState, ClockWatch, MobileBase, require_members
+from ...core.robots import BaseState, MobileBase, require_members
 
 __all__ = ["FollowLimits", "PathFollower", "drive_path"]
 

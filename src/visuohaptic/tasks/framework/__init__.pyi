@@ -2,8 +2,12 @@ from .machine import Machine as Machine
 from .machine import Observation as Observation
 from .machine import Rule as Rule
 from .machine import replay as replay
+from .path_clearance import Capsule as Capsule
+from .path_clearance import KnownObstacles as KnownObstacles
+from .path_clearance import PathClearance as PathClearance
 from .robot_contract import ContractRule as ContractRule
 from .robot_contract import RobotParts as RobotParts
+from .robot_contract import assert_robot as assert_robot
 from .robot_contract import check_robot as check_robot
 from .run import run_machine as run_machine
 from .supervised_parts import Supervisor as Supervisor

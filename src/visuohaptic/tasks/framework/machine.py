@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from ...core.clock_watch import ClockWatch
 from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError
-from ...core.robots import ClockWatch
 from .trace import Ending, Step, Trace
 
 __all__ = ["Machine", "Observation", "Rule", "replay"]
@@ -129,7 +129,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
 
         Observations that are not newer than the last one are ignored: the
         robot stands still until there is a new one. When none comes for
-        :data:`~visuohaptic.core.robots.MAX_STILL_S` by the host's clock, the task ends.
+        :data:`~visuohaptic.core.clock_watch.MAX_STILL_S` by the host's clock, the task ends.
 
         Parameters
         ----------

@@ -16,21 +16,24 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.errors import InputError, VisuohapticError
 from ...core.geometry import wrap_angle
 from ...core.robots import (
+    ROBOT_CONTRACT,
     BaseState,
+    DepthSource,
     FrameSource,
     Gripper,
     GripperState,
+    Localizer,
     MobileBase,
     ProbeArm,
     require_members,
 )
+from ._sensor_rules import Feeling, camera_rules, depth_rules, fresh_rule, localizer_rules, touch_rules
 
-__all__ = ["ContractRule", "RobotParts", "check_robot"]
+__all__ = ["ContractRule", "RobotParts", "assert_robot", "check_robot"]
 
 #: Commands of the trial: speeds [m/s], turn rate [rad/s], and for how long they hold [s].
 SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0
@@ -40,8 +43,6 @@ LIFT_m, SQUEEZE_m = 0.02, 0.01
 LEAST, MOST = 0.5, 1.5
 #: What stands still moves less than this [m], [rad]; a place is reached as well as this.
 STILL_m, STILL_rad, REACHED_m = 0.002, 0.01, 0.002
-#: Frames that are looked at.
-FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,10 @@ class RobotParts:
     arm: ProbeArm | None = None
     gripper: Gripper | None = None
     camera: FrameSource | None = None
+    localizer: Localizer | None = None
+    depth: DepthSource | None = None
+    feel: Feeling | None = None  #: of a finger that the camera looks at
+    contract: str = ROBOT_CONTRACT  #: version of the protocols that it was made for
     wait: Callable[[float], None] = time.sleep  #: lets seconds pass; a simulation steps here
 
 
@@ -59,7 +64,7 @@ class RobotParts:
 class ContractRule:
     """One rule, and why it is broken."""
 
-    part: str  #: base, arm, gripper or camera
+    part: str  #: base, arm, gripper, camera, localizer, depth or feel
     rule: str  #: what is promised
     problem: str  #: what was found instead; empty when the rule is kept
 
@@ -103,7 +108,13 @@ def check_robot(
         "base": (MobileBase, _base_rules),
         "arm": (ProbeArm, _arm_rules),
         "gripper": (Gripper, _gripper_rules),
-        "camera": (FrameSource, _camera_rules),
+        "camera": (FrameSource, camera_rules),
+        "localizer": (
+            Localizer,
+            lambda part, wait, motion: localizer_rules(part, parts.base, wait, motion),
+        ),
+        "depth": (DepthSource, depth_rules),
+        "feel": (Feeling, lambda part, _wait, _motion: touch_rules(part, parts.camera)),
     }
     found = []
     for name, (protocol, rules) in tried.items():
@@ -112,7 +123,8 @@ def check_robot(
             continue
         signature = f"it is a {protocol.__name__}"
         try:
-            require_members(part, protocol, where, role=name)
+            members = ("__call__",) if protocol is Feeling else None
+            require_members(part, protocol, where, role=name, members=members)
         except InputError as problem:
             found.append(ContractRule(name, signature, str(problem)))
             continue
@@ -145,9 +157,33 @@ def _parts(robot: RobotParts | Mapping[str, Any], where: str) -> RobotParts:
         raise InputError(
             where, f"found {type(robot).__name__}, expected RobotParts or a mapping of {', '.join(names)}"
         )
-    if all(getattr(robot, name) is None for name in names if name != "wait"):
-        raise InputError(where, f"has no parts, expected one of {', '.join(names[:-1])} at least")
+    parts = [name for name in names if name not in ("wait", "contract")]
+    if all(getattr(robot, name) is None for name in parts):
+        raise InputError(where, f"has no parts, expected one of {', '.join(parts)} at least")
+    if str(robot.contract).partition(".")[0] != ROBOT_CONTRACT.partition(".")[0]:
+        raise InputError(
+            where,
+            f"found a robot for contract {robot.contract}, expected {ROBOT_CONTRACT}",
+            remedy="see docs/howto/your_robot.md for what has changed",
+        )
     return robot
+
+
+def assert_robot(robot: RobotParts | Mapping[str, Any], *, motion: bool = True, where: str = "robot") -> None:
+    """For a test of one's own: fail with every rule of the contract that a robot breaks.
+
+    Parameters
+    ----------
+    robot, motion, where
+        As :func:`check_robot` takes them.
+
+    Raises
+    ------
+    AssertionError
+        A rule is broken.
+    """
+    broken = [rule for rule in check_robot(robot, motion=motion, where=where) if rule.problem]
+    assert not broken, "\n".join(f"{rule.part}: {rule.rule}: {rule.problem}" for rule in broken)
 
 
 def _between(found: float, commanded: float, unit: str) -> str:
@@ -181,6 +217,8 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
     wait(HOLD_s)
     still = base.state()
     yield "time advances, in seconds", _clock(start.t_s, still.t_s, HOLD_s)
+    yield fresh_rule(lambda: base.state().t_s, wait)
+    still = base.state()
     if not motion:
         return
     base.drive(0.0, TURN_rad_s)
@@ -241,6 +279,7 @@ def _gripper_rules(
     )
     wait(0.5)
     yield "time advances, in seconds", _clock(start.t_s, gripper.state().t_s, 0.5)
+    yield fresh_rule(lambda: gripper.state().t_s, wait)
     if not motion:
         return
     sign = -1.0 if start.opening_m > 1.5 * SQUEEZE_m else 1.0
@@ -286,6 +325,7 @@ def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> It
     )
     wait(0.5)
     yield "time advances, in seconds", _clock(t_s, arm.pose()[0], 0.5)
+    yield fresh_rule(lambda: arm.pose()[0], wait)
     if not motion:
         return
     up = np.array([0.0, 0.0, LIFT_m])
@@ -324,33 +364,3 @@ def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> It
     yield "a speed of 0 is refused", _refuses(lambda: arm.move_linear(target, 0.0))
     arm.move_linear(start, LIFT_m)
     wait(1.5)
-
-
-def _camera_rules(
-    camera: FrameSource, _wait: Callable[[float], None], _motion: bool
-) -> Iterator[tuple[str, str]]:
-    frames: list[Frame] = []
-    for frame in camera:
-        frames.append(frame)
-        if len(frames) == FRAMES or not isinstance(frame, Frame):
-            break
-    yield "it has frames", "" if frames else "found none"
-    kinds = {type(frame).__name__ for frame in frames if not isinstance(frame, Frame)}
-    yield "they are of type Frame", f"found {kinds.pop()}" if kinds else ""
-    times = np.diff([frame.t_s for frame in frames])
-    yield (
-        "their times ascend, in seconds",
-        "" if ((times > 0) & (times < 10.0)).all() else f"found steps of {times.round(6).tolist()} s",
-    )
-    numbers = [frame.index for frame in frames]
-    yield "their indices ascend", "" if (np.diff(numbers) > 0).all() else f"found {numbers}"
-    sizes = {frame.image.shape for frame in frames}
-    yield "they are of one size", "" if len(sizes) == 1 else f"found {sorted(sizes)}"
-    model = camera.camera
-    if model is not None:
-        rows, columns = frames[0].image.shape[:2]
-        size = (model.width, model.height)
-        yield (
-            "the camera's model is of that size",
-            "" if size == (columns, rows) else f"found {size} for images of {columns} x {rows}",
-        )

@@ -21,6 +21,7 @@ from ...core.robots import (
     ProbeArm,
     require_members,
 )
+from .path_clearance import KnownObstacles
 from .supervisor import SupervisorCore
 from .watched_sensors import WatchedFrames, WatchedSenses, WatchedSensor, force_of
 
@@ -64,16 +65,19 @@ class Supervisor(SupervisorCore):
         require_members(base, MobileBase, "Supervisor", "base")
         return _SupervisedBase(self, base)
 
-    def arm(self, arm: ProbeArm) -> ProbeArm:
+    def arm(self, arm: ProbeArm, obstacles: KnownObstacles | None = None) -> ProbeArm:
         """An arm under the supervisor.
 
         Parameters
         ----------
         arm
             With its tip.
+        obstacles
+            What was fused and mapped: motions that are faster than ``max_contact_m_s`` are refused where they come
+            too near to it. Slower ones may touch, under the force limit.
         """
         require_members(arm, ProbeArm, "Supervisor", "arm")
-        return _SupervisedArm(self, arm)
+        return _SupervisedArm(self, arm, obstacles)
 
     def gripper(self, gripper: Gripper) -> Gripper:
         """A gripper under the supervisor.
@@ -235,8 +239,8 @@ def _leap(name: str, way_m: float, passed_s: float, max_speed_m_s: float, guard:
 class _SupervisedArm(ProbeArm):
     name = "the arm"
 
-    def __init__(self, guard: SupervisorCore, device: ProbeArm) -> None:
-        self._guard, self._device = guard, device
+    def __init__(self, guard: SupervisorCore, device: ProbeArm, obstacles: KnownObstacles | None) -> None:
+        self._guard, self._device, self._obstacles = guard, device, obstacles
         self._target, self._speed_m_s = Pose.identity(), 0.0
         self._tip_m, self._t_s = np.full(3, math.nan), math.nan
         self._frozen = False
@@ -252,6 +256,12 @@ class _SupervisedArm(ProbeArm):
                 f"move_linear: found a target at {np.round(tip, 3).tolist()} m, expected {near:g} to {far:g} m from "
                 f"the base and within {limits.min_tip_m} to {limits.max_tip_m} m; move the object or the base"
             )
+        if self._obstacles is not None and speed_m_s > limits.max_contact_m_s:
+            path = self._obstacles.along(self._device.pose()[1], T_base_tip)
+            if not path.free:
+                raise DeviceError(
+                    f"move_linear: the tool comes as near as {path}; approach from elsewhere, or slower"
+                )
         # Another target is another attempt.
         self._frozen &= bool(np.array_equal(tip, self._target.translation_m))
         self._target, self._speed_m_s = T_base_tip, min(speed_m_s, limits.max_tip_speed_m_s)

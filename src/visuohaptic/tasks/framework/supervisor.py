@@ -44,6 +44,9 @@ class SafetyLimits:
     max_speed_m_s: float = field(default=0.5, metadata=POSITIVE)  #: of the base
     max_turn_rate_rad_s: float = field(default=1.5, metadata=POSITIVE)
     max_tip_speed_m_s: float = field(default=0.25, metadata=POSITIVE)
+    max_contact_m_s: float = field(
+        default=0.05, metadata=POSITIVE
+    )  #: of a tip that may touch known obstacles
     max_finger_speed_m_s: float = field(default=0.15, metadata=POSITIVE)  #: rate of the gripper's opening
     min_tip_m: Point = (
         -math.inf,
@@ -160,6 +163,7 @@ class SupervisorCore(Closing):
         self._streams: dict[str, _Stream] = {}
         self._motions: dict[str, _Motion] = {}
         self._force = (-math.inf, -math.inf)  #: time of the newest reading, and the force [N]
+        self._rate_N_s, self._felt_s = 0.0, math.nan
         self._overload = ""
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
@@ -175,6 +179,8 @@ class SupervisorCore(Closing):
         """Hold every part whose readings are too old; called at least every 50 ms."""
         with self._lock:
             now_s = self._clock()
+            if self._rate_N_s and not self._overload:
+                self._judge_force(now_s - self._felt_s)  # it rises although nobody has read it
             for motion in self._motions.values():
                 if not motion.moving:
                     continue
@@ -297,17 +303,18 @@ class SupervisorCore(Closing):
         with self._lock:
             last_s, last_N = self._force
             if math.isfinite(force_N) and t_s > last_s:
-                rate = (force_N - last_N) / (t_s - last_s) if math.isfinite(last_s + last_N) else 0.0
-                self._force = (t_s, force_N)
-                # Until the next reading, and while it brakes evenly.
-                soon_N = (
-                    force_N + max(rate, 0.0) * (t_s - last_s + 0.5 * self.limits.brake_s) if rate else force_N
-                )
-                self._judge_force(force_N, soon_N)
+                rose_N = force_N - last_N if math.isfinite(last_s + last_N) else 0.0
+                self._rate_N_s = max(rose_N / (t_s - last_s), 0.0)
+                self._force, self._felt_s = (t_s, force_N), self._clock()
+                # Until the next reading, which takes as long as this one has.
+                self._judge_force(t_s - last_s if self._rate_N_s else 0.0)
         self.note("the force", t_s if math.isfinite(force_N) else math.nan, frozen=frozen)
 
-    def _judge_force(self, force_N: float, soon_N: float) -> None:
+    def _judge_force(self, passed_s: float) -> None:
+        """Stop what presses at the limit, now or in ``passed_s`` and half the time in which it brakes evenly."""
         limit_N, was = self.limits.max_force_N, self._overload
+        force_N = self._force[1]
+        soon_N = force_N + self._rate_N_s * (passed_s + 0.5 * self.limits.brake_s)
         self._overload = ""
         if max(force_N, soon_N) >= limit_N:
             more = "" if force_N >= limit_N else f", and {soon_N:.1f} N before it stands"

@@ -37,7 +37,6 @@ from .grasp import GraspOutcome as GraspOutcome
 from .grasp import GraspState as GraspState
 from .grasp import LiftPlan as LiftPlan
 from .grasp import grasp_and_lift as grasp_and_lift
-from .hand import FingerTouch as FingerTouch
 from .hand import Hand as Hand
 from .hand import HandCommand as HandCommand
 from .hand import HandObservation as HandObservation

@@ -16,7 +16,7 @@ __all__ = ["FoamFinger", "FoamTouch"]
 
 @dataclass(frozen=True, slots=True)
 class FoamTouch:
-    """A :class:`~visuohaptic.tasks.manipulation.hand.FingerTouch` of one frame."""
+    """A :class:`~visuohaptic.core.robots.FingerTouch` of one frame."""
 
     valid: bool
     force_N: float

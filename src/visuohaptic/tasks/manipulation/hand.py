@@ -5,30 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
-from ...core.robots import FrameSource, Gripper, ProbeArm, require_members
+from ...core.robots import FingerTouch, FrameSource, Gripper, ProbeArm, require_members
 from ..framework.machine import Machine
 from ..framework.run import run_machine
 
-__all__ = ["FingerTouch", "Hand", "HandCommand", "HandObservation", "Place", "as_vector", "run_hand"]
-
-
-class FingerTouch(Protocol):
-    """What a finger's sensor says of a frame; :class:`~.foam_finger.FoamFinger` makes it of a foam sensor."""
-
-    @property
-    def valid(self) -> bool: ...
-    @property
-    def force_N(self) -> float: ...
-    @property
-    def surface_m(self) -> float:
-        """Where the touched surface is, from the middle between the fingers; NaN without touch."""
+__all__ = ["Hand", "HandCommand", "HandObservation", "Place", "as_vector", "run_hand"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.frame import Frame
+from ...core.clock_watch import ClockWatch
 from ...core.measurement import Event, EventKind, ForceProfile, Reason
 from ...core.objects import HapticTag
-from ...core.robots import BaseState, ClockWatch, FrameSource, MobileBase, require_members
+from ...core.robots import BaseState, FrameSource, MobileBase, require_members
 from ...sensing.foam.sensor import FoamSensor
 from ...sensing.push.events import ContactEvents
 from ...sensing.push.primitives import PrimitiveFit

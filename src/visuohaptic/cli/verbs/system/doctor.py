@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import os
 import platform
@@ -22,14 +23,15 @@ EPILOG = """\
 reads   nothing; with --robot the module, which is looked for in this folder, too
 writes  nothing; ends with code 2 when a library of the core does not work, or the robot breaks a rule
 
-The function that --robot names returns the parts of the robot: base, arm, gripper, camera (a mapping, or
-RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
+The function that --robot names returns the parts of the robot: base, arm, gripper, camera, localizer, depth,
+feel (a mapping, or RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
 the fingers close by 1 cm: have room, and a hand on the emergency stop.
 
 examples
   visuohaptic doctor
   visuohaptic doctor --robot my_robot:connect
   visuohaptic doctor --robot my_robot:connect --still
+  visuohaptic doctor --robot visuohaptic.simulation.served:kitchen --apart
 """
 
 #: Seconds after which a library counts as hanging.
@@ -76,6 +78,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--still", action="store_true", help="do not move the robot: signatures and readings only"
     )
+    parser.add_argument(
+        "--apart",
+        action="store_true",
+        help="make the robot in a process of its own, and reach it by its protocols",
+    )
 
 
 def run(args: Arguments) -> dict[str, Any]:
@@ -112,9 +119,12 @@ def run(args: Arguments) -> dict[str, Any]:
 
 def _robot(args: Arguments) -> dict[str, Any]:
     """Try a robot, and say what of its protocols it keeps."""
+    from ....io.remote import start_robot
     from ....tasks.framework import check_robot
 
-    rules = check_robot(_made(args.robot), motion=not args.still, where=args.robot)
+    with contextlib.ExitStack() as stack:
+        robot = stack.enter_context(start_robot(args.robot)).served() if args.apart else _made(args.robot)
+        rules = check_robot(robot, motion=not args.still, where=args.robot)
     for rule in rules:
         args.report(f"{rule.part:<9}{'BROKEN' if rule.problem else 'kept':<8}{rule.rule}")
         if rule.problem:

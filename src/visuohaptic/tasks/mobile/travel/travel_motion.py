@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from ....core.robots import ClockWatch
+from ....core.clock_watch import ClockWatch
 from ..force_guard import ForceGuard, GuardState
 from .travel_types import TravelCommand, TravelObservation, TravelOutcome
 

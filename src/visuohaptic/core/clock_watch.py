@@ -1,0 +1,64 @@
+"""A robot's clock that stands still is noticed, by counted control periods and by the host's clock."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+__all__ = ["MAX_STILL_PERIODS", "MAX_STILL_S", "ClockWatch"]
+
+#: A clock has stopped after this many control periods without advancing, five seconds of a loop at 50 Hz, or
+#: after so long by the host's clock [s]: no robot's odometry or camera is that slow, no operator that patient.
+MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0
+
+
+class ClockWatch:
+    """Notices a robot's clock that stands still, by counted control periods and by the host's clock.
+
+    A time-out by the robot's clock alone never comes when that clock stands. Each control period
+    calls :meth:`update`; the clock has stopped when it did not advance for ``max_periods`` of them,
+    or for ``max_host_s`` of the host's monotonic clock.
+
+    Parameters
+    ----------
+    max_periods
+        Control periods; ``None`` for a caller whose periods have no length, as one that polls.
+    max_host_s
+        Time of the host [s].
+    host_clock
+        Returns the host's monotonic time [s].
+    """
+
+    def __init__(
+        self,
+        *,
+        max_periods: int | None = MAX_STILL_PERIODS,
+        max_host_s: float = MAX_STILL_S,
+        host_clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._max_periods, self._max_host_s, self._host_clock = max_periods, max_host_s, host_clock
+        self._newest_s, self._since_s, self.periods = -math.inf, math.nan, 0
+
+    def update(self, t_s: float) -> str:
+        """Take the robot's time, and judge whether its clock runs.
+
+        Parameters
+        ----------
+        t_s
+            Time by the robot's clock [s].
+
+        Returns
+        -------
+        str
+            Why the clock counts as stopped; empty while it runs.
+        """
+        if t_s > self._newest_s or math.isnan(self._since_s):
+            self._newest_s = t_s if math.isfinite(t_s) else self._newest_s
+            self._since_s, self.periods = self._host_clock(), 0
+            return ""
+        self.periods += 1
+        host_s = self._host_clock() - self._since_s
+        if host_s > self._max_host_s or (self._max_periods is not None and self.periods >= self._max_periods):
+            return f"the robot's clock stands at {t_s:g} s for {self.periods} control periods"
+        return ""

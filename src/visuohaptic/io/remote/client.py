@@ -1,0 +1,326 @@
+"""The parts of a robot that another process of this machine serves."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Client
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core import errors
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError, InputError
+from ...core.measurement import Wrench
+from ...core.resources import Closing
+from ...core.robots import ROBOT_CONTRACT, BaseState, Gripper, GripperState, MapPose, MobileBase, ProbeArm
+from .wire import MAX_MESSAGE_BYTES, RemoteDepth, RemoteTouch, pack, unpack
+
+__all__ = ["RemoteRobot", "start_robot"]
+
+#: Seconds that an answer may take: a simulated world renders, a robot's driver waits.
+PATIENCE_S = 60.0
+
+
+class RemoteRobot(Closing):
+    """A robot in another process; a part that is not served is refused when it is used.
+
+    Parameters
+    ----------
+    address
+        Host and port that it listens at.
+    key
+        Secret that both have.
+    process
+        That serves it, when it was started here; ended with :meth:`close`.
+
+    Raises
+    ------
+    DeviceError
+        Nobody answers, or somebody without the key.
+    """
+
+    def __init__(
+        self, address: tuple[str, int], key: bytes, process: subprocess.Popen[str] | None = None
+    ) -> None:
+        self._process, self._lock = process, threading.Lock()
+        try:
+            self._connection = Client(address, authkey=key)
+        except (OSError, EOFError, AuthenticationError) as problem:
+            raise DeviceError(
+                f"the robot at {address[0]}:{address[1]} does not answer ({problem})"
+            ) from problem
+        hello = self._receive()
+        self.parts: tuple[str, ...] = hello["parts"]  #: that are served
+        if str(hello["contract"]).partition(".")[0] != ROBOT_CONTRACT.partition(".")[0]:
+            self.close()
+            raise InputError(
+                "remote", f"found a robot for contract {hello['contract']}, expected {ROBOT_CONTRACT}"
+            )
+        self.base, self.arm, self.gripper = _RemoteBase(self), _RemoteArm(self), _RemoteGripper(self)
+        self.camera, self.senses = _RemoteCamera(self), _RemoteSenses(self)
+        self.depth = _RemoteDepthCamera(self)
+
+    def call(self, part: str, member: str, *arguments: Any) -> Any:
+        """Call a member of a part there.
+
+        Parameters
+        ----------
+        part, member
+            Of :data:`~.wire.PROTOCOLS`.
+        *arguments
+            Values that cross.
+
+        Raises
+        ------
+        VisuohapticError
+            Of the kind that was raised there.
+        DeviceError
+            The robot has gone.
+        """
+        with self._lock:
+            try:
+                self._connection.send_bytes(
+                    pack({"part": part, "member": member, "arguments": tuple(arguments)})
+                )
+            except OSError as problem:
+                raise DeviceError(f"{part}.{member}: the robot has gone ({problem})") from problem
+            reply = self._receive()
+        if "error" in reply:
+            kind = getattr(errors, str(reply["error"]), DeviceError)
+            if isinstance(kind, type) and issubclass(kind, InputError):
+                raise InputError(f"{part}.{member}", str(reply["text"]))
+            known = isinstance(kind, type) and issubclass(kind, DeviceError)
+            raise (kind if known else DeviceError)(str(reply["text"]))
+        return reply["value"]
+
+    def _receive(self) -> Any:
+        try:
+            if not self._connection.poll(PATIENCE_S):
+                raise DeviceError(f"the robot has not answered for {PATIENCE_S:g} s")
+            return unpack(self._connection.recv_bytes(MAX_MESSAGE_BYTES))
+        except (OSError, EOFError) as problem:
+            raise DeviceError(f"the robot has gone ({type(problem).__name__})") from problem
+
+    def locate(self) -> MapPose:
+        """Newest pose in the map: the robot is its own ``Localizer``."""
+        found: MapPose = self.call("localizer", "locate")
+        return found
+
+    def feel(self, frame: Frame) -> RemoteTouch:
+        """What the finger's sensor of the robot says of a frame.
+
+        Parameters
+        ----------
+        frame
+            Newest frame of :attr:`camera`.
+        """
+        found: RemoteTouch = self.call("feel", "touch", frame)
+        return found
+
+    def wrench(self, frame: Frame) -> Wrench:
+        """What the beam sensor of the robot says of a frame.
+
+        Parameters
+        ----------
+        frame
+            Newest frame of :attr:`camera`.
+        """
+        found: Wrench = self.call("wrench", "read", frame)
+        return found
+
+    def weigh(self, frame: Frame) -> float:
+        """Downward load on the fingers [N].
+
+        Parameters
+        ----------
+        frame
+            Newest frame of :attr:`camera`.
+        """
+        return float(self.call("weigh", "read", frame))
+
+    def wait(self, duration_s: float) -> None:
+        """Let time pass there.
+
+        Parameters
+        ----------
+        duration_s
+            How long [s].
+        """
+        self.call("wait", "wait", duration_s)
+
+    def served(self) -> dict[str, Any]:
+        """The parts of the robot that a contract knows, by name."""
+        made = {
+            "base": self.base,
+            "arm": self.arm,
+            "gripper": self.gripper,
+            "camera": self.camera,
+            "localizer": self,
+            "depth": self.depth,
+            "feel": self.feel,
+            "wait": self.wait,
+        }
+        return {name: part for name, part in made.items() if name in self.parts}
+
+    def close(self) -> None:
+        """Leave: the other process stops its robot; harmless when repeated."""
+        self._connection.close()
+        if self._process is not None:
+            try:
+                self._process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            for pipe in (self._process.stdin, self._process.stdout):
+                if pipe is not None:
+                    pipe.close()
+
+
+def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> RemoteRobot:
+    """Start a process that makes a robot, or a simulated world with one, and serves its parts.
+
+    Parameters
+    ----------
+    target
+        ``module:function``; it returns the parts as :func:`~.server.serve_robot` takes them.
+    arguments
+        Of the function, plain data by name.
+
+    Raises
+    ------
+    DeviceError
+        The process ended before it served anything; its reason is on its standard error.
+
+    Examples
+    --------
+    >>> with start_robot("my_worlds:office", {"seed": 3}) as robot:  # doctest: +SKIP
+    ...     travel(problem, robot.base, robot.senses, robot.wait)
+    """
+    key = secrets.token_bytes(32)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "visuohaptic.io.remote.server", target, json.dumps(dict(arguments or {}))],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        # Not an argument: the list of processes is public.
+        process.stdin.write(key.hex() + "\n")
+        process.stdin.flush()
+        host, port = json.loads(process.stdout.readline())
+    except (OSError, ValueError) as problem:
+        process.kill()
+        process.wait()
+        raise DeviceError(f"{target} did not serve a robot; see its messages") from problem
+    return RemoteRobot((str(host), int(port)), key, process)
+
+
+class _RemoteBase(MobileBase):
+    def __init__(self, robot: RemoteRobot) -> None:
+        self._robot = robot
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        self._robot.call("base", "drive", speed_m_s, turn_rate_rad_s)
+
+    def stop(self) -> None:
+        self._robot.call("base", "stop")
+
+    def state(self) -> BaseState:
+        found: BaseState = self._robot.call("base", "state")
+        return found
+
+
+class _RemoteArm(ProbeArm):
+    def __init__(self, robot: RemoteRobot) -> None:
+        self._robot = robot
+
+    def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
+        self._robot.call("arm", "move_linear", T_base_tip, speed_m_s)
+
+    def stop(self) -> None:
+        self._robot.call("arm", "stop")
+
+    def pose(self) -> tuple[float, Pose]:
+        t_s, pose = self._robot.call("arm", "pose")
+        return t_s, pose
+
+    def reach_m(self) -> Float[np.ndarray, "2"]:
+        found: Float[np.ndarray, "2"] = self._robot.call("arm", "reach_m")
+        return found
+
+
+class _RemoteGripper(Gripper):
+    def __init__(self, robot: RemoteRobot) -> None:
+        self._robot = robot
+
+    def move(self, opening_m: float, speed_m_s: float) -> None:
+        self._robot.call("gripper", "move", opening_m, speed_m_s)
+
+    def stop(self) -> None:
+        self._robot.call("gripper", "stop")
+
+    def state(self) -> GripperState:
+        found: GripperState = self._robot.call("gripper", "state")
+        return found
+
+
+class _RemoteCamera(Closing):
+    frame_count = None
+
+    def __init__(self, robot: RemoteRobot) -> None:
+        self._robot = robot
+
+    @property
+    def camera(self) -> Camera | None:
+        found: Camera | None = self._robot.call("camera", "model")
+        return found
+
+    def __iter__(self) -> Iterator[Frame]:
+        while (frame := self._robot.call("camera", "next")) is not None:
+            yield frame
+
+    def close(self) -> None:
+        """Nothing to release here."""
+
+
+class _RemoteSenses:
+    def __init__(self, robot: RemoteRobot) -> None:
+        self._robot = robot
+
+    def pose(self) -> tuple[float, float, float]:
+        found: tuple[float, float, float] = self._robot.call("senses", "pose")
+        return found
+
+    def touch(self) -> tuple[float, tuple[float, float] | None]:
+        found: tuple[float, tuple[float, float] | None] = self._robot.call("senses", "touch")
+        return found
+
+    def look(self, id: str) -> tuple[float, float, float] | None:
+        found: tuple[float, float, float] | None = self._robot.call("senses", "look", id)
+        return found
+
+
+class _RemoteDepthCamera:
+    def __init__(self, robot: RemoteRobot) -> None:
+        self._robot = robot
+
+    @property
+    def camera(self) -> Camera:
+        found: Camera = self._robot.call("depth", "model")
+        return found
+
+    def read(self) -> RemoteDepth:
+        found = self._robot.call("depth", "read")
+        return RemoteDepth(float(found["t_s"]), found["depth_m"])

@@ -1,0 +1,121 @@
+"""Serves the parts of a robot to one other process of this machine, member by member of their protocols."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from multiprocessing.connection import Connection, Listener
+from typing import Any
+
+from ...core.errors import InputError, VisuohapticError
+from ...core.robots import ROBOT_CONTRACT
+from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteTouch, pack, unpack
+
+__all__ = ["serve_robot"]
+
+
+def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[str, int]], None]) -> None:
+    """Answer one client until it leaves; then every part that can is stopped.
+
+    Parameters
+    ----------
+    parts
+        Of :data:`~.wire.PROTOCOLS`: ``base``, ``arm``, ``gripper``, ``localizer``, ``senses``, ``camera``, ``depth``, and
+        the functions ``feel`` (frame to touch), ``wrench``, ``weigh`` (of a frame) and ``wait`` (of seconds).
+    key
+        Secret that the client has, too.
+    ready
+        Called with the address once a client may connect.
+
+    Raises
+    ------
+    InputError
+        There is a part that is none of a robot.
+    """
+    if unknown := sorted(set(parts) - set(PROTOCOLS)):
+        raise InputError("serve_robot", f"found part {unknown[0]!r}, expected some of {', '.join(PROTOCOLS)}")
+    with Listener(("127.0.0.1", 0), authkey=key) as listener:
+        host, port = listener.address[:2]
+        ready((str(host), int(port)))
+        with listener.accept() as connection:
+            _answer(_Served(parts), connection)
+
+
+def _answer(served: _Served, connection: Connection[Any, Any]) -> None:
+    try:
+        connection.send_bytes(pack({"contract": ROBOT_CONTRACT, "parts": tuple(served.parts)}))
+        while True:
+            try:
+                reply = {"value": served.call(unpack(connection.recv_bytes(MAX_MESSAGE_BYTES)))}
+                message = pack(reply)
+            except VisuohapticError as problem:
+                message = pack({"error": type(problem).__name__, "text": str(problem)})
+            connection.send_bytes(message)
+    except (EOFError, OSError):
+        pass  # the client has left
+    finally:
+        served.stop()
+
+
+class _Served:
+    """Calls members of parts, and no others.
+
+    Parameters
+    ----------
+    parts
+        By name.
+    """
+
+    def __init__(self, parts: Mapping[str, Any]) -> None:
+        self.parts = {name: part for name, part in parts.items() if part is not None}
+        self._frames: Iterator[Any] = iter(self.parts.get("camera", ()))
+
+    def call(self, request: Any) -> Any:
+        """The value of a request ``{"part", "member", "arguments"}``."""
+        fields = request if isinstance(request, dict) else {}
+        part, member, arguments = fields.get("part"), fields.get("member"), fields.get("arguments", ())
+        if part not in self.parts or member not in PROTOCOLS[part]:
+            raise InputError("remote", f"found {part}.{member}, which is no member of a served part")
+        served = self.parts[part]
+        if part == "camera":
+            return served.camera if member == "model" else next(self._frames, None)
+        if part == "depth":
+            if member == "model":
+                return served.camera
+            image = served.read()
+            return {"t_s": float(image.t_s), "depth_m": image.depth_m}
+        if part in ("feel", "wrench", "weigh", "wait"):
+            found = served(*arguments)
+            return (
+                RemoteTouch(bool(found.valid), float(found.force_N), float(found.surface_m))
+                if part == "feel"
+                else found
+            )
+        return getattr(served, member)(*arguments)
+
+    def stop(self) -> None:
+        """Leave nothing moving."""
+        for part in self.parts.values():
+            if hasattr(part, "stop"):
+                part.stop()
+
+
+def main() -> None:
+    """``python -m visuohaptic.io.remote.server MODULE:FUNCTION ARGUMENTS``: the key comes on standard input."""
+    module, _, function = sys.argv[1].partition(":")
+    key = bytes.fromhex(sys.stdin.readline().strip())
+    sys.path.insert(0, os.getcwd())
+    parts = getattr(importlib.import_module(module), function)(**json.loads(sys.argv[2]))
+
+    def ready(address: tuple[str, int]) -> None:
+        sys.stdout.write(json.dumps(address) + "\n")
+        sys.stdout.flush()
+
+    serve_robot(parts, key=key, ready=ready)
+
+
+if __name__ == "__main__":
+    main()

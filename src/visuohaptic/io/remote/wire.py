@@ -1,0 +1,155 @@
+"""What crosses between a robot's process and the one that commands it: a list of members, and of kinds of values.
+
+A message is a line of JSON and the bytes of its arrays, no pickle. Numbers, texts, tuples and the dataclasses of
+:data:`KINDS` are values; whatever else a part might return does not cross.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.codec import DTYPES, encode_record, read_record
+from ...core.errors import DeviceError, InputError
+from ...core.measurement import Wrench
+from ...core.robots import BaseState, GripperState, MapPose
+
+__all__ = ["KINDS", "MAX_MESSAGE_BYTES", "PROTOCOLS", "RemoteDepth", "RemoteTouch", "pack", "unpack"]
+
+#: Larger messages are refused before memory is taken for them: some ten 4K images.
+MAX_MESSAGE_BYTES = 256 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteTouch:
+    """A :class:`~visuohaptic.core.robots.FingerTouch` that has crossed."""
+
+    valid: bool
+    force_N: float
+    surface_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RemoteDepth:
+    """A :class:`~visuohaptic.core.robots.DepthImage` that has crossed."""
+
+    t_s: float
+    depth_m: np.ndarray
+
+
+#: Dataclasses that cross.
+KINDS: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (BaseState, Camera, Frame, GripperState, MapPose, Pose, RemoteTouch, Wrench)
+}
+#: Parts of a robot, and the members of each that may be called from the other process.
+PROTOCOLS: dict[str, tuple[str, ...]] = {
+    "base": ("drive", "stop", "state"),
+    "arm": ("move_linear", "stop", "pose", "reach_m"),
+    "gripper": ("move", "stop", "state"),
+    "localizer": ("locate",),
+    "senses": ("pose", "touch", "look"),
+    "camera": ("model", "next"),
+    "depth": ("model", "read"),
+    "feel": ("touch",),
+    "wrench": ("read",),
+    "weigh": ("read",),
+    "wait": ("wait",),
+}
+
+
+def pack(value: Any) -> bytes:
+    """A value as bytes.
+
+    Parameters
+    ----------
+    value
+        Number, text, truth value, ``None``, array, dataclass of :data:`KINDS`, or a tuple or mapping of them.
+
+    Raises
+    ------
+    InputError
+        It is something else.
+    """
+    arrays: list[np.ndarray] = []
+    head = json.dumps({"value": _plain(value, arrays), "arrays": [[a.dtype.str, a.shape] for a in arrays]})
+    return head.encode() + b"\n" + b"".join(a.tobytes() for a in arrays)
+
+
+def unpack(message: bytes) -> Any:
+    """The value of a message.
+
+    Parameters
+    ----------
+    message
+        Of :func:`pack`.
+
+    Raises
+    ------
+    DeviceError
+        It is no message.
+    """
+    head, _, body = message.partition(b"\n")
+    try:
+        data = json.loads(head)
+        arrays, at = [], 0
+        for name, shape in data["arrays"]:
+            dtype = np.dtype(str(name))
+            if dtype.newbyteorder("=").name not in DTYPES or any(int(n) < 0 for n in shape):
+                raise ValueError(f"array of {name}")
+            count = math.prod(int(n) for n in shape)
+            arrays.append(np.frombuffer(body, dtype, count, at).reshape([int(n) for n in shape]))
+            at += count * dtype.itemsize
+        return _value(data["value"], arrays)
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as problem:
+        raise DeviceError(f"found {len(message)} bytes that are no message ({problem})") from problem
+
+
+def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else {"number": str(float(value))}
+    if isinstance(value, np.ndarray):
+        if value.dtype.name not in DTYPES:
+            raise InputError("remote", f"found an array of {value.dtype}, which does not cross")
+        arrays.append(np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"), copy=False))
+        return {"array": len(arrays) - 1}
+    if isinstance(value, (tuple, list)):
+        return {"tuple": [_plain(item, arrays) for item in value]}
+    if isinstance(value, dict):
+        return {"items": {str(name): _plain(item, arrays) for name, item in value.items()}}
+    if is_dataclass(value) and type(value) in KINDS.values():
+        apart: dict[str, np.ndarray] = {}
+        fields = encode_record(value, apart)
+        return {
+            "kind": type(value).__name__,
+            "fields": _plain(json.dumps(fields), arrays),
+            "apart": _plain(apart, arrays),
+        }
+    raise InputError("remote", f"found {type(value).__name__}, which does not cross")
+
+
+def _value(data: Any, arrays: list[np.ndarray]) -> Any:
+    if not isinstance(data, dict):
+        return data
+    if "number" in data:
+        return float(data["number"])
+    if "array" in data:
+        return arrays[data["array"]]
+    if "tuple" in data:
+        return tuple(_value(item, arrays) for item in data["tuple"])
+    if "items" in data:
+        return {name: _value(item, arrays) for name, item in data["items"].items()}
+    return read_record(
+        KINDS[data["kind"]], json.loads(data["fields"]), _value(data["apart"], arrays), "remote"
+    )

@@ -1,0 +1,78 @@
+"""Simulated worlds for :func:`visuohaptic.io.remote.start_robot`: each function returns the parts of the robot in one.
+
+What is true of the world stays in its process; the robot's side is told the arguments that it gives, and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..io.maps.occupancy_map import OccupancyMap
+from .floor.floor_model import FloorObject
+from .floor.floor_senses import FloorSenses
+from .floor.floor_world import FloorWorld
+from .tabletop.deformable import DeformableContainer
+from .tabletop.kitchen import KitchenTable
+
+__all__ = ["floor", "kitchen"]
+
+
+def floor(
+    map: str, start_m: Sequence[float], objects: Sequence[dict[str, Any]] = (), seed: int = 0
+) -> dict[str, Any]:
+    """A round platform on a floor with objects that slide.
+
+    Parameters
+    ----------
+    map
+        Map file; what is occupied is a wall.
+    start_m
+        Pose of the platform: x, y [m], heading [rad].
+    objects
+        Fields of :class:`~visuohaptic.simulation.floor.FloorObject`.
+    seed
+        Of the errors of what is sensed.
+    """
+    items = [FloorObject(**{**one, "footprint_m": np.array(one["footprint_m"])}) for one in objects]
+    world = FloorWorld(OccupancyMap.load(map), items, start_m)
+    return {
+        "base": world.base,
+        "senses": FloorSenses(world, np.random.default_rng(seed)),
+        "wait": world.step,
+    }
+
+
+def kitchen(
+    stiffness_N_per_m: float = 3000.0, radius_m: float = 0.035, height_m: float = 0.2, seed: int = 0
+) -> dict[str, Any]:
+    """An arm with a gripper at a table, and a container between its fingers.
+
+    Parameters
+    ----------
+    stiffness_N_per_m
+        Of the container's wall, the same everywhere.
+    radius_m, height_m
+        Of the container.
+    seed
+        Of the errors of arm and sensors.
+    """
+    heights_m, depths_m = np.linspace(0.0, height_m, 3), np.linspace(0.0, 0.02, 25)
+    force_N = stiffness_N_per_m * np.ones((3, 1)) * depths_m
+    thing = DeformableContainer("container", heights_m, np.full(3, radius_m), depths_m, force_N)
+    table = KitchenTable(thing, np.random.default_rng(seed))
+
+    def wait(duration_s: float) -> None:
+        for _ in range(max(1, round(duration_s * table.frame_rate_Hz))):
+            table.advance(1.0 / table.frame_rate_Hz)
+
+    return {
+        "arm": table.arm,
+        "gripper": table,
+        "camera": table,
+        "feel": table.feel,
+        "weigh": table.weigh,
+        "wait": wait,
+    }

@@ -1,0 +1,171 @@
+"""Whether a tool that is moved in a straight line comes too near to what was seen: fused surfaces, maps, points.
+
+The tool is a set of capsules in the frame of the tip. Obstacles are surfaces, kept as points that are dense enough
+that none of the surface is farther than 0.58 ``resolution_m`` from one of them (SciPy's k-d tree finds the nearest). The
+motion is followed by conservative advancement (Mirtich 1996): where the distance is d, no point of the tool
+can touch anything before it has moved by d, so that the next configuration that is looked at may be far ahead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.geometry import so3_log
+from ...reconstruction.mesh import SurfaceMesh
+
+__all__ = ["Capsule", "KnownObstacles", "PathClearance"]
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """All points within a radius of a segment, in the frame of the tip."""
+
+    start_m: Point
+    end_m: Point
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PathClearance:
+    """How near a motion comes to what is known."""
+
+    #: smallest distance of tool and obstacles on the part that was followed; negative: so far inside of the tool
+    clearance_m: float
+    fraction: float  #: of the path, where it is smallest
+    point_m: Point  #: of the obstacles, nearest there
+    free: bool  #: it stays as far away as was asked for, or as it was at the start
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{value:.3f}" for value in self.point_m)
+        return (
+            f"{1e3 * self.clearance_m:.0f} mm from ({where}) m after {100 * self.fraction:.0f} % of the path"
+        )
+
+
+class KnownObstacles:
+    """What a tool must not run into, in the base of the arm.
+
+    Parameters
+    ----------
+    tool
+        Capsules that the arm carries.
+    surfaces
+        Meshes, or points (n, 3) [m].
+    keep_m
+        Distance that is kept [m].
+    resolution_m
+        Of the surfaces' points and of the tool's axes [m]: what is reported is smaller than the true distance by at
+        most this.
+
+    Raises
+    ------
+    InputError
+        A distance is not more than 0, or there is no capsule.
+
+    Examples
+    --------
+    A ball of 1 cm on a line 5 cm above a table:
+
+    >>> table = SurfaceMesh(
+    ...     np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]]) * 0.3, np.array([[0, 1, 2]])
+    ... )
+    >>> known = KnownObstacles((Capsule((0, 0, 0), (0, 0, 0), 0.01),), [table])
+    >>> ends = [Pose(np.eye(3), np.array([x, 0.0, 0.05])) for x in (-0.2, 0.2)]
+    >>> found = known.along(*ends)
+    >>> found.free, abs(found.clearance_m - 0.04) < 0.0025
+    (True, True)
+    """
+
+    def __init__(
+        self,
+        tool: Sequence[Capsule],
+        surfaces: Iterable[SurfaceMesh | Float[np.ndarray, "n 3"]],
+        keep_m: float = 0.005,
+        resolution_m: float = 0.002,
+    ) -> None:
+        from scipy.spatial import cKDTree
+
+        if not (keep_m > 0 and resolution_m > 0 and tool):
+            raise InputError(
+                "KnownObstacles",
+                f"found {len(tool)} capsules, {keep_m} m and {resolution_m} m, expected one or more, and more than 0",
+            )
+        self.keep_m, self.resolution_m = keep_m, resolution_m
+        points = [_dense(surface, resolution_m) for surface in surfaces]
+        self._points = np.concatenate([np.zeros((0, 3)), *points])
+        self._tree = cKDTree(self._points)
+        self._axes: list[tuple[Float[np.ndarray, "k 3"], float]] = []
+        for capsule in tool:
+            start, end = np.array(capsule.start_m, dtype=float), np.array(capsule.end_m, dtype=float)
+            count = math.ceil(2.0 * float(np.linalg.norm(end - start)) / resolution_m) + 1
+            axis = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+            self._axes.append((axis, capsule.radius_m))
+
+    def along(self, T_base_start: Pose, T_base_end: Pose) -> PathClearance:
+        """Follow the tip from one pose to another, straight and turning evenly.
+
+        Parameters
+        ----------
+        T_base_start, T_base_end
+            Of the tip in the base of the arm.
+        """
+        if not len(self._points):
+            return PathClearance(math.inf, 0.0, (math.nan,) * 3, True)
+        way = T_base_end.translation_m - T_base_start.translation_m
+        turn = so3_log(T_base_start.rotation.T @ T_base_end.rotation)
+        reach_m = max(float(np.linalg.norm(axis, axis=1).max()) for axis, _ in self._axes)
+        # No point of the tool moves farther than this on the whole path.
+        length_m = float(np.linalg.norm(way)) + float(np.linalg.norm(turn)) * reach_m
+        fraction, nearest, first_m = 0.0, PathClearance(math.inf, 0.0, (math.nan,) * 3, True), math.nan
+        while True:
+            turned = Pose.from_rotation_vector(fraction * turn, np.zeros(3)).rotation
+            pose = Pose(T_base_start.rotation @ turned, T_base_start.translation_m + fraction * way)
+            distance_m, point = self._distance(pose)
+            first_m = distance_m if math.isnan(first_m) else first_m
+            if distance_m < nearest.clearance_m:
+                # What it stands at may be left, and not come nearer to.
+                free = distance_m >= min(self.keep_m, first_m - self.resolution_m)
+                nearest = PathClearance(distance_m, fraction, point, free)
+            if not nearest.free or fraction >= 1.0:
+                return nearest
+            # Until there nothing can be nearer than what was found, by more than the resolution.
+            step_m = distance_m - nearest.clearance_m + self.resolution_m
+            fraction = min(1.0, fraction + step_m / max(length_m, 1e-12))
+
+    def _distance(self, pose: Pose) -> tuple[float, Point]:
+        """Distance of the tool from the obstacles at a pose, never more than the true one, and the point."""
+        best_m, best = math.inf, 0
+        for axis, radius_m in self._axes:
+            far, index = self._tree.query(pose.apply(axis))
+            at = int(np.argmin(far))
+            # A quarter of the resolution along the axis, and e / sqrt(3) in a triangle whose longest edge is e.
+            distance_m = float(far[at]) - radius_m - self.resolution_m
+            if distance_m < best_m:
+                best_m, best = distance_m, int(index[at])
+        x, y, z = (float(value) for value in self._points[best])
+        return best_m, (x, y, z)
+
+
+def _dense(surface: SurfaceMesh | Float[np.ndarray, "n 3"], resolution_m: float) -> Float[np.ndarray, "m 3"]:
+    """Points of a surface that are a resolution apart."""
+    if not isinstance(surface, SurfaceMesh):
+        return np.asarray(surface, dtype=np.float64).reshape(-1, 3)
+    corners = surface.vertices_m[surface.faces]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+    steps = np.maximum(np.ceil(edges / resolution_m), 1).astype(int)
+    found = [surface.vertices_m]
+    for count in np.unique(steps):
+        u, v = np.meshgrid(np.arange(count + 1), np.arange(count + 1))
+        inside = u + v <= count
+        weights = np.column_stack([u[inside], v[inside], count - u[inside] - v[inside]]) / count
+        found.append(np.einsum("kc,fcd->fkd", weights, corners[steps == count]).reshape(-1, 3))
+    return np.concatenate(found)

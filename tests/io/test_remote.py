@@ -1,0 +1,138 @@
+"""World and robot in two processes: tasks run through the wire, and nothing but the protocols crosses it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.core import DeviceError, InputError, MapPose
+from visuohaptic.core.camera import Camera, Frame, Pose
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.remote import RemoteRobot, start_robot
+from visuohaptic.io.remote.wire import pack, unpack
+from visuohaptic.simulation.floor import FloorObject
+from visuohaptic.tasks.manipulation import Hand, Place, SqueezeSettings, squeeze
+
+KITCHEN = "visuohaptic.simulation.served:kitchen"
+
+#: The robot's mind: it may import nothing of the world, and prints what it has done.
+MIND = """
+import json, sys
+import numpy as np
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.remote import start_robot
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
+from visuohaptic.tasks.mobile.travel import travel
+
+folder, world = sys.argv[1], json.loads(sys.argv[2])
+box = np.array(world["objects"][0]["footprint_m"])
+grid = OccupancyMap.load(world["map"])
+cells = grid.cells.copy()
+u, v = np.meshgrid(*(0.05 * (np.arange(n) + 0.5) for n in cells.shape[::-1]))
+cells[(u > box[:, 0].min()) & (u < box[:, 0].max()) & (v > box[:, 1].min()) & (v < box[:, 1].max())] = 100
+robot_model = RobotModel(0.17, push_force_max_N=20.0)
+problem = PlanningProblem(
+    OccupancyMap(cells, 0.05), robot_model, np.array([1.2, 1.4]), np.array([2.7, 1.4]),
+    (MovableObject("stool", box),),
+)
+with start_robot("visuohaptic.simulation.served:floor", world) as robot:
+    done = travel(problem, robot.base, robot.senses, robot.wait)
+    x, y, _ = robot.senses.pose()
+worlds = [n for n in sys.modules if n.startswith(("visuohaptic.simulation", "visuohaptic.rigs", "mujoco"))]
+print(json.dumps({"outcome": done.outcome, "why": done.reason, "pushes": done.pushes, "at": [x, y], "worlds": worlds}))
+"""
+
+
+def test_a_mind_that_has_never_seen_the_world_drives_in_it(tmp_path: Path) -> None:
+    """A stool of 8 N in a door, unknown: it is explored, pushed aside, and the goal is reached."""
+    pytest.importorskip("mujoco")
+    cells = np.zeros((60, 80), np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    cells[:20, 38:40] = cells[38:, 38:40] = 100
+    OccupancyMap(cells, 0.05).save(tmp_path / "room.yaml")
+    box = [[1.775, 1.275], [2.125, 1.275], [2.125, 1.625], [1.775, 1.625]]
+    stool = {"id": "stool", "footprint_m": box, "mass_kg": 2.7, "floor_friction": 0.3}
+    world = {"map": str(tmp_path / "room.yaml"), "start_m": [1.2, 1.4, 0.3], "objects": [stool], "seed": 2}
+    done = subprocess.run(
+        [sys.executable, "-c", MIND, str(tmp_path), json.dumps(world)],
+        capture_output=True, text=True, timeout=240, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["worlds"] == []
+    assert found["outcome"] == "arrived", found
+    assert found["pushes"] >= 1
+    # Localisation errs by 6 mm, the follower ends within 5 cm.
+    assert np.hypot(found["at"][0] - 2.7, found["at"][1] - 1.4) < 0.08
+
+
+@pytest.fixture(scope="module")
+def table():
+    with start_robot(KITCHEN, {"stiffness_N_per_m": 2500.0, "seed": 4}) as robot:
+        yield robot
+
+
+def test_a_hand_squeezes_through_the_wire(table: RemoteRobot) -> None:
+    hand = Hand(table.arm, table.gripper, table.camera, table.feel, table.weigh)
+    found = squeeze(hand, [Place(0.1)], SqueezeSettings(forces_N=(1.0, 2.0, 4.0, 8.0)))
+    assert found.ending.success, found.ending
+    # As in one process: 0.08 N and 40 um by the median of six frames.
+    assert found.curves[0].stiffness_N_per_m == pytest.approx(2500.0, rel=0.08)
+
+
+def test_nothing_but_members_of_the_protocols_crosses(table: RemoteRobot) -> None:
+    assert set(table.parts) == {"arm", "gripper", "camera", "feel", "weigh"}
+    for part, member in (
+        ("gripper", "container"), ("gripper", "force_N"), ("arm", "true_pose"), ("camera", "_balance"),
+        ("gripper", "__class__"), ("world", "state"), ("base", "state"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=rf"found {part}\.{member}, which is no member of a served part"):
+            table.call(part, member)
+    with pytest.raises(InputError, match="found -1"):
+        table.gripper.move(-1.0, 0.01)
+    with pytest.raises(DeviceError, match="out of reach"):
+        table.arm.move_linear(Pose(np.eye(3), np.array([9.0, 0.0, 0.0])), 0.1)
+    assert table.gripper.state().opening_m > 0.0  # it goes on after a refusal
+
+
+def test_a_stranger_without_the_key_is_refused(table: RemoteRobot) -> None:
+    with pytest.raises(DeviceError, match="does not answer"):
+        RemoteRobot(("127.0.0.1", 9), b"x")
+    with pytest.raises(DeviceError, match="did not serve a robot"):
+        start_robot("visuohaptic.simulation.served:nowhere")
+
+
+def test_values_cross_as_they_are_and_truth_does_not() -> None:
+    image = np.arange(24, dtype=np.uint8).reshape(4, 6)
+    frame = unpack(pack(Frame(image, 1.5, 7)))
+    np.testing.assert_array_equal(frame.image, image)
+    assert (frame.t_s, frame.index) == (1.5, 7)
+    pose = Pose.from_rotation_vector([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(unpack(pack((2.0, pose)))[1].matrix, pose.matrix)
+    assert unpack(pack(MapPose(1.0, 2.0, 3.0, np.nan))).t_s == 1.0
+    assert np.isnan(unpack(pack({"force": float("nan")}))["force"])
+    np.testing.assert_array_equal(
+        unpack(pack(Camera.simple(6, 4, focal_px=5.0))).matrix, Camera.simple(6, 4, focal_px=5.0).matrix
+    )
+    stool = FloorObject("stool", np.eye(3, 2), 1.0, 0.3)
+    for truth in (stool, object(), {"a": stool}, np.array([stool]), lambda: None):
+        with pytest.raises(InputError, match="which does not cross"):
+            pack(truth)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"", b"{}", b"[1, 2]\n", b'{"value": {"kind": "Popen", "fields": "{}", "apart": {"items": {}}}, "arrays": []}\n',
+        b'{"value": {"array": 0}, "arrays": [["<f8", [1000000000]]]}\n1', b'{"value": {"array": 0}, "arrays": [["O", [1]]]}\n12345678',
+        b'{"value": {"array": 0}, "arrays": [["<f8", [-1]]]}\n', b"\xff\xfe\n", b'{"value": {"array": 3}, "arrays": []}\n',
+    ],
+)  # fmt: skip
+def test_what_is_no_message_is_refused(message: bytes) -> None:
+    with pytest.raises(DeviceError, match="that are no message"):
+        unpack(message)
