@@ -89,6 +89,7 @@ def run_mission(
     quick: bool = False,
     world: int = 0,
     visit: int = 0,
+    memory: Path | str | None = None,
 ) -> Story:
     """Run the end-to-end demonstration, or a part of it.
 
@@ -115,6 +116,8 @@ def run_mission(
         Seed of a drawn house, of what stands in its doorway and on its table; 0 is the fixed office.
     visit
         Day in this world: people have moved things since.
+    memory
+        Database of what was learnt, a folder or a URL: read at the start, written when a chapter is done.
 
     Raises
     ------
@@ -149,7 +152,12 @@ def run_mission(
         world=world,
         visit=visit,
     )
-    return run_chapters(mission, chosen, given)
+    if memory is None:
+        return run_chapters(mission, chosen, given)
+    from .memory import MissionMemory
+
+    with MissionMemory(memory, f"house-{world}" if world else "office") as mission.memory:
+        return run_chapters(mission, chosen, given)
 
 
 #: What a given chapter itself builds on, as far as it is not filled in by it.
