@@ -232,7 +232,9 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
             return failed(
                 f"{touched.ending.outcome}: {touched.ending.why}; {len(contacts)} contacts are too few"
             )
-        outline = _joined(measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M), seen)
+        outline = _joined(
+            measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M), seen
+        )
         error_m = touched.error_m
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
     rms_m, height_m = _outline_error(outline, bottle), float(outline[-1, 1])
@@ -257,7 +259,9 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     )
 
 
-def _joined(completed_m: Float[np.ndarray, "k 2"], seen_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
+def _joined(
+    completed_m: Float[np.ndarray, "k 2"], seen_m: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "m 2"]:
     """The outline that was seen, and between its heights the completed one."""
     gap = np.abs(completed_m[:, 1, None] - seen_m[None, :, 1]).min(axis=1) > SLICE_M
     return np.vstack([seen_m, completed_m[gap]])[np.argsort(np.append(seen_m[:, 1], completed_m[gap, 1]))]

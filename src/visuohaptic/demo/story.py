@@ -364,7 +364,8 @@ def failed(reason: str, *parts: Any) -> ChapterResult:
 
 
 def _result(outcome: ChapterOutcome, reason: str, parts: Sequence[Any]) -> ChapterResult:
-    claims = tuple(part for part in parts if isinstance(part, Claim))
+    # What is less probable than not is not claimed.
+    claims = tuple(part for part in parts if isinstance(part, Claim) and part.forecast >= 0.5)
     measures = tuple(part for part in parts if isinstance(part, Measure))
     pictures = tuple(part for part in parts if isinstance(part, Illustration))
     return ChapterResult(outcome, reason, claims, measures, pictures)
