@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from visuohaptic.demo import Story, run_mission
+from visuohaptic.demo import Story, Visit, run_mission
 from visuohaptic.demo.judge import SURE, RunOutcome, calibration_figure, expected_calibration_error
 
 from ._journal import Journal
@@ -97,7 +97,7 @@ def _run(world: int, visit: int, folder: Path, memory: Path | None) -> dict[str,
     start_s = time.process_time()
     try:
         story: Story | None = run_mission(
-            folder, seed=world, world=world, visit=visit, memory=memory, quick=True, on_message=lambda _: None
+            folder, seed=world, visit=Visit(world, visit, memory), quick=True, on_message=lambda _: None
         )
         crash = ""
     except Exception as error:  # noqa: BLE001 - a crash is what is counted here

@@ -153,7 +153,7 @@ def _told(
 def _tell(seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         try:
-            story = run_mission(folder, seed=seed, fault=fault, chapters=chapters, on_message=lambda _: None)
+            story = run_mission(folder, seed=seed, fault=fault, part=chapters, on_message=lambda _: None)
             write_story(story, Path(folder) / "report.html")
         except Exception as error:  # noqa: BLE001 - a crash is what is counted here
             crash = f"{type(error).__name__}: {error}"

@@ -118,7 +118,7 @@ def _open(report: Path) -> None:
 
 def _tell(args: Any, page: Any) -> dict[str, Any]:
     """The story on our own office and table."""
-    from ....demo.chapters import run_mission
+    from ....demo.chapters import Visit, run_mission
     from ....demo.report import write_story
 
     if page is not None:
@@ -127,8 +127,8 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
         grid = Mission(args.seed, args.out, world=args.world).house.grid
         page.set_map(grid.cells, grid.resolution_m, grid.origin)
     story = run_mission(
-        args.out, part=args.part, seed=args.seed, on_message=args.report, page=page, world=args.world,
-        visit=args.visit, memory=args.memory,
+        args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
+        visit=Visit(args.world, args.visit, args.memory),
     )  # fmt: skip
     report = write_story(story, args.out / "report.html")
     args.report("")
