@@ -8,6 +8,9 @@ measures anew: what comes before is filled in from the simulated world.
     python -m benchmarks.mission --whole --part seeds --report seeds.jsonl      the seeds alone
     python -m benchmarks.mission --part faults --runs 3 --report faults.jsonl   three runs of each fault
 
+    python -m benchmarks.mission --worlds open --count 10 --report worlds.jsonl  ten drawn houses, judged
+    python -m benchmarks.mission --worlds open --count 5 --visits 2 --report visits.jsonl  and each visited again
+
 Every story is a line of the report when it has ended; the same command goes on after the last one.
 """
 
@@ -25,6 +28,7 @@ from visuohaptic.demo import run_mission, write_story
 from visuohaptic.simulation import FaultKind
 
 from ._journal import Journal
+from ._mission_worlds import worlds
 
 SEEDS, RUNS = 20, 20
 PARTS = ("seeds", "faults")
@@ -149,7 +153,7 @@ def _told(
 def _tell(seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         try:
-            story = run_mission(folder, seed=seed, fault=fault, chapters=chapters, on_message=lambda _: None)
+            story = run_mission(folder, seed=seed, fault=fault, part=chapters, on_message=lambda _: None)
             write_story(story, Path(folder) / "report.html")
         except Exception as error:  # noqa: BLE001 - a crash is what is counted here
             crash = f"{type(error).__name__}: {error}"
@@ -184,7 +188,14 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="first seed (1)")
     parser.add_argument("--fault", choices=[kind.value for kind in TOUCHED], help="this one alone")
     parser.add_argument("--report", type=Path, help="file with a line for every story; goes on from there")
+    parser.add_argument("--worlds", choices=("open", "closed"), help="drawn houses of even or odd seeds")
+    parser.add_argument("--count", type=int, default=2, help="houses (2)")
+    parser.add_argument("--visits", type=int, default=1, help="to each house (1)")
+    parser.add_argument("--figure", type=Path, help="PNG of the calibration")
     args = parser.parse_args()
+    if args.worlds is not None:
+        _show(worlds(args.worlds, args.count, args.report, visits=args.visits, figure=args.figure))
+        return
     seeds = args.seeds or (SEEDS if args.whole else 1)
     runs = args.runs or (RUNS if args.whole else 2)
     rows = run(
@@ -196,6 +207,10 @@ def main() -> None:
         faults=tuple(TOUCHED) if args.fault is None else (FaultKind(args.fault),),
         report=args.report,
     )
+    _show(rows)
+
+
+def _show(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         print(
             f"{row['name']:50s} {row['ours']:8.3g} {row['unit']:6s} floor {row['floor']}, aim {row['aim']}  {row['note']}"

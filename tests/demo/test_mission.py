@@ -91,7 +91,7 @@ def test_navigate_maps_finds_the_door_blocked_and_arrives(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("fault", [FaultKind.LOST_POSE, FaultKind.WRONG_MAP])
 def test_a_lost_robot_does_not_claim_to_be_there(tmp_path: Path, fault: FaultKind) -> None:
-    story = run_mission(tmp_path, chapters=("drive",), seed=2, fault=fault)
+    story = run_mission(tmp_path, part=("drive",), seed=2, fault=fault)
     assert story.chapters[0].outcome is ChapterOutcome.FAILED
     assert story.chapters[0].reason
 

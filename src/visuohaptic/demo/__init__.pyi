@@ -10,6 +10,7 @@ from .bottle import table_bottle as table_bottle
 from .bottle import training_objects as training_objects
 from .chapters import CHAPTERS as CHAPTERS
 from .chapters import PARTS as PARTS
+from .chapters import Visit as Visit
 from .chapters import run_mission as run_mission
 from .drive_chapters import drive_to_the_table as drive_to_the_table
 from .floor_chapters import ROBOT as ROBOT

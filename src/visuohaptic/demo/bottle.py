@@ -20,7 +20,7 @@ from ..recognition.data.data_set import FeatureSet, load_feature_set
 from ..recognition.touch.haptic_model import UNKNOWN
 from ..recognition.touch.outline_match import container_outline
 from ..simulation.tabletop.bottles import Bottle, random_bottle
-from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, Contents, DeformableContainer
+from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, DeformableContainer
 from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
 
 __all__ = [
@@ -82,7 +82,7 @@ def contained(
     closed: bool,
     fill: float = 0.0,
     stiffer: float = 1.0,
-    filling: Contents = WATER_FILL,
+    filling: BulkFill = WATER_FILL,
 ) -> DeformableContainer:
     """Force against deformation of a round PET bottle of an outline.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from .story import Chapter, Mission, Story, run_chapters
 if TYPE_CHECKING:
     from ..viewer.page import LivePage
 
-__all__ = ["CHAPTERS", "PARTS", "run_mission"]
+__all__ = ["CHAPTERS", "PARTS", "Visit", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter("map", "The platform maps its path with the laser", (), floor.map_the_way, 1, floor.default_map),
@@ -77,18 +78,27 @@ PARTS: dict[str, tuple[str, ...]] = {
 log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """Where the mission takes place, and what is known before."""
+
+    world: int = (
+        0  #: seed of a drawn house, of what blocks its doorway and is on its table; 0: the fixed office
+    )
+    day: int = 0  #: people have moved things since the one before
+    memory: Path | str | None = None  #: database of what was learnt, a folder or a URL
+
+
 def run_mission(
     folder: Path | str,
     *,
-    part: str | None = None,
+    part: str | tuple[str, ...] | None = None,
     seed: int = 1,
     on_message: Callable[[str], None] = log.info,
     page: LivePage | None = None,
     fault: FaultKind | None = None,
-    chapters: tuple[str, ...] | None = None,
     quick: bool = False,
-    world: int = 0,
-    visit: int = 0,
+    visit: Visit | None = None,
 ) -> Story:
     """Run the end-to-end demonstration, or a part of it.
 
@@ -97,7 +107,7 @@ def run_mission(
     folder
         Receives the recordings of sensors and chapters.
     part
-        One of ``PARTS``; the whole story without. What earlier chapters would have
+        One of ``PARTS``, or names of chapters; the whole story without. What earlier chapters would have
         learnt is then filled in from the simulated world, and said so.
     seed
         Of everything random: order of the objects, noise, bottle, state.
@@ -107,14 +117,10 @@ def run_mission(
         Shows it live.
     fault
         Something that goes wrong.
-    chapters
-        Names, instead of a part.
     quick
         Fewer frames and views, shorter pushes: for tests.
-    world
-        Seed of a drawn house, of what stands in its doorway and on its table; 0 is the fixed office.
     visit
-        Day in this world: people have moved things since.
+        Which world, on which day, and what is remembered of it; the fixed office without.
 
     Raises
     ------
@@ -127,9 +133,10 @@ def run_mission(
     >>> story.summary()  # doctest: +SKIP
     'all 2 chapters done'
     """
-    if part is not None and part not in PARTS:
+    if isinstance(part, str) and part not in PARTS:
         raise InputError("mission", f"found {part!r}, expected one of {', '.join(PARTS)}", field="part")
-    names = chapters or (PARTS[part] if part is not None else tuple(one.name for one in CHAPTERS))
+    names = PARTS[part] if isinstance(part, str) else part or tuple(one.name for one in CHAPTERS)
+    visit = visit or Visit()
     known = {one.name for one in CHAPTERS}
     if unknown := [name for name in names if name not in known]:
         raise InputError("mission", f"found chapter {unknown[0]!r}, expected one of {', '.join(known)}")
@@ -144,12 +151,17 @@ def run_mission(
         on_message,
         page,
         fault,
-        obstacles=1 if part == "foam" or (quick and not world) else 3,
+        obstacles=1 if part == "foam" or (quick and not visit.world) else 3,
         quick=quick,
-        world=world,
-        visit=visit,
+        world=visit.world,
+        visit=visit.day,
     )
-    return run_chapters(mission, chosen, given)
+    if visit.memory is None:
+        return run_chapters(mission, chosen, given)
+    from .memory import MissionMemory
+
+    with MissionMemory(visit.memory, f"house-{visit.world}" if visit.world else "office") as mission.memory:
+        return run_chapters(mission, chosen, given)
 
 
 #: What a given chapter itself builds on, as far as it is not filled in by it.

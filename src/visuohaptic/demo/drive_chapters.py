@@ -151,6 +151,10 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     pushed = sorted({record.object for record in found.records if record.event == "pushed"})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
     mission.spent(found.duration_s, found.pushes)
+    for name, memory_name in mission.remembered.items():
+        place = senses.look(name)
+        if mission.memory is not None and place is not None:
+            mission.memory.move_floor_object(memory_name, place)
     arrived = Claim(
         "place", "platform at the table", estimated[:2], (true_pose[0], true_pose[1]), sigma=SEEN_SIGMA_M
     )

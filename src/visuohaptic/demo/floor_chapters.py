@@ -23,6 +23,7 @@ from ..simulation.houses.led_platform import LedPlatform
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from .judge import Claim
+from .memory import RememberedMap
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
 __all__ = ["ROBOT", "find_the_door_blocked", "map_the_way", "world_map"]
@@ -105,6 +106,9 @@ def map_the_way(mission: Mission) -> ChapterResult:
         Receives map, pose, and the place of the table.
     """
     house = mission.house
+    recalled = mission.memory.map() if mission.memory is not None else None
+    if recalled is not None and fit_fraction(mission, recalled.grid, house.start, recalled.home) >= MIN_FIT:
+        return _recall_the_map(mission, recalled)
     poses = _path(house.grid, house.tour_m, 0.25)
     platform = LedPlatform(house, _pose(poses[0]), mission.rng(2), mission.rng(3))
     mapper = OccupancyMapper()
@@ -125,8 +129,11 @@ def map_the_way(mission: Mission) -> ChapterResult:
     known = mission.known
     known.map = known.map_now = found
     known.pose, mission.mapper, mission.platform = mapper.pose, mapper, platform
+    mission.spent(platform.t_s)
     if lost > 0.2 * len(poses):
         return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
+    if mission.memory is not None:
+        mission.memory.keep_map(RememberedMap(found, known.goal_m, mapper.pose))
     sigma_m = math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2])))
     table = Claim("place", "table", known.goal_m, house.table_m, sigma=max(sigma_m, SEEN_SIGMA_M))
     return done(
@@ -138,6 +145,19 @@ def map_the_way(mission: Mission) -> ChapterResult:
         Measure("position error after the round, by odometry alone [m]", drift_m, None),
         Measure("free cells that are truly free [%]", 100 * right, None),
         Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong, None),
+    )
+
+
+def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
+    """The map of an earlier visit, which fits what the laser sees from where errands begin."""
+    known, house = mission.known, mission.house
+    known.map = known.map_now = recalled.grid
+    known.goal_m, known.pose = recalled.goal_m, recalled.home
+    mission.platform = LedPlatform(house, house.start, mission.rng(2), mission.rng(3))
+    mission.mapper = OccupancyMapper.from_map(recalled.grid, recalled.home, mission.platform.odometry())
+    return done(
+        "the map of an earlier visit fits what the laser sees",
+        Claim("place", "table", known.goal_m, house.table_m, sigma=SEEN_SIGMA_M),
     )
 
 
@@ -165,7 +185,9 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     if fit_fraction(mission, grid, mission.platform.pose, known.pose) < MIN_FIT:
         return failed("what the laser sees does not fit the map: the platform does not know where it is")
     path = _path(grid, [known.pose[:2], known.goal_m], ROBOT.radius_m)
+    since_s = mission.platform.t_s
     groups = _drive_until_blocked(mission, path)
+    mission.spent(mission.platform.t_s - since_s)
     near = [one for one in groups if _distance(one, path) < BESIDE_M]
     known.map_now = mark_points(grid, groups)
     blocked = without_pushing(_problem(mission, known.map_now))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..recognition.touch.contents import ContentsModel, wall_from_stiffness
+from ..core.objects import Estimate
+from ..recognition.touch.contents import SCALE, ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
 from ..simulation.faults import FaultKind
@@ -42,6 +43,8 @@ MAX_GRIP_N = 60.0
 #: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
 #: planned height has lost: it is held by this at least, where the wall bears it [N].
 MIN_GRIP_N = 2.5
+#: Classes of the classifier with the unknown one.
+CLASSES = 6
 #: Above this fraction of the height the fingers may miss the rim: the height is known to millimetres only.
 TOP = 0.85
 
@@ -92,10 +95,12 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     _, hand = the_hand(mission)
     object_m = _foot_m(known)
     model = fit_model(training_objects(), GROUPS, settings=ModelSettings(pose_m=HEIGHT_SIGMA_M))
-    squeezer = BayesSqueezer(model, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32))
+    squeezer = BayesSqueezer(
+        model, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission)
+    )
     settings = ClassifySettings(
         confidence=CONFIDENCE,
-        min_squeezes=MIN_SQUEEZES,
+        min_squeezes=1 if mission.known_bottle is not None else MIN_SQUEEZES,
         squeezes=MAX_SQUEEZES,
         squeeze=SqueezeSettings(object_m=object_m),
     )
@@ -128,9 +133,33 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         return failed(f"it is a {found.best}, but its contents are not identified: {contents.why}", *parts)
     assert contents.mass_kg is not None
     known.closed, known.fill, known.mass_kg = contents.lid == "closed", contents.fill[0], contents.mass_kg[0]
+    if mission.memory is not None:
+        _keep_the_bottle(mission, found.belief[found.best], wall)
     gentle = counted(len(found.curves), "gentle squeeze")
     why = f"a {found.best} (probability {found.belief[found.best]:.2f}, {gentle}), {contents.why}"
     return done(why, *_contents_claims(found, contents, bottle), *parts)
+
+
+def _odds(mission: Mission) -> dict[str, float]:
+    """Of the class as which the object was recognised, against any other of those that are known."""
+    one = mission.known_bottle
+    if one is None:
+        return {}
+    probability = min(one.probability * mission.known_bottle_probability, CONFIDENCE)
+    return {one.class_name: (CLASSES - 1) * probability / (1.0 - probability)}
+
+
+def _keep_the_bottle(mission: Mission, probability: float, wall_m: float) -> None:
+    from .memory import BottleMemory
+
+    known, before = mission.known, mission.known_bottle
+    assert mission.memory is not None
+    assert known.outline_m is not None
+    one = BottleMemory(
+        before.id if before is not None else "", known.class_name, probability, known.outline_m,
+        known.outline_sigma_m, known.closed, known.fill,
+    )  # fmt: skip
+    mission.memory.keep_bottle(one, Estimate(wall_m, SCALE * wall_m))
 
 
 def _contents_claims(found: Classification, contents: ContentsFinding, bottle: TableBottle) -> list[Claim]:

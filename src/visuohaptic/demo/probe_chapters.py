@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from ..core.camera.frame import Frame
 from ..core.camera.pose import Pose
 from ..core.measurement import Reason, Wrench
 from ..io.depth.depth_sequence import DepthFrame
-from ..reconstruction.completion.outline import axial_part, measured_outline
+from ..reconstruction.completion.outline import SLICE_M, axial_part, measured_outline
 from ..simulation.tabletop.arm import SimulatedArm
 from ..simulation.tabletop.depth_camera import DepthCamera
 from ..simulation.tabletop.glass_scenes import disturb_pose
@@ -22,6 +23,7 @@ from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
 from .bottle import PLACE, TableBottle, around_the_table, random_table_bottle, table_bottle
 from .judge import Claim
+from .memory import recognise_bottle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 
 if TYPE_CHECKING:
@@ -36,7 +38,9 @@ __all__ = ["complete_the_bottle", "find_the_glass", "set_the_table", "zero_the_b
 #: Space of interest on the table [m], and its voxels.
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
 #: The stop rule of the completion [m], and how many lines are probed at most.
-BOUND_M, MAX_TOUCHES = 0.0015, 10
+BOUND_M, MAX_TOUCHES = 0.0015, 16
+#: Lines that confirm an outline which is known.
+CONFIRMING = 2
 #: Above this expected error the outline is not used.
 MAX_ERROR_M = 0.010
 #: Height above the table under which nothing is probed: the tip is a few millimetres thick [m].
@@ -215,31 +219,40 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     """
     known, bottle = mission.known, set_the_table(mission)
     completion = _visible(mission)
-    surface, before_m = completion.visual, completion.expected_error_m()
-    touched = _probe(mission, bottle, completion)
+    surface, before_m, foot = completion.visual, completion.expected_error_m(), completion.axis_m
+    seen = measured_outline(surface, foot, REACH_M)
+    _recall(mission, seen)
+    touched = _probe(mission, bottle, completion, MAX_TOUCHES if mission.known_bottle is None else CONFIRMING)
+    if mission.known_bottle is not None and not _confirmed(mission, touched, foot):
+        touched = _probe(mission, bottle, completion, MAX_TOUCHES)
     contacts = [touch.contact_m for touch in touched.touches if touch.contact_m is not None]
     mission.log(f"  {len(contacts)} contacts on {len(touched.touches)} lines: {touched.ending.why}")
-    if len(contacts) < 3:
-        return failed(f"{touched.ending.outcome}: {touched.ending.why}; {len(contacts)} contacts are too few")
     if not (touched.ending.success or touched.ending.outcome == "touches_used"):
         return failed(f"{touched.ending.outcome}: {touched.ending.why}")
-    foot = completion.axis_m
-    outline = measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M)
-    seen = measured_outline(surface, foot, REACH_M)
-    known.outline_m, known.bottle_at_m = outline, np.asarray(foot)
+    if mission.known_bottle is not None:
+        outline, error_m = mission.known_bottle.outline_m, mission.known_bottle.sigma_m
+    else:
+        if len(contacts) < 3:
+            return failed(
+                f"{touched.ending.outcome}: {touched.ending.why}; {len(contacts)} contacts are too few"
+            )
+        outline = _joined(
+            measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M), seen
+        )
+        error_m = touched.error_m
+    known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
     rms_m, height_m = _outline_error(outline, bottle), float(outline[-1, 1])
-    mission.spent(touched.trace.steps[-1].t_s, len(touched.touches))
-    if touched.error_m > MAX_ERROR_M:
+    if error_m > MAX_ERROR_M:
         return failed(
-            f"after {len(contacts)} contacts the outline is still expected to be {1e3 * touched.error_m:.1f} mm off"
+            f"after {len(contacts)} contacts the outline is still expected to be {1e3 * error_m:.1f} mm off"
         )
     return done(
         f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
-        f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * touched.error_m:.1f} mm",
-        Claim("shape", "bottle", 0.0, rms_m, sigma=touched.error_m),
+        f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm",
+        Claim("shape", "bottle", 0.0, rms_m, sigma=error_m),
         Claim("height", "bottle", height_m, bottle.height_m, sigma=HEIGHT_SIGMA_M),
         Measure("expected error of the missing part, before touching [m]", before_m, None),
-        Measure("expected error of the missing part, after [m]", touched.error_m, None),
+        Measure("expected error of the missing part, after [m]", error_m, None),
         Measure("rms error of the outline's radius [m]", rms_m, None),
         Measure("rms error of the outline that was only seen [m]", _outline_error(seen, bottle), None),
         Measure("height [m]", height_m, bottle.height_m),
@@ -250,6 +263,38 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     )
 
 
+def _joined(
+    completed_m: Float[np.ndarray, "k 2"], seen_m: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "m 2"]:
+    """The outline that was seen, and between its heights the completed one."""
+    gap = np.abs(completed_m[:, 1, None] - seen_m[None, :, 1]).min(axis=1) > SLICE_M
+    return np.vstack([seen_m, completed_m[gap]])[np.argsort(np.append(seen_m[:, 1], completed_m[gap, 1]))]
+
+
+def _recall(mission: Mission, seen_m: Float[np.ndarray, "k 2"]) -> None:
+    """Whether what stands there is a container that is known from an earlier visit."""
+    if mission.memory is None or (match := recognise_bottle(seen_m, mission.memory.bottles())) is None:
+        return
+    mission.known_bottle, mission.known_bottle_probability = match
+    mission.log(f"  it looks like {match[0].id}, a {match[0].class_name} (probability {match[1]:.2f})")
+
+
+def _confirmed(mission: Mission, touched: CompletionByTouch, foot_m: np.ndarray) -> bool:
+    """Whether the contacts are where the remembered outline has them; else it is another one."""
+    known = mission.known_bottle
+    assert known is not None
+    contacts = [touch.contact_m for touch in touched.touches if touch.contact_m is not None]
+    if contacts:
+        radius, height = _radial(contacts, foot_m).T
+        off = radius - np.interp(height, known.outline_m[:, 1], known.outline_m[:, 0])
+        sigma = math.hypot(known.sigma_m, 0.001)
+        if float(np.sum((off / sigma) ** 2)) < chi2.isf(0.01, len(off)):
+            return True
+    mission.log(f"  its side is not where that of {known.id} is: it is another one")
+    mission.known_bottle = None
+    return False
+
+
 def _visible(mission: Mission) -> Completion:
     """What the camera saw of the bottle, and the region that is missing."""
     from ..reconstruction.completion.hole_region import HoleRegion
@@ -257,14 +302,19 @@ def _visible(mission: Mission) -> Completion:
 
     assert mission.scan is not None
     region = mission.scan.regions[0]
+    foot = region.centroid_m[:2]
+    wall = axial_part(mission.scan.surface, foot, REACH_M)
+    # What is seen at heights where the wall is transparent may be the world behind it, refracted: it is touched instead.
+    height, hull = wall.vertices_m[wall.faces].mean(axis=1)[:, 2], region.hull_m[:, 2]
+    among = (height > hull.min() + 2 * VOXEL_M) & (height < hull.max() - 2 * VOXEL_M)
     return Completion(
-        axial_part(mission.scan.surface, region.centroid_m[:2], REACH_M),
+        wall.submesh(np.flatnonzero(~among)),
         HoleRegion.of_points(region.hull_m, region.score),
         T_visual_haptic=PLACE.inverse(),
     )
 
 
-def _probe(mission: Mission, bottle: TableBottle, completion: Completion) -> CompletionByTouch:
+def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touches: int) -> CompletionByTouch:
     """Touch the true bottle with the noise of the beam sensor."""
     sigma_N, compliance = mission.known.probe_sigma_N, mission.known.probe_compliance_m_per_N
     assert sigma_N is not None
@@ -285,7 +335,7 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion) -> Com
 
     settings = CompleteSettings(
         bound_m=BOUND_M,
-        touches=4 if mission.quick else MAX_TOUCHES,
+        touches=touches,
         touch_N=max(0.4, 8 * sigma_N),
         blocked_N=max(1.0, 16 * sigma_N),
         top_m=float(completion.visual.vertices_m[:, 2].max()),
@@ -298,7 +348,7 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion) -> Com
     seen = KnownObstacles(
         (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, ROD_M), ROD_RADIUS_M),), [PLACE.apply(visible.vertices_m)]
     )
-    return complete_by_touch(
+    touched = complete_by_touch(
         guard.arm(arm, seen),
         guard.frames(cell),
         guard.force(feel),
@@ -306,6 +356,8 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion) -> Com
         settings,
         T_base_visual=PLACE,
     )
+    mission.spent(arm.t_s, len(touched.touches))
+    return touched
 
 
 def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray, "n 2"]:
@@ -349,4 +401,4 @@ def default_outline(mission: Mission) -> None:
     bottle = set_the_table(mission)
     off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
     mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])
-    mission.known.bottle_at_m = np.array(bottle.foot_m) + 5e-4
+    mission.known.bottle_at_m, mission.known.outline_sigma_m = np.array(bottle.foot_m) + 5e-4, 5e-4

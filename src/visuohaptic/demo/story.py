@@ -9,6 +9,7 @@ a comparison with the simulated world that the robot never sees.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
     from ..viewer.page import LivePage
     from .bottle import TableBottle
+    from .memory import BottleMemory, MissionMemory
 
 __all__ = [
     "Chapter",
@@ -123,6 +125,7 @@ class Known:
     probe_compliance_m_per_N: float | None = None
     bottle_at_m: Float[np.ndarray, "2"] | None = None  #: foot of its axis on the table
     outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
+    outline_sigma_m: float = math.nan  #: expected error of its radius
     curves: tuple[SqueezeCurve, ...] = ()
     class_name: str = ""
     class_model: ContainerDescription | None = None  #: of the recognised class, as large as the outline
@@ -157,6 +160,10 @@ class Mission:
     kitchen: KitchenTable | None = None  #: arm, gripper and the bottle between its fingers
     scan: Reconstruction | None = None  #: what the camera saw of the table
     tags: dict[str, HapticTag] = field(default_factory=dict)
+    memory: MissionMemory | None = None  #: of earlier visits
+    remembered: dict[str, str] = field(default_factory=dict)  #: by true name, what an object is in the memory
+    known_bottle: BottleMemory | None = None  #: what the object on the table was taken for
+    known_bottle_probability: float = 0.0
     touches: int = 0  #: pushes, contacts and squeezes until now
     robot_s: float = 0.0  #: time that the robot has spent until now, by its own clock
 
@@ -357,7 +364,8 @@ def failed(reason: str, *parts: Any) -> ChapterResult:
 
 
 def _result(outcome: ChapterOutcome, reason: str, parts: Sequence[Any]) -> ChapterResult:
-    claims = tuple(part for part in parts if isinstance(part, Claim))
+    # What is less probable than not is not claimed.
+    claims = tuple(part for part in parts if isinstance(part, Claim) and part.forecast >= 0.5)
     measures = tuple(part for part in parts if isinstance(part, Measure))
     pictures = tuple(part for part in parts if isinstance(part, Illustration))
     return ChapterResult(outcome, reason, claims, measures, pictures)

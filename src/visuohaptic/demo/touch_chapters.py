@@ -8,16 +8,18 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..core.geometry import compose_2d, relative_2d, rotation_2d
+from ..core.geometry import compose_2d, polygon_centroid, relative_2d, rotation_2d
 from ..core.objects import Estimate, HapticTag
 from ..core.robots import FrameSource
 from ..navigation.problem.planning_problem import MovableObject
 from ..simulation.faults import FaultyFrames, frame_faults
+from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
 from ..tasks.mobile.explore_records import ExploreSettings
 from ..tasks.mobile.felt_footprint import felt_footprint
 from .floor_chapters import ROBOT, default_door, near_side, nearest_obstacle, outline_m
 from .judge import Claim
+from .memory import MOVED_M, recognise
 from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
@@ -45,35 +47,35 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     assert grid is not None
     if not known.obstacle_points_m:
         return done("nothing is in the way that could be touched")
-    paths = [_approach(mission, group) for group in known.obstacle_points_m]
-    order = sorted(range(len(paths)), key=lambda k: _mass_kg(paths[k]))[: mission.obstacles]
+    objects: list[MovableObject] = []
+    claims: list[Claim] = []
+    unknown = []
+    for group, recalled in zip(known.obstacle_points_m, _recall(mission), strict=True):
+        if recalled is None:
+            unknown.append(group)
+            continue
+        objects.append(recalled)
+        claims += tag_claims(nearest_obstacle(mission, group.mean(axis=0)), recalled.tag)
+    if not unknown:
+        known.objects = tuple(objects)
+        return done(f"all {len(objects)} objects are known from an earlier visit", *claims)
+    paths = [_approach(mission, group) for group in unknown]
+    order = sorted(sorted(range(len(paths)), key=lambda k: _mass_kg(paths[k]))[: mission.obstacles])
     found = run_demo(
         mission.folder / "touch",
         seed=mission.seed,
         on_message=lambda line: mission.log(f"  {line}" if line else ""),
         page=mission.page,
-        scene=(grid, [paths[k] for k in sorted(order)]),
+        scene=(grid, [paths[k] for k in order]),
         explore=_settings(mission),
         through=lambda source: _through(mission, source),
     )
-    objects, claims, measures = [], [], []
-    for k, one in zip(sorted(order), found.objects, strict=True):
-        mission.placed[one.name] = one.end_pose
-        mission.spent(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
-        felt = HapticTag() if one.exploration.fit_state is None else one.tag
-        ready = felt.fixed is not None
-        mission.tags[one.name] = felt
-        # The push is told by the platform's own motion, and seen from where the laser had it.
-        outline = felt_footprint(
-            one.exploration, _moved(known.obstacle_points_m[k], known.pose, _true_pose(mission)),
-            front_m=ROBOT.radius_m, heading_rad=paths[k].start[2],
-        )  # fmt: skip
-        outline = _moved(outline, _true_pose(mission), known.pose)
-        objects.append(MovableObject(one.name, outline, felt if ready else None))
-        if ready:
-            claims += tag_claims(one)
+    measures = []
+    for k, one in zip(order, found.objects, strict=True):
+        objects.append(_take(mission, one, unknown[k]))
+        if objects[-1].tag is not None:
+            claims += tag_claims(one.path.obstacle, one.tag)
         measures += _against_truth(one)
-        mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
     known.objects = tuple(objects)
     tagged = sum(item.tag is not None for item in objects)
     parts = (*claims, *measures, *_pictures(mission, found.objects, found))
@@ -81,7 +83,30 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         why = ", ".join(f"{one.name} {one.exploration.outcome.value}" for one in found.objects)
         return failed(f"nothing could be tagged: {why}", *parts)
     rest = "" if tagged == len(objects) else f"; {len(objects) - tagged} stay unknown"
-    return done(f"{tagged} of {len(objects)} objects were pushed and tagged{rest}", *parts)
+    before = f", {len(objects) - len(order)} known from before" if len(objects) > len(order) else ""
+    return done(f"{tagged} of {len(objects)} objects were pushed and tagged{rest}{before}", *parts)
+
+
+def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) -> MovableObject:
+    """What a push has found out, and where the object stands by now."""
+    known, true = mission.known, _true_pose(mission)
+    mission.placed[one.name] = one.end_pose
+    mission.spent(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
+    felt = HapticTag() if one.exploration.fit_state is None else one.tag
+    mission.tags[one.name] = felt
+    # The push is told by the platform's own motion, and seen from where the laser had it.
+    outline = felt_footprint(
+        one.exploration,
+        _moved(group, known.pose, true),
+        front_m=ROBOT.radius_m,
+        heading_rad=one.path.start[2],
+    )
+    outline = _moved(outline, true, known.pose)
+    ready = felt.fixed is not None
+    if ready and mission.memory is not None:
+        mission.remembered[one.name] = mission.memory.keep_floor_object(outline, felt)
+    mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
+    return MovableObject(one.name, outline, felt if ready else None)
 
 
 def _approach(mission: Mission, group: Float[np.ndarray, "k 2"]) -> ApproachPath:
@@ -125,20 +150,50 @@ def _through(mission: Mission, source: FrameSource) -> FrameSource:
     return FaultyFrames(source, frame_faults(mission.fault, at_s), mission.rng(8))
 
 
-def tag_claims(one: DemoObject) -> list[Claim]:
+def tag_claims(true: SimulatedObstacle, tag: HapticTag | None) -> list[Claim]:
     """What a tag says beside the obstacle's truth.
 
     Parameters
     ----------
-    one
-        The push with its true obstacle.
+    true
+        The obstacle.
+    tag
+        What was felt of it, now or on an earlier visit.
     """
-    tag, true = one.tag, one.path.obstacle
-    claims = [Claim("fixed", one.name, bool(tag.fixed), not true.movable)]
+    if tag is None:
+        return []
+    claims = [Claim("fixed", true.name, bool(tag.fixed), not true.movable)]
     felt = tag.static_friction_N
     if felt is not None and true.movable:
-        claims.append(Claim("friction", one.name, felt.value, true.static_friction_N, sigma=felt.sigma))
+        claims.append(Claim("friction", true.name, felt.value, true.static_friction_N, sigma=felt.sigma))
     return claims
+
+
+def _recall(mission: Mission) -> list[MovableObject | None]:
+    """For each object in the way what is remembered of it."""
+    known = mission.known
+    groups = known.obstacle_points_m
+    if mission.memory is None:
+        return [None] * len(groups)
+    found: list[MovableObject | None] = []
+    for group, match in zip(
+        groups, recognise(groups, mission.memory.floor_objects(), known.ahead_rad), strict=True
+    ):
+        if match is None:
+            found.append(None)
+            continue
+        one, probability, outline = match
+        name = nearest_obstacle(mission, group.mean(axis=0)).name
+        mission.remembered[name] = one.id.removeprefix(f"{mission.memory.kitchen}.")
+        assert one.tag is not None
+        mission.tags[name] = one.tag
+        found.append(MovableObject(name, outline, one.tag))
+        moved_m = math.dist(one.seen.position_m[:2], polygon_centroid(outline)) if one.seen else math.nan
+        been = f", {moved_m:.1f} m from where it was left" if moved_m > MOVED_M else ""
+        mission.log(
+            f"  {mission.remembered[name]} is known (probability {probability:.2f}){been}: {_felt_text(one.tag)}"
+        )
+    return found
 
 
 def _felt_text(tag: HapticTag) -> str:

@@ -2,6 +2,6 @@ from .house import House as House
 from .house import door_row as door_row
 from .house import office_house as office_house
 from .led_platform import LedPlatform as LedPlatform
-from .plan import Plan as Plan
+from .plan import FloorPlan as FloorPlan
 from .plan import draw_plan as draw_plan
 from .random_house import random_house as random_house

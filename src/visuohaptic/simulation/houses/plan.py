@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
-__all__ = ["Plan", "draw_plan"]
+__all__ = ["FloorPlan", "draw_plan"]
 
 CELL_M = 0.05
 #: Solid border of a plan, and unknown cells beyond it [m].
@@ -39,7 +39,7 @@ Box = tuple[float, float, float, float]
 
 
 @dataclass(slots=True, eq=False)
-class Plan:
+class FloorPlan:
     """A floor as it is drawn."""
 
     size_m: tuple[float, float]
@@ -113,7 +113,7 @@ class Plan:
         return OccupancyMap(np.ascontiguousarray(cells), CELL_M, (-MARGIN_M, -MARGIN_M, 0.0)), place
 
 
-def draw_plan(rng: np.random.Generator) -> Plan:
+def draw_plan(rng: np.random.Generator) -> FloorPlan:
     """Two or three rooms with furniture; the table's room is reached through one doorway.
 
     Parameters
@@ -137,14 +137,14 @@ def _snapped(rng: np.random.Generator, low_m: float, high_m: float) -> float:
     return CELL_M * round(float(rng.uniform(low_m, high_m)) / CELL_M)
 
 
-def _rooms(rng: np.random.Generator) -> Plan:
+def _rooms(rng: np.random.Generator) -> FloorPlan:
     """Walls: one with the doorway, and sometimes one that leaves a third room off the first."""
     wide, deep = _snapped(rng, 7.0, 10.0), _snapped(rng, 4.5, 7.0)
     shape = tuple(round((side + 2 * MARGIN_M) / CELL_M) for side in (deep, wide))
     wall_x = _snapped(rng, 0.45 * wide, 0.62 * wide)
     width = _snapped(rng, 0.9, 1.2)
     y = _snapped(rng, 1.4, deep - 1.4)
-    plan = Plan(
+    plan = FloorPlan(
         (wide, deep), np.full(shape, UNKNOWN, np.int8), (wall_x, y), width,
         [(0.0, 0.0, wall_x - 0.05, deep), (wall_x + 0.05, 0.0, wide, deep)],
     )  # fmt: skip
@@ -169,7 +169,7 @@ def _rooms(rng: np.random.Generator) -> Plan:
     return plan
 
 
-def _place_table(plan: Plan, rng: np.random.Generator) -> bool:
+def _place_table(plan: FloorPlan, rng: np.random.Generator) -> bool:
     """The table on which the object stands, and a free place before one of its sides."""
     x0, y0, x1, y1 = plan.rooms[1]
     a, b = (float(rng.uniform(*span)) for span in TABLE)
@@ -202,7 +202,7 @@ def _legs(box: Box) -> list[Box]:
     return [(x, y, x + CELL_M, y + CELL_M) for x in (x0, x1 - CELL_M) for y in (y0, y1 - CELL_M)]
 
 
-def _stand_on_legs(plan: Plan, box: Box) -> bool:
+def _stand_on_legs(plan: FloorPlan, box: Box) -> bool:
     """Draw four legs where there is room for the whole piece."""
     if not _room_for(plan, box):
         return False
@@ -211,7 +211,7 @@ def _stand_on_legs(plan: Plan, box: Box) -> bool:
     return True
 
 
-def _room_for(plan: Plan, box: Box) -> bool:
+def _room_for(plan: FloorPlan, box: Box) -> bool:
     x0, y0, x1, y1 = box
     if any(x0 < k[2] and x1 > k[0] and y0 < k[3] and y1 > k[1] for k in plan.keep):
         return False
@@ -219,7 +219,7 @@ def _room_for(plan: Plan, box: Box) -> bool:
     return bool((plan.cells[low_row : row + 1, low_column : column + 1] == FREE).all())
 
 
-def _furnish(plan: Plan, room: Box, rng: np.random.Generator) -> None:
+def _furnish(plan: FloorPlan, room: Box, rng: np.random.Generator) -> None:
     """One piece where there is room, unless it would cut something off."""
     x0, y0, x1, y1 = room
     before = plan.cells.copy()
@@ -249,14 +249,14 @@ def _furnish(plan: Plan, room: Box, rng: np.random.Generator) -> None:
         plan.cells[:] = before
 
 
-def _inside(plan: Plan, room: Box) -> Bool[np.ndarray, "rows columns"]:
+def _inside(plan: FloorPlan, room: Box) -> Bool[np.ndarray, "rows columns"]:
     mask = np.zeros(plan.cells.shape, dtype=bool)
     (low_row, low_column), (row, column) = plan.index(room[:2]), plan.index(room[2:])
     mask[low_row:row, low_column:column] = True
     return mask
 
 
-def _place_to_stand(plan: Plan, room: Box, rng: np.random.Generator) -> tuple[float, float]:
+def _place_to_stand(plan: FloorPlan, room: Box, rng: np.random.Generator) -> tuple[float, float]:
     """A reachable place in a room with as much room about it as there is, up to ``STAND_M``."""
     reach, clear = plan.reachable() & _inside(plan, room), plan.clearance_m()
     need = min(STAND_M, float(clear[reach].max()) - CELL_M)

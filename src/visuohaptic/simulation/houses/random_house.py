@@ -12,7 +12,7 @@ import numpy as np
 from ..mobile.obstacles import SimulatedObstacle, box, cylinder
 from ..mobile.odometry import OdometryErrors
 from .house import House, door_row
-from .plan import Plan, draw_plan
+from .plan import FloorPlan, draw_plan
 
 __all__ = ["random_house"]
 
@@ -66,7 +66,7 @@ def random_house(seed: int, visit: int = 0) -> House:
     )  # fmt: skip
 
 
-def _corners(plan: Plan) -> list[tuple[float, float]]:
+def _corners(plan: FloorPlan) -> list[tuple[float, float]]:
     """Where the tour looks about in the table's room: its reachable place farthest from table and door."""
     x0, y0, x1, y1 = plan.rooms[1]
     reach = plan.reachable()
@@ -132,7 +132,7 @@ def _other(number: int, rng: np.random.Generator) -> SimulatedObstacle:
 
 
 def _clutter(
-    plan: Plan,
+    plan: FloorPlan,
     tour: Sequence[tuple[float, float]],
     place: Callable[[tuple[float, float]], tuple[float, float]],
     rng: np.random.Generator,

@@ -8,7 +8,7 @@ from .crown_cap import Opener as Opener
 from .crown_cap import OpenerBeam as OpenerBeam
 from .deformable import GRAIN_FILL as GRAIN_FILL
 from .deformable import WATER_FILL as WATER_FILL
-from .deformable import Contents as Contents
+from .deformable import BulkFill as BulkFill
 from .deformable import DeformableContainer as DeformableContainer
 from .depth_camera import DepthCamera as DepthCamera
 from .depth_camera import DepthCameraOptics as DepthCameraOptics

@@ -15,14 +15,14 @@ from ...core.errors import InputError
 if TYPE_CHECKING:
     from ...deformation.shells.fourier_shell import RevolutionShell
 
-__all__ = ["GRAIN_FILL", "WATER_FILL", "Contents", "DeformableContainer"]
+__all__ = ["GRAIN_FILL", "WATER_FILL", "BulkFill", "DeformableContainer"]
 
 #: Pressure of the air (Pa).
 AIR_PA = 101_325.0
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
+class BulkFill:
     """What a container is filled with."""
 
     kg_per_m3: float  #: of the heap, voids included
@@ -30,7 +30,7 @@ class Contents:
 
 
 #: Rice weighs 1450 kg/m^3 and leaves two fifths of its heap to the air.
-WATER_FILL, GRAIN_FILL = Contents(1000.0, 1.0), Contents(870.0, 0.6)
+WATER_FILL, GRAIN_FILL = BulkFill(1000.0, 1.0), BulkFill(870.0, 0.6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,7 @@ class DeformableContainer:
         fill: float = 0.0,
         max_m: float = 0.012,
         mass_kg: float = 0.05,
-        filling: Contents = WATER_FILL,
+        filling: BulkFill = WATER_FILL,
     ) -> DeformableContainer:
         """From the linear stiffness of a shell of revolution, and what it encloses.
 

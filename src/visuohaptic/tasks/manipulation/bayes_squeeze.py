@@ -44,6 +44,9 @@ class BayesSqueezer:
         For the samples of the expected gain.
     samples
         Of the posterior by which a touch is valued.
+    odds
+        Factors of classes' probabilities before the first squeeze, as of an object that was recognised; 1 where
+        a class is not named.
     """
 
     model: HapticModel
@@ -51,6 +54,7 @@ class BayesSqueezer:
     levels: int
     rng: np.random.Generator
     samples: int = 32
+    odds: Mapping[str, float] = field(default_factory=dict)
     readings: list[TouchReading] = field(default_factory=list)
     _asked: tuple[int, str] = (0, "x")
 
@@ -81,12 +85,17 @@ class BayesSqueezer:
 
     def belief(self) -> Mapping[str, float]:
         """Posterior probability of every class and of the unknown class."""
-        return update_belief(self.model, tuple(self.readings)).as_mapping()
+        return self._belief(len(self.readings))
 
     def history(self) -> list[Mapping[str, float]]:
         """Posterior after each squeeze."""
-        counts = range(1, len(self.readings) + 1)
-        return [update_belief(self.model, tuple(self.readings[:count])).as_mapping() for count in counts]
+        return [self._belief(count) for count in range(1, len(self.readings) + 1)]
+
+    def _belief(self, count: int) -> Mapping[str, float]:
+        found = update_belief(self.model, tuple(self.readings[:count])).as_mapping()
+        weights = {name: value * self.odds.get(name, 1.0) for name, value in found.items()}
+        total = sum(weights.values())
+        return {name: weight / total for name, weight in weights.items()}
 
 
 def curve_fit(curve: SqueezeCurve) -> CurveCoefficients:

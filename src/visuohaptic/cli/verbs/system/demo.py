@@ -28,6 +28,8 @@ parts
   bottle    squeeze: class and contents; plan the grasp and lift
   without one: all of it, from the first round with the laser to the lifted bottle
 reads
+  --world   a seed: a house, what blocks its doorway and what is on its table are drawn; the robot is told nothing
+  --memory  database (a folder, or postgresql://...): a later visit uses map, tags and containers of the earlier ones
   --map     any map_server YAML: touch three obstacles in it (the foam part only)
 writes, into --out
   report.html   one page with every chapter, needs nothing else
@@ -40,6 +42,8 @@ examples
   visuohaptic demo
   visuohaptic demo bottle --seed 3
   visuohaptic demo foam --map office.yaml --out results/office --view
+  visuohaptic demo --world 4 --memory results/memory
+  visuohaptic demo --world 4 --visit 1 --memory results/memory --seed 9
 """
 
 
@@ -53,6 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder (results/demo)")
     parser.add_argument("--seed", type=int, default=2, help="of everything random (2)")
     parser.add_argument("--world", type=int, default=0, help="seed of a drawn house; 0: the office (0)")
+    parser.add_argument("--visit", type=int, default=0, help="day in this world; people move things (0)")
+    parser.add_argument(
+        "--memory", metavar="FOLDER|URL", help="database of what is remembered between visits"
+    )
     parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 
 
@@ -66,7 +74,7 @@ def run(args: Any) -> dict[str, Any]:
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
-    for name, value in (("--seed", args.seed), ("--world", args.world)):
+    for name, value in (("--seed", args.seed), ("--world", args.world), ("--visit", args.visit)):
         if value < 0:
             raise InputError(name, f"found {value}, expected 0 or more")
     with ExitStack() as stack:
@@ -110,7 +118,7 @@ def _open(report: Path) -> None:
 
 def _tell(args: Any, page: Any) -> dict[str, Any]:
     """The story on our own office and table."""
-    from ....demo.chapters import run_mission
+    from ....demo.chapters import Visit, run_mission
     from ....demo.report import write_story
 
     if page is not None:
@@ -119,8 +127,9 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
         grid = Mission(args.seed, args.out, world=args.world).house.grid
         page.set_map(grid.cells, grid.resolution_m, grid.origin)
     story = run_mission(
-        args.out, part=args.part, seed=args.seed, on_message=args.report, page=page, world=args.world
-    )
+        args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
+        visit=Visit(args.world, args.visit, args.memory),
+    )  # fmt: skip
     report = write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")

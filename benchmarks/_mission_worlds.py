@@ -1,0 +1,125 @@
+"""Missions in drawn houses: every claim judged, and what a second visit costs."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from visuohaptic.demo import Story, Visit, run_mission
+from visuohaptic.demo.judge import SURE, RunOutcome, calibration_figure, expected_calibration_error
+
+from ._journal import Journal
+
+__all__ = ["worlds"]
+
+
+def worlds(
+    seeds: str, count: int, report: Path | None, *, visits: int = 1, figure: Path | None = None
+) -> list[dict[str, Any]]:
+    """Rows of the table.
+
+    Parameters
+    ----------
+    seeds
+        ``open``: even seeds from 2 on; ``closed``: odd ones from 1 on.
+    count
+        Houses.
+    report
+        File that keeps every run; a stopped campaign goes on from there.
+    visits
+        To each house; from the second on with what was remembered.
+    figure
+        Of the calibration, PNG.
+    """
+    kept = Journal(report, {"campaign": "worlds", "visits": visits})
+    first = 2 if seeds == "open" else 1
+    for world in range(first, first + 2 * count, 2):
+        if str(world) not in kept:
+            kept.put(str(world), _visits(world, visits))
+    days: list[list[dict[str, Any]]] = list(kept.rows.values())[:count]
+    runs = [run for house in days for run in house]
+    claims = [claim for run in runs for claim in run["claims"]]
+    forecasts = [(float(claim[4]), bool(claim[5])) for claim in claims]
+    if figure is not None and forecasts:
+        calibration_figure(forecasts).savefig(figure, dpi=120)
+    ended = Counter(run["outcome"] for run in runs)
+    why = Counter(run["summary"].split(":")[0] for run in runs if run["outcome"] == RunOutcome.HONEST_FAILURE)
+    sure = [claim for claim in claims if not claim[5] and claim[4] > SURE]
+    fills = [claim[2] - claim[3] for claim in claims if claim[0] == "fill"]
+    lids = [claim[5] for claim in claims if claim[0] == "lid"]
+    rows = [
+        _row("complete", 100 * ended[RunOutcome.COMPLETE] / len(runs), "%", 75, 90, True, f"{len(runs)} runs: {dict(ended)}; {dict(why)}"),
+        _row("wrong claims of p > 0.98", 100 * len(sure) / max(len(claims), 1), "%", 1.0, 0.2, False, f"{len(sure)} of {len(claims)}: {sure}"),
+        _row("crashes", ended["crash"], "", 0, 0, False, "; ".join(run["summary"] for run in runs if run["outcome"] == "crash")),
+        _row("expected calibration error", expected_calibration_error(forecasts), "", 0.05, 0.02, False, f"{len(forecasts)} claims, {sum(1 for _, good in forecasts if not good)} wrong"),
+        _row("fill, rms error", math.sqrt(sum(e * e for e in fills) / max(len(fills), 1)), "", 0.1, 0.05, False, f"{len(fills)} claims"),
+        _row("lid right", 100 * sum(lids) / max(len(lids), 1), "%", 95, 99, True, f"{len(lids)} claims"),
+        _row("CPU time of a run", sum(run["cpu_s"] for run in runs) / len(runs), "s", 240, 120, False, "mean, short pushes"),
+    ]  # fmt: skip
+    if visits > 1:
+        rows += _second(days)
+    return rows
+
+
+def _second(days: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Touches and seconds of later visits by those of the first, where both came to the same chapter."""
+    pairs = [
+        (house[0], later) for house in days for later in house[1:] if house[0]["ended"] == later["ended"]
+    ]
+    rows = []
+    for what, floor, aim in (("touches", 0.6, 0.35), ("robot_s", 0.7, 0.4)):
+        before, after = (sum(pair[k][what] for pair in pairs) for k in (0, 1))
+        note = f"{len(pairs)} pairs of visits that ended alike: {after:.0f} of {before:.0f}"
+        rows.append(
+            _row(f"second visit by first, {what}", after / max(before, 1e-9), "", floor, aim, False, note)
+        )
+    return rows
+
+
+def _row(name: str, ours: float, unit: str, floor: float, aim: float, up: bool, note: str) -> dict[str, Any]:
+    return {
+        "name": name, "ours": ours, "unit": unit, "floor": floor, "aim": aim, "higher_is_better": up, "note": note,
+    }  # fmt: skip
+
+
+def _visits(world: int, visits: int) -> list[dict[str, Any]]:
+    """Runs of one house, with one memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        memory = Path(folder) / "memory" if visits > 1 else None
+        return [_run(world, visit, Path(folder) / str(visit), memory) for visit in range(visits)]
+
+
+def _run(world: int, visit: int, folder: Path, memory: Path | None) -> dict[str, Any]:
+    start_s = time.process_time()
+    try:
+        story: Story | None = run_mission(
+            folder, seed=world, visit=Visit(world, visit, memory), quick=True, on_message=lambda _: None
+        )
+        crash = ""
+    except Exception as error:  # noqa: BLE001 - a crash is what is counted here
+        story, crash = None, f"{type(error).__name__}: {error}"
+    row = {"world": world, "visit": visit, "cpu_s": round(time.process_time() - start_s, 1)}
+    if story is None:
+        return {
+            **row,
+            "outcome": "crash",
+            "summary": f"world {world}: {crash}",
+            "claims": [],
+            "ended": "crash",
+            "touches": 0,
+            "robot_s": 0.0,
+        }
+    return {
+        **row,
+        "outcome": story.outcome.value,
+        "summary": story.summary(),
+        "ended": next((one.name for one in story.chapters if not one.done), ""),
+        "claims": [claim.as_row() for claim in story.claims],
+        "touches": story.mission.touches,
+        "robot_s": round(story.mission.robot_s, 1),
+        "chapters": {one.name: [one.outcome.value, one.reason] for one in story.chapters},
+    }

@@ -1,0 +1,379 @@
+"""What the robot keeps between its visits, in a database of objects: the map, what stood in its way, what it lifted.
+
+A kitchen is a name; what is known of it has this name at the start of its id and in the context of its sighting.
+What stands somewhere today is recognised by shape and place: hypotheses are the known objects and "none of them", no
+object stands in two places, and a match is used from a probability of ``SURE`` on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.errors import InputError
+from ..core.files import decode_image
+from ..core.geometry import polygon_centroid, rotation_2d
+from ..core.objects import (
+    Appearance,
+    Estimate,
+    FeatureVector,
+    Geometry,
+    HapticTag,
+    Material,
+    Provenance,
+    Sighting,
+    VisuoHapticObject,
+)
+from ..core.resources import Closing
+from ..database.database import open_database
+from ..io.maps.occupancy_map import OccupancyMap
+
+__all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
+
+#: A remembered object is used as such from this probability on.
+SURE = 0.9
+#: Prior of an object that was never seen here, among as many hypotheses as there are.
+NEW = 0.2
+#: Laser points from an outline on which they lie: 7 mm in drawn houses, of a laser of 10 mm. Points of one scan err
+#: alike: of a group, as many count as independent. Rounds of the fit [m].
+POINT_M, INDEPENDENT, FIT_ROUNDS = 0.008, 10, 4
+#: How much more than the whole width may be seen by noise, and how much may be hidden [m].
+WIDTH_M, HIDDEN_M = 0.015, 0.04
+#: Outlines that a laser tells apart, a dozen widths with eight depths and shapes: what was never seen has one of them.
+OUTLINES = 100
+#: Frictions that are the same to a plan, as a fraction.
+ALIKE = 0.15
+#: An object that is nearer than this to where it was left has been left there [m].
+MOVED_M = 0.15
+#: Of a seen radius, and of anybody's [m]; heights at which outlines are kept.
+RADIUS_M, ANY_RADIUS_M, HEIGHTS = 0.003, 0.012, 24
+_FREE, _OCCUPIED, _UNKNOWN = 254, 0, 127
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RememberedMap:
+    """The floor as it was mapped."""
+
+    grid: OccupancyMap
+    goal_m: tuple[float, float]  #: from where the table is served
+    home: tuple[float, float, float]  #: where errands begin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BottleMemory:
+    """What is known of a container that stood on the table."""
+
+    id: str
+    class_name: str
+    probability: float  #: of the class
+    outline_m: Float[np.ndarray, "k 2"]
+    sigma_m: float  #: expected error of its radius
+    closed: bool
+    fill: float
+
+
+class MissionMemory(Closing):
+    """One kitchen's part of a database of objects.
+
+    Parameters
+    ----------
+    location
+        Folder, or URL of a server that robots share.
+    kitchen
+        Its name.
+    """
+
+    def __init__(self, location: Path | str, kitchen: str) -> None:
+        self._database = open_database(location)
+        self.kitchen = kitchen
+
+    def close(self) -> None:
+        """Close the database."""
+        self._database.close()
+
+    def _objects(self, visual_class: str) -> list[VisuoHapticObject]:
+        names = [
+            one.id
+            for one in self._database.summaries()
+            if one.id.startswith(f"{self.kitchen}.{visual_class}")
+        ]
+        return [self._database.get(name) for name in sorted(names)]
+
+    def map(self) -> RememberedMap | None:
+        """The floor of this kitchen; ``None`` when it was never mapped.
+
+        Raises
+        ------
+        InputError
+            What is stored is no map.
+        """
+        found = self._objects("map")
+        if not found:
+            return None
+        floor, where = found[0], f"{found[0].id} in the memory"
+        numbers = {name: float(value) for name, value in floor.state.items() if not isinstance(value, str)}
+        if floor.appearance is None or floor.appearance.template_png is None or set(numbers) < set(_NUMBERS):
+            raise InputError(where, "is no map of a floor", remedy="remove it, the floor is mapped again")
+        picture = decode_image(floor.appearance.template_png, where, "grey")
+        cells = np.full(picture.shape, -1, np.int8)
+        cells[picture == _FREE], cells[picture == _OCCUPIED] = 0, 100
+        res, x0, y0, gx, gy, hx, hy, heading = (numbers[name] for name in _NUMBERS)
+        return RememberedMap(OccupancyMap(cells, res, (x0, y0, 0.0)), (gx, gy), (hx, hy, heading))
+
+    def keep_map(self, found: RememberedMap) -> None:
+        """Store a map, or a newer one.
+
+        Parameters
+        ----------
+        found
+            Of the first round.
+        """
+        import cv2
+
+        cells = found.grid.cells
+        picture = np.where(cells == 0, _FREE, np.where(cells >= 50, _OCCUPIED, _UNKNOWN)).astype(np.uint8)
+        height, width = (found.grid.resolution_m * count for count in cells.shape)
+        values = (found.grid.resolution_m, *found.grid.origin[:2], *found.goal_m, *found.home)
+        self._keep(
+            "map",
+            appearance=Appearance(template_png=cv2.imencode(".png", picture)[1].tobytes(), template_size_m=(width, height)),
+            state=dict(zip(_NUMBERS, map(float, values), strict=True)),
+        )  # fmt: skip
+
+    def floor_objects(self) -> list[VisuoHapticObject]:
+        """What was touched on this floor: tag, outline about its centroid, and where it was left."""
+        return [one for one in self._objects("floor") if one.geometry is not None and one.tag is not None]
+
+    def keep_floor_object(self, outline_m: Float[np.ndarray, "p 2"], tag: HapticTag) -> str:
+        """Store an object that was touched; returns its name in this memory.
+
+        Parameters
+        ----------
+        outline_m
+            Where it stands by now, map frame [m].
+        tag
+            What was felt.
+        """
+        middle = polygon_centroid(outline_m)
+        name = f"floor-{len(self._objects('floor')) + 1}"
+        self._keep(
+            name, geometry=Geometry(footprint_m=outline_m - middle), tag=tag, seen=self._sighting(middle)
+        )
+        return name
+
+    def move_floor_object(self, name: str, place_m: Sequence[float]) -> None:
+        """An object is seen somewhere.
+
+        Parameters
+        ----------
+        name
+            Of the object in this memory.
+        place_m
+            x, y of the centroid of its outline, map frame [m].
+        """
+        self._keep(name, seen=self._sighting(place_m))
+
+    def _sighting(self, place_m: Sequence[float] | Float[np.ndarray, "2"]) -> Sighting:
+        place = (float(place_m[0]), float(place_m[1]), 0.0)
+        return Sighting(place, POINT_M, time.time(), context=(self.kitchen,))
+
+    def bottles(self) -> list[BottleMemory]:
+        """Containers that stood on the table."""
+        found = []
+        for one in self._objects("table"):
+            shape = one.features.get("outline")
+            if shape is None or len(shape.values) != HEIGHTS + 1 or shape.sigma is None:
+                continue
+            heights = np.linspace(0.0, float(shape.values[-1]), HEIGHTS)
+            state = one.state
+            found.append(
+                BottleMemory(
+                    one.id.removeprefix(f"{self.kitchen}."), one.visual_class, float(state.get("class_probability", 0.0)),
+                    np.column_stack([shape.values[:-1], heights]), float(shape.sigma[0]),
+                    state.get("lid") == "closed", float(state.get("fill", 0.0)),
+                )
+            )  # fmt: skip
+        return found
+
+    def keep_bottle(self, bottle: BottleMemory, wall: Estimate) -> None:
+        """Store a container; under a new name when its own is empty.
+
+        Parameters
+        ----------
+        bottle
+            What was found out.
+        wall
+            Thickness of its wall [m].
+        """
+        name = bottle.id or f"table-{len(self._objects('table')) + 1}"
+        height = float(bottle.outline_m[-1, 1])
+        radii = np.interp(np.linspace(0.0, height, HEIGHTS), bottle.outline_m[:, 1], bottle.outline_m[:, 0])
+        self._keep(
+            name,
+            visual_class=bottle.class_name,
+            features={"outline": FeatureVector(np.append(radii, height), np.full(HEIGHTS + 1, bottle.sigma_m))},
+            material=Material(wall_thickness_m=wall),
+            state={"lid": "closed" if bottle.closed else "open", "fill": bottle.fill, "class_probability": bottle.probability},
+        )  # fmt: skip
+
+    def _keep(self, name: str, **parts: Any) -> None:
+        now = {part: Provenance("mission", time.time()) for part in parts}
+        self._database.add(replace(VisuoHapticObject(f"{self.kitchen}.{name}"), provenance=now, **parts))
+
+
+_NUMBERS = (
+    "resolution_m",
+    "origin_x_m",
+    "origin_y_m",
+    "goal_x_m",
+    "goal_y_m",
+    "home_x_m",
+    "home_y_m",
+    "home_heading_rad",
+)
+
+
+def outline_fit(
+    points_m: Float[np.ndarray, "k 2"], outline_m: Float[np.ndarray, "p 2"], heading_rad: float
+) -> tuple[float, Float[np.ndarray, "p 2"]]:
+    """Log likelihood of laser points given an outline anywhere on the floor, and where it fits best.
+
+    For every turn the near sides are laid on each other, and the outline is moved until the points lie about it. Less of
+    it may be seen than there is, but not more.
+
+    Parameters
+    ----------
+    points_m
+        Hits on one object [m].
+    outline_m
+        Corners about any origin [m].
+    heading_rad
+        Direction from which it was seen [rad].
+    """
+    import shapely
+
+    turn = rotation_2d(heading_rad)
+    local = (points_m @ turn)[:: max(1, len(points_m) // 60)]
+    # Without the points that noise has carried farthest.
+    low, high = np.quantile(local, [0.04, 0.96], axis=0)
+    hits = shapely.points(local)
+    best, placed = -math.inf, outline_m
+    for angle in np.arange(24) * math.pi / 12:
+        own = outline_m @ rotation_2d(float(angle)).T
+        a, b = own.min(axis=0), own.max(axis=0)
+        own = own + np.array([low[0] - a[0], 0.5 * (low[1] + high[1] - a[1] - b[1])])
+        for _ in range(FIT_ROUNDS):
+            ring = shapely.LinearRing(own)
+            foot = shapely.line_interpolate_point(ring, shapely.line_locate_point(ring, hits))
+            off = local - shapely.get_coordinates(foot)
+            own = own + off.mean(axis=0)
+        hidden_m = float(b[1] - a[1] - (high[1] - low[1]))
+        value = _log_likelihood(float(np.mean(np.sum(off**2, axis=1))), hidden_m)
+        if value > best:
+            best, placed = value, own @ turn.T
+    return best, placed
+
+
+def _log_likelihood(square_m2: float, hidden_m: float) -> float:
+    points = INDEPENDENT * (math.log(POINT_M) + 0.5 * square_m2 / POINT_M**2)
+    width_m = HIDDEN_M if hidden_m > 0 else WIDTH_M
+    return -points - math.log(HIDDEN_M + WIDTH_M) - 0.5 * (hidden_m / width_m) ** 2
+
+
+def recognise(
+    groups: Sequence[Float[np.ndarray, "k 2"]], known: Sequence[VisuoHapticObject], heading_rad: float
+) -> list[tuple[VisuoHapticObject, float, Float[np.ndarray, "p 2"]] | None]:
+    """For every group of laser points the known object that it is, its probability, and its outline there.
+
+    Parameters
+    ----------
+    groups
+        Points of each object that stands there now [m].
+    known
+        With outlines.
+    heading_rad
+        Direction from which the groups were seen [rad].
+
+    Returns
+    -------
+    list
+        ``None`` where no known object has a probability of ``SURE``.
+    """
+    shapes = [one.geometry.footprint_m if one.geometry is not None else None for one in known]
+    known = [one for one, shape in zip(known, shapes, strict=True) if shape is not None]
+    fits = [[outline_fit(group, one, heading_rad) for one in shapes if one is not None] for group in groups]
+    # Its own outline fits what was never seen here as well as any, and is one of many.
+    new = _log_likelihood(POINT_M**2, 0.0) + math.log(NEW / OUTLINES)
+    marginal = np.zeros((len(groups), len(known) + 1))
+    # A hypothesis that is e^-12 of the best decides nothing.
+    choices = [
+        [-1, *(k for k, fit in enumerate(row) if fit[0] > max(new, *(one[0] for one in row)) - 12.0)]
+        for row in fits
+    ]
+    logs, ways = [], []
+    for way in itertools.product(*choices):
+        used = [k for k in way if k >= 0]
+        if len(set(used)) == len(used):
+            ways.append(way)
+            logs.append(
+                sum(
+                    new if k < 0 else fits[g][k][0] + math.log((1 - NEW) / max(len(known), 1))
+                    for g, k in enumerate(way)
+                )
+            )
+    weights = np.exp(np.array(logs) - max(logs, default=0.0))
+    for way, weight in zip(ways, weights / max(weights.sum(), 1e-300), strict=True):
+        for g, k in enumerate(way):
+            marginal[g, k] += weight
+    found: list[tuple[VisuoHapticObject, float, Float[np.ndarray, "p 2"]] | None] = []
+    for g in range(len(groups)):
+        k = int(np.argmax(marginal[g, :-1])) if known else -1
+        # Of several legs that do not move it is one.
+        alike = [j for j, other in enumerate(known) if k >= 0 and (j == k or _alike(known[k].tag, other.tag))]
+        probability = float(marginal[g, alike].sum())
+        found.append((known[k], probability, fits[g][k][1]) if k >= 0 and probability >= SURE else None)
+    return found
+
+
+def _alike(first: HapticTag | None, second: HapticTag | None) -> bool:
+    """Whether a plan may take one for the other."""
+    if first is None or second is None or first.fixed != second.fixed:
+        return first is second
+    one, other = first.static_friction_N, second.static_friction_N
+    if one is None or other is None:
+        return bool(first.fixed)
+    return abs(one.value - other.value) <= ALIKE * min(one.value, other.value)
+
+
+def recognise_bottle(
+    seen_m: Float[np.ndarray, "k 2"], known: Sequence[BottleMemory]
+) -> tuple[BottleMemory, float] | None:
+    """The known container whose radii are those that were seen, and its probability.
+
+    Parameters
+    ----------
+    seen_m
+        Radius and height of what the camera saw of it [m].
+    known
+        Containers that stood here.
+    """
+    logs = [math.log(NEW) - len(seen_m) * math.log(ANY_RADIUS_M)]
+    for one in known:
+        radius = np.interp(seen_m[:, 1], one.outline_m[:, 1], one.outline_m[:, 0])
+        sigma = math.hypot(RADIUS_M, one.sigma_m)
+        height = (float(seen_m[-1, 1]) - float(one.outline_m[-1, 1])) / sigma
+        # Neighbouring slices err alike: two thirds of the square.
+        square = float(np.sum(((radius - seen_m[:, 0]) / sigma) ** 2)) / 1.5 + height**2
+        logs.append(math.log((1 - NEW) / len(known)) - len(seen_m) * math.log(sigma) - 0.5 * square)
+    weights = np.exp(np.array(logs) - max(logs))
+    weights /= weights.sum()
+    k = int(np.argmax(weights))
+    return None if k == 0 or weights[k] < SURE else (known[k - 1], float(weights[k]))
