@@ -165,6 +165,11 @@ class TopicFrames(Closing):
     def _advice(self) -> str:
         return "check the camera's node, and that domain and ROS release are the same"
 
+    def discard(self) -> None:
+        """Leave out the images that wait; they are of a time when nobody measured."""
+        with self._new:
+            self._waiting.clear()
+
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
         """The newest frame, at once.
 

@@ -2,6 +2,9 @@ from .cyclone_node import CycloneNode as CycloneNode
 from .open_node import TRANSPORTS as TRANSPORTS
 from .open_node import open_node as open_node
 from .rclpy_node import RclpyNode as RclpyNode
+from .rclpy_node import RclpyProcess as RclpyProcess
+from .rclpy_node import RclpyTopics as RclpyTopics
+from .rclpy_node import interface as interface
 from .session import RosOptions as RosOptions
 from .session import open_session as open_session
 from .session import shown_error as shown_error

@@ -1,0 +1,17 @@
+from .catalogue import NODES as NODES
+from .catalogue import node_kind as node_kind
+from .component import Component as Component
+from .component import Host as Host
+from .component import Status as Status
+from .lifecycle import LifecycleProcess as LifecycleProcess
+from .parameters import NodeParameters as NodeParameters
+from .parameters import Parameter as Parameter
+from .parameters import checked as checked
+from .parameters import declared as declared
+from .parameters import given as given
+from .run import run_node as run_node
+from .running import Running as Running
+from .sensor_node import BeamNode as BeamNode
+from .sensor_node import FoamNode as FoamNode
+from .sensor_node import SceneNode as SceneNode
+from .sensor_node import SensorParameters as SensorParameters
