@@ -15,6 +15,11 @@ NODES: Mapping[str, tuple[str, str]] = {
     "foam": ("sensor_node", "FoamNode"),
     "beam": ("sensor_node", "BeamNode"),
     "scene": ("sensor_node", "SceneNode"),
+    "template": ("template_node", "TemplateNode"),
+    "transparency": ("transparency_node", "TransparencyNode"),
+    "plan": ("plan_node", "PlanNode"),
+    "classify": ("object_nodes", "ClassifyNode"),
+    "grasp": ("object_nodes", "GraspNode"),
 }
 
 

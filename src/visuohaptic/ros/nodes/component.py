@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 from collections.abc import Callable, Mapping
@@ -11,6 +10,7 @@ from typing import Any, ClassVar
 
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError, InputError
+from ...core.files.plain_json import dumps
 from ...core.resources import Closing
 from ...io.ros import ros_messages as messages
 from ..transports.topic_node import RosPublisher, TopicNode
@@ -64,7 +64,7 @@ class Host:
         def answer() -> str:
             if not self.active.is_set():
                 raise DeviceError(f"the node {self.node.name} is not active; activate it first")
-            return json.dumps(work())
+            return dumps(work())
 
         try:
             self.node.offer(service, answer)

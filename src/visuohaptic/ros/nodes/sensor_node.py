@@ -3,69 +3,74 @@
 from __future__ import annotations
 
 import threading
+from abc import abstractmethod
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from pydantic import Field
 
 from ...core.errors import InputError
 from ...sensing.readers.load import load_reader
+from ...sensing.readers.sensor_reader import SensorReader
 from ..bridge import check_sensor
 from ..bridge_config import SensorSection, sensor_kind
 from ..channel import SensorChannel
 from .component import Component, Host, Status
 from .parameters import NodeParameters
 
-__all__ = ["BeamNode", "FoamNode", "SceneNode", "SensorParameters"]
+__all__ = ["BeamNode", "FoamNode", "ImageNode", "ImageParameters", "SceneNode", "SensorParameters"]
 
 
-class SensorParameters(NodeParameters):
-    """Of the nodes foam, beam and scene."""
+class ImageParameters(NodeParameters):
+    """Of every node that reads a camera."""
 
-    config: str = Field("", min_length=1, description="sensor.yaml or scene.yaml of the sensor")
     image: str = Field(
         "image", description="image topic; sensor_msgs/CompressedImage where it ends in /compressed"
     )
-    odometry: str = Field("", description="topic of nav_msgs/Odometry; empty for none")
     frame: str = Field("", description="frame_id of the messages; the node's name by default")
-    zero_frames: int = Field(
-        0, ge=0, le=10_000, description="take the zero reference from the first frames; 0: from the file"
-    )
     queue: int = Field(2, ge=1, le=100, description="frames that wait while one is read")
     stale_s: float = Field(
         0.5, ge=0.01, le=60.0, description="without an image for so long, stale is published [s]"
     )
 
 
-class _SensorNode(Component):
-    sensor: ClassVar[str]
-    parameter_model = SensorParameters
+class SensorParameters(ImageParameters):
+    """Of the nodes foam, beam and scene."""
 
-    def __init__(self, host: Host, parameters: SensorParameters) -> None:
+    config: str = Field("", min_length=1, description="sensor.yaml or scene.yaml of the sensor")
+    odometry: str = Field("", description="topic of nav_msgs/Odometry; empty for none")
+    zero_frames: int = Field(
+        0, ge=0, le=10_000, description="take the zero reference from the first frames; 0: from the file"
+    )
+
+
+class ImageNode(Component):
+    """A sensor that reads a camera's topic in a thread of its own; nodes say which."""
+
+    def __init__(self, host: Host, parameters: Any) -> None:
         super().__init__(host, parameters)
-        path = Path(parameters.config)
-        kind = sensor_kind(path)
-        if kind != self.sensor:
-            raise InputError(path, f"found the sensor {kind}, expected {self.sensor}", field="kind")
         section = SensorSection(
             name=host.node.name,
-            config=parameters.config,
+            config=getattr(parameters, "config", ""),
             image=parameters.image,
             frame=parameters.frame or None,
-            odometry=parameters.odometry or None,
-            zero_frames=parameters.zero_frames,
+            odometry=getattr(parameters, "odometry", "") or None,
+            zero_frames=getattr(parameters, "zero_frames", 0),
             queue=parameters.queue,
         )
-        reader = load_reader(path, section.name)
+        reader = self._reader(section)
         self._stop = threading.Event()
         try:
-            check_sensor(section, reader, path, self.sensor)
             self._channel = SensorChannel(
                 host.node, section, reader, parameters.stale_s, self._stop, host.fail
             )
         except BaseException:
             reader.close()
             raise
+
+    @abstractmethod
+    def _reader(self, section: SensorSection) -> SensorReader[Any]:
+        """The sensor."""
 
     def activate(self) -> None:
         self._stop.clear()
@@ -86,6 +91,24 @@ class _SensorNode(Component):
     def close(self) -> None:
         self._stop.set()
         self._channel.close()
+
+
+class _SensorNode(ImageNode):
+    sensor: ClassVar[str]
+    parameter_model = SensorParameters
+
+    def _reader(self, section: SensorSection) -> SensorReader[Any]:
+        path = Path(section.config)
+        kind = sensor_kind(path)
+        if kind != self.sensor:
+            raise InputError(path, f"found the sensor {kind}, expected {self.sensor}", field="kind")
+        reader = load_reader(path, section.name)
+        try:
+            check_sensor(section, reader, path, kind)
+        except BaseException:
+            reader.close()
+            raise
+        return reader
 
 
 class FoamNode(_SensorNode):
