@@ -27,3 +27,5 @@ from .template_node import TemplateNode as TemplateNode
 from .template_node import TemplateParameters as TemplateParameters
 from .transparency_node import TransparencyNode as TransparencyNode
 from .transparency_node import TransparencyParameters as TransparencyParameters
+from .travel_node import TravelNode as TravelNode
+from .travel_node import TravelParameters as TravelParameters

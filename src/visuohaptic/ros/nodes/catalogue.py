@@ -18,6 +18,7 @@ NODES: Mapping[str, tuple[str, str]] = {
     "template": ("template_node", "TemplateNode"),
     "transparency": ("transparency_node", "TransparencyNode"),
     "plan": ("plan_node", "PlanNode"),
+    "travel": ("travel_node", "TravelNode"),
     "classify": ("object_nodes", "ClassifyNode"),
     "grasp": ("object_nodes", "GraspNode"),
 }

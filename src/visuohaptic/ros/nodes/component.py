@@ -13,7 +13,7 @@ from ...core.errors import DeviceError, InputError
 from ...core.files.plain_json import dumps
 from ...core.resources import Closing
 from ...io.ros import ros_messages as messages
-from ..transports.topic_node import RosPublisher, TopicNode
+from ..transports.topic_node import Execute, RosPublisher, TopicNode
 from ..wire.graph import Qos
 from .parameters import NodeParameters
 
@@ -68,6 +68,29 @@ class Host:
 
         try:
             self.node.offer(service, answer)
+        except InputError as error:
+            _log.warning("%s", error)
+
+    def act(self, action: str, datatype: str, execute: Execute) -> None:
+        """Offer an action; where its interface or actions are not there, that is logged.
+
+        Parameters
+        ----------
+        action
+            Its name.
+        datatype
+            As ``nav2_msgs/action/NavigateToPose``.
+        execute
+            Called for each goal in a thread of its own; see :meth:`TopicNode.act`.
+        """
+
+        def run(goal: Any, tell: Callable[[Mapping[str, Any]], None], cancelled: Callable[[], bool]) -> bool:
+            if not self.active.is_set():
+                raise DeviceError(f"the node {self.node.name} is not active; activate it first")
+            return execute(goal, tell, cancelled)
+
+        try:
+            self.node.act(action, datatype, run)
         except InputError as error:
             _log.warning("%s", error)
 

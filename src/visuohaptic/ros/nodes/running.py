@@ -37,7 +37,7 @@ class Running(Closing):
         log: Callable[[str], object] = lambda line: None,
     ) -> None:
         self._kind, self._open, self._log = kind, open_topics, log
-        self._component: Component | None = None
+        self.component: Component | None = None  #: while it is configured
         self._host: Host | None = None
         self._diagnostics: Repeater | None = None
         self.problem: BaseException | None = None  #: the last error, until the next state that is reached
@@ -46,7 +46,7 @@ class Running(Closing):
     @property
     def configured(self) -> bool:
         """Whether there is a component; its parameters are fixed while there is."""
-        return self._component is not None
+        return self.component is not None
 
     def _fail(self, error: BaseException) -> None:
         self._log(str(error))
@@ -71,7 +71,7 @@ class Running(Closing):
         try:
             parameters = checked(values, self._kind.parameter_model, node.name)
             self._host = Host(node, self._fail)
-            self._component = self._kind(self._host, parameters)
+            self.component = self._kind(self._host, parameters)
         except BaseException:
             self._host = None
             node.close()
@@ -89,35 +89,35 @@ class Running(Closing):
     def _status(self) -> Status:
         if self.problem is not None:
             return Status(False, str(self.problem))
-        if self._component is None or self._host is None or not self._host.active.is_set():
+        if self.component is None or self._host is None or not self._host.active.is_set():
             return Status(True, "inactive")
-        return self._component.status()
+        return self.component.status()
 
     def activate(self) -> None:
         """Begin; a :class:`VisuohapticError` leaves it inactive."""
-        assert self._component is not None
+        assert self.component is not None
         assert self._host is not None
         self.problem = None
         self.failed.clear()
-        self._component.activate()
+        self.component.activate()
         self._host.active.set()
 
     def deactivate(self) -> None:
         """Stop; harmless when it is not active."""
-        if self._component is not None and self._host is not None and self._host.active.is_set():
+        if self.component is not None and self._host is not None and self._host.active.is_set():
             self._host.active.clear()
-            self._component.deactivate()
+            self.component.deactivate()
 
     def close(self) -> None:
         """Clean up, from any state; harmless when repeated."""
         self.deactivate()
         if self._diagnostics is not None:
             self._diagnostics.close()
-        if self._component is not None:
-            self._component.close()
+        if self.component is not None:
+            self.component.close()
         if self._host is not None:
             self._host.node.close()
-        self._component = self._host = self._diagnostics = None
+        self.component = self._host = self._diagnostics = None
 
     def attempt(self, step: Callable[[], None]) -> bool:
         """Make a step of the life cycle; an error of this library is kept, and answered with no.

@@ -8,6 +8,7 @@ from .rclpy_node import interface as interface
 from .session import RosOptions as RosOptions
 from .session import open_session as open_session
 from .session import shown_error as shown_error
+from .topic_node import Execute as Execute
 from .topic_node import Outlet as Outlet
 from .topic_node import Received as Received
 from .topic_node import RosPublisher as RosPublisher

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from ..wire.attachment import Attachment
 from ..wire.graph import Entity, EntityKind, Qos, check_node
 from ..wire.message_types import MessageType
 from .session import RosOptions, shown_error
-from .topic_node import RosSubscription, TopicNode
+from .topic_node import Execute, RosSubscription, TopicNode
 
 __all__ = ["RclpyNode", "RclpyProcess", "RclpyTopics", "import_rclpy", "interface"]
 
@@ -119,6 +119,41 @@ class RclpyTopics(TopicNode):
         kind = interface("std_srvs/srv/Trigger")
         server = self.inner.create_service(kind, self.resolve(service), answer, callback_group=self._group)
         self._closing.append(lambda: self.inner.destroy_service(server))
+
+    def act(self, action: str, datatype: str, execute: Execute) -> None:
+        from rclpy.action import ActionServer, CancelResponse
+
+        kind = interface(datatype)
+
+        def run(goal: Any) -> Any:
+            def tell(fields: Mapping[str, Any]) -> None:
+                feedback = kind.Feedback()
+                for name, value in fields.items():
+                    setattr(feedback, name, value)
+                goal.publish_feedback(feedback)
+
+            reached = False
+            try:
+                reached = execute(goal.request, tell, lambda: bool(goal.is_cancel_requested))
+            except VisuohapticError as error:
+                self.inner.get_logger().error(str(error))
+            if reached:
+                goal.succeed()
+            elif goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
+            return kind.Result()
+
+        server = ActionServer(
+            self.inner,
+            kind,
+            self.resolve(action),
+            run,
+            callback_group=self._group,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self._closing.append(server.destroy)
 
     def _qos(self, qos: Qos, *, keep_all: bool = False) -> Any:
         from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
