@@ -3,6 +3,8 @@ from .catalogue import node_kind as node_kind
 from .component import Component as Component
 from .component import Host as Host
 from .component import Status as Status
+from .launch import read_launch as read_launch
+from .launch import run_launch as run_launch
 from .lifecycle import LifecycleProcess as LifecycleProcess
 from .object_nodes import ClassifyNode as ClassifyNode
 from .object_nodes import ClassifyParameters as ClassifyParameters
