@@ -60,7 +60,7 @@ def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, 
             values[name] = value
         elif element.tag == "executable":
             # The name of a variable must not be split, and its value neither.
-            words = shlex.split(_VARIABLE.sub(r"\x1f\1\x1f", element.get("cmd", "")))
+            words = shlex.split(_VARIABLE.sub("\x1f\\1\x1f", element.get("cmd", "")))
             commands.append(tuple(_MARKED.sub(lambda m: _value(path, values, m[1]), word) for word in words))
         else:
             raise InputError(path, f"found <{element.tag}>, expected <arg> or <executable>")
