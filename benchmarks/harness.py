@@ -230,7 +230,7 @@ def table(report: Report) -> str:
 
 def save(path: Path, report: Report) -> None:
     """Write the report as JSON, whole or not at all."""
-    from visuohaptic.cli._json import plain
+    from visuohaptic.core.files.plain_json import plain
 
     write_text(path, json.dumps(plain(asdict(report)), indent=2) + "\n")
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from visuohaptic.cli import _json
 from visuohaptic.cli._console import Console, LiveLine, Progress
 from visuohaptic.core import ErrorBudget, Reason
+from visuohaptic.core.files import plain_json
 
 
 class Clock:
@@ -84,7 +84,7 @@ def test_json_of_our_own_types():
         points: np.ndarray
 
     result = Result(Reason.OCCLUDED, ErrorBudget(image_N=0.5), np.array([[1.0, np.inf], [np.nan, 2.0]]))
-    assert json.loads(_json.dumps({"a": result, 3: np.int64(4)})) == {
+    assert json.loads(plain_json.dumps({"a": result, 3: np.int64(4)})) == {
         "a": {
             "reason": "occluded",
             "budget": {"image_N": 0.5, "calibration_N": 0.0, "model_N": 0.0, "zero_N": 0.0},
@@ -96,7 +96,7 @@ def test_json_of_our_own_types():
 
 def test_json_refuses_what_it_does_not_know():
     with pytest.raises(TypeError, match="a value of type object"):
-        _json.dumps({"a": object()})
+        plain_json.dumps({"a": object()})
 
 
 @pytest.mark.parametrize(

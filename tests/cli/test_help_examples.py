@@ -688,6 +688,8 @@ STORIES: dict[str, Story] = {
     "recording import": Story(_said(frames=5), _robot_arm),
     "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
     "ros bridge": Story(_ros_bridge, _flatten("example foam"), around=_robot),
+    "ros node": Story(lambda f, r: _nodes(r)),
+    "ros launch": Story(lambda f, r: _launched(r)),
     "warmup": Story(lambda f, r: _warm(r)),
     "doctor": Story(lambda f, r: _healthy(r), _own_robot, around=_few_libraries),
 }
@@ -720,6 +722,14 @@ def _office_size(results: list[Any]) -> None:
     assert results[0]["components"] >= 1
     assert results[0]["share_unknown"] == 0
     assert min(results[0]["size_m"]) > 2
+
+
+def _launched(results: list[Any]) -> None:
+    assert {"foam", "platform"} <= results[0]["files"].keys()
+
+
+def _nodes(results: list[Any]) -> None:
+    assert {"foam", "beam", "scene"} <= results[0]["nodes"].keys()
 
 
 def _first(results: list[Any], name: str) -> None:

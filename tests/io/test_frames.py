@@ -187,15 +187,6 @@ def test_real_pictures(data: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_image(path), cv2.imread(str(path)))
 
 
-@pytest.mark.parametrize("name", ["run.db3", "bag"])
-def test_a_bag_in_sqlite_says_how_to_convert_it(tmp_path: Path, name: str) -> None:
-    if name == "bag":
-        (tmp_path / "bag").mkdir()
-        (tmp_path / "bag" / "bag_0.db3").write_bytes(b"SQLite format 3\0")
-    with pytest.raises(InputError, match="is a ROS 2 bag in SQLite, expected MCAP; convert it"):
-        open_source(tmp_path / name)
-
-
 def test_a_misspelt_file_is_found_beside_it(tmp_path: Path) -> None:
     write_video(tmp_path / "push.mkv", [0, 40])
     with pytest.raises(InputError, match=r"did you mean .*push\.mkv\?"):

@@ -104,7 +104,7 @@ def test_bad_csv(tmp_path: Path, change: object, problem: str) -> None:
     path.write_text(change((tmp_path / "s.csv").read_text()))
     with pytest.raises(InputError, match=problem):
         read_scans(path)
-    with pytest.raises(InputError, match=r"expected \.mcap or \.csv"):
+    with pytest.raises(InputError, match=r"expected \.mcap, \.db3 or \.csv"):
         read_scans(tmp_path / "s.txt")
 
 

@@ -123,6 +123,14 @@ def test_damaged_images_are_left_out_and_others_refused(robot: RosNode, ours: Ro
         publisher.publish(good)
         assert source.read().image.shape == (48, 64)
         assert source.damaged == 1
-        publisher.publish(messages.compressed_image(1.0, np.zeros((10, 10), np.uint8), "cam", None))
+        # Among those of the camera an image of another size is somebody else's, or broken ...
+        small = messages.compressed_image(1.0, np.zeros((10, 10), np.uint8), "cam", None)
+        publisher.publish(small)
+        publisher.publish(good)
+        assert source.read().image.shape == (48, 64)
+        assert source.damaged == 2
+    with TopicFrames(ours, "/cam/image/compressed", camera=CAMERA, depth=5) as source:
+        publisher.publish(small)
+        # ... as the first one it says that the model of the camera is wrong.
         with pytest.raises(InputError, match="10 x 10, expected 64 x 48"):
             source.read()

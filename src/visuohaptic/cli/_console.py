@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from types import TracebackType
 from typing import Any, Generic, Self, TextIO, TypeVar
 
-from . import _json
+from ..core.files.plain_json import dumps, plain
 
 __all__ = ["Arguments", "Console", "LiveLine", "OutputClosedError", "Progress"]
 
@@ -98,9 +98,9 @@ class Console:
             Mappings, sequences, dataclasses, numbers and texts.
         """
         if self.json:
-            _write(sys.stdout, _json.dumps(value))
+            _write(sys.stdout, dumps(value))
         elif not self._reported and not self.quiet:
-            for line in _lines(_json.plain(value)):
+            for line in _lines(plain(value)):
                 _write(sys.stdout, line)
 
     def error(self, text: str) -> None:

@@ -85,6 +85,8 @@ _TABLE = (
     ),
     ("geometry", "recording recover", "make what a killed run has left of a recording whole"),
     ("system", "ros bridge", "run the sensors as a ROS 2 node: image topics in, forces out"),
+    ("system", "ros node", "run one lifecycle node of ROS 2: sensors, tracking, planning, recognition"),
+    ("system", "ros launch", "run several nodes from a launch file, with or without ROS"),
     ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
     ("system", "warmup", "compile all kernels now, so that later starts are fast"),
     ("system", "doctor", "check every library, and say what to install"),

@@ -35,6 +35,7 @@ from .files.regular import file_size as file_size
 from .files.regular import read_bytes as read_bytes
 from .files.regular import read_head as read_head
 from .files.regular import read_text as read_text
+from .files.yaml_text import checked_model as checked_model
 from .files.yaml_text import load_yaml as load_yaml
 from .files.yaml_text import load_yaml_model as load_yaml_model
 from .files.yaml_text import parse_yaml as parse_yaml

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from ..core.errors import InputError
 from ..core.files import atomic_path
 from ..core.laser_scan import MAX_BEAMS, LaserScan
+from .ros.sqlite_bag import is_bag, open_bag
 
 __all__ = ["OdometryScan", "read_scans", "write_scans"]
 
@@ -62,11 +63,11 @@ def read_scans(
         No such messages or columns, or a value that cannot be used, with its place.
     """
     path = Path(path)
-    if path.suffix == ".mcap":
+    if path.suffix == ".mcap" or is_bag(path):
         return _from_mcap(path, scan_topic, odometry_topic)
     if path.suffix == ".csv":
         return _from_csv(path)
-    raise InputError(path, f"found {path.suffix!r}, expected .mcap or .csv")
+    raise InputError(path, f"found {path.suffix!r}, expected .mcap, .db3 or .csv")
 
 
 def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
@@ -133,9 +134,7 @@ def _csv_row(path: Path, line: int, row: Sequence[str], fields: int) -> Odometry
 
 
 def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -> list[OdometryScan]:
-    from .ros.mcap_records import McapFile
-
-    file = McapFile(path)
+    file = open_bag(path)
     scans: list[LaserScan] = []
     times: list[float] = []
     poses: list[tuple[float, float, float]] = []

@@ -8,6 +8,7 @@ from .frames import TopicFrames as TopicFrames
 from .latest import LatestMessage as LatestMessage
 from .markers import arrow as arrow
 from .markers import contact_markers as contact_markers
+from .markers import text_marker as text_marker
 from .robots.gripper import RosGripper as RosGripper
 from .robots.mobile_base import RosBase as RosBase
 from .robots.probe_arm import RosArm as RosArm

@@ -89,12 +89,21 @@ class SensorChannel:
         for topic, datatype in reader.topics.items():
             self.sink.advertise(topic, datatype)
         self.frames = TopicFrames(node, section.image, camera=reader.camera, depth=section.queue, grey=True)
+        self.silent = True  #: whether no image has come for ``stale_s``
         self._last_index = -1
-        self._thread = threading.Thread(target=self._run, name=f"sensor {section.name}", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begin to measure."""
+        """Begin to measure with the next image; again after :meth:`join`."""
+        self.frames.discard()
+        self._thread = threading.Thread(target=self._run, name=f"sensor {self.report.name}", daemon=True)
         self._thread.start()
+
+    def join(self) -> None:
+        """Wait for the end of the image that is being measured, after ``stop`` was set."""
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
 
     def _run(self) -> None:
         try:
@@ -120,9 +129,11 @@ class SensorChannel:
             frame = self.frames.read(self._stale_s)
         except DeviceError:
             if not self._stop.is_set():
+                self.silent = True
                 self.report.stale += 1
                 self.reader.blank(self._node.now_s(), self.sink)
             return
+        self.silent = False
         reason = self.reader.read(frame, self.sink).reason
         self.report.frames += 1
         self.report.reasons[reason.value] += 1
@@ -133,8 +144,7 @@ class SensorChannel:
     def close(self) -> SensorReport:
         """End it, after ``stop`` was set; returns what became of its images."""
         self.frames.close()
-        if self._thread.is_alive():
-            self._thread.join()
+        self.join()
         if self._latest is not None:
             self._latest.close()
         self.reader.close()

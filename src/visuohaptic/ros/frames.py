@@ -30,6 +30,10 @@ _log = logging.getLogger(__name__)
 _SENSOR = Qos(reliable=False, depth=5)
 
 
+class _WrongSizeError(InputError):
+    """An image that is not of the camera."""
+
+
 class TopicFrames(Closing):
     """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.core.robots.FrameSource`.
 
@@ -67,13 +71,14 @@ class TopicFrames(Closing):
         self.topic = node.resolve(topic)
         self.timeout_s = timeout_s
         self.left_out = 0  #: frames that came faster than they were read
-        self.damaged = 0  #: images that could not be decoded
+        self.damaged = 0  #: images that could not be decoded, or were of another size than those before
         self._camera, self._grey = camera, grey
         self._new = threading.Condition()
         self._waiting: deque[tuple[Received, int]] = deque(maxlen=depth)
         self._newest: tuple[Received, int] | None = None
         self._gid, self._offset, self._last = b"", 0, -1
         self._running = True
+        self._fitted = False
         compressed = self.topic.endswith("/compressed")
         datatype = "sensor_msgs/msg/" + ("CompressedImage" if compressed else "Image")
         self._subscriptions = [node.subscribe(self.topic, datatype, self._take, _SENSOR)]
@@ -165,6 +170,11 @@ class TopicFrames(Closing):
     def _advice(self) -> str:
         return "check the camera's node, and that domain and ROS release are the same"
 
+    def discard(self) -> None:
+        """Leave out the images that wait; they are of a time when nobody measured."""
+        with self._new:
+            self._waiting.clear()
+
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
         """The newest frame, at once.
 
@@ -193,19 +203,26 @@ class TopicFrames(Closing):
         message = received.message
         try:
             image = self._image(received)
+            self._check_size(image)
         except InputError as error:
+            # The first one of a wrong size is a wrong camera; later on it is somebody else's, or broken.
+            if isinstance(error, _WrongSizeError) and not self._fitted:
+                raise
             self.damaged += 1
             if self.damaged & (self.damaged - 1) == 0:
-                _log.warning("%s: %d images cannot be decoded; %s", self.topic, self.damaged, error)
+                _log.warning("%s: %d images cannot be used; %s", self.topic, self.damaged, error)
             return None
+        self._fitted = True
+        return Frame(image, message_time_s(received, message.header.stamp), index)
+
+    def _check_size(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> None:
         camera = self._camera
         if camera is not None and image.shape[:2] != (camera.height, camera.width):
-            raise InputError(
+            raise _WrongSizeError(
                 self.topic,
                 f"found images of {image.shape[1]} x {image.shape[0]}, expected {camera.width} x "
                 f"{camera.height} of the camera {camera.name!r}",
             )
-        return Frame(image, message_time_s(received, message.header.stamp), index)
 
     def _image(self, received: Received) -> UInt8[np.ndarray, "rows columns *colour"]:
         if self.topic.endswith("/compressed"):

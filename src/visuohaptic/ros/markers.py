@@ -11,9 +11,10 @@ from jaxtyping import Float
 from ..core.measurement import ForceProfile
 from ..io.ros.ros_messages import header
 
-__all__ = ["arrow", "contact_markers"]
+__all__ = ["arrow", "contact_markers", "text_marker"]
 
-_ARROW, _ADD, _DELETE_ALL = 0, 0, 3
+_ARROW, _TEXT = 0, 9
+_ADD, _DELETE_ALL = 0, 3
 _COLOUR = (0.85, 0.37, 0.01, 1.0)
 
 
@@ -73,6 +74,32 @@ def arrow(
     marker = _marker(t_s, frame, name, number, _ADD)
     marker["scale"] = {"x": width_m, "y": 2.0 * width_m, "z": 0.0}
     marker["points"] = [dict(zip("xyz", map(float, point), strict=True)) for point in points_m]
+    return marker
+
+
+def text_marker(
+    t_s: float, frame: str, name: str, number: int, place_m: Float[np.ndarray, "3"], text: str
+) -> dict[str, Any]:
+    """``visualization_msgs/Marker``: a text, 3 cm high, that faces who looks.
+
+    Parameters
+    ----------
+    t_s
+        Stamp [s].
+    frame
+        Frame of coordinates of the place.
+    name
+        Namespace of the marker.
+    number
+        Its number in the namespace.
+    place_m
+        Middle of the text [m].
+    text
+        What it says.
+    """
+    marker = _marker(t_s, frame, name, number, _ADD)
+    marker["type"], marker["text"], marker["scale"]["z"] = _TEXT, text, 0.03
+    marker["pose"]["position"] = dict(zip("xyz", map(float, place_m), strict=True))
     return marker
 
 

@@ -14,7 +14,7 @@ from .images import MAX_IMAGE_BYTES, ImageMode, decode_image, read_image
 from .part_file import PartFile, check_unlocked, csv_line, lock, whole_lines
 from .problems import field_problems
 from .regular import file_size, read_bytes, read_head, read_text
-from .yaml_text import load_yaml, load_yaml_model, parse_yaml, save_yaml
+from .yaml_text import checked_model, load_yaml, load_yaml_model, parse_yaml, save_yaml
 
 __all__ = [
     "MAX_ARRAY_BYTES",
@@ -24,6 +24,7 @@ __all__ = [
     "PartFile",
     "atomic_path",
     "check_unlocked",
+    "checked_model",
     "csv_line",
     "decode_image",
     "field_problems",

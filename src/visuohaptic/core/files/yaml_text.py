@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Model = TypeVar("Model", bound=BaseModel)
 
-__all__ = ["load_yaml", "load_yaml_model", "parse_yaml", "save_yaml"]
+__all__ = ["checked_model", "load_yaml", "load_yaml_model", "parse_yaml", "save_yaml"]
 
 #: Larger files are refused before they are parsed [bytes].
 MAX_YAML_BYTES = 16 * 1024 * 1024
@@ -181,18 +181,38 @@ def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
     InputError
         With every field that is missing, unknown or of the wrong kind.
     """
-    from pydantic import ValidationError
-
     data = load_yaml(path)
     if not isinstance(data, dict):
         raise InputError(path, f"found {type(data).__name__}, expected a mapping of fields")
+    return checked_model(path, data, model)
+
+
+def checked_model(where: Path | str, data: dict[str, Any], model: type[Model]) -> Model:
+    """Plain data as a pydantic model; all problems are reported at once.
+
+    Parameters
+    ----------
+    where
+        The file, or what else the data is from.
+    data
+        Values by field.
+    model
+        The pydantic model that the data must fit.
+
+    Raises
+    ------
+    InputError
+        With every field that is missing, unknown or of the wrong kind.
+    """
+    from pydantic import ValidationError
+
     try:
         return model.model_validate(data)
     except ValidationError as error:
         problems = field_problems(error, model)
         first, text = problems[0]
         texts = [text, *(f"{place}: {said}" for place, said in problems[1:])]
-        raise InputError(path, "; ".join(texts), field=first) from error
+        raise InputError(where, "; ".join(texts), field=first) from error
 
 
 def save_yaml(path: Path | str, data: dict[str, Any]) -> None:

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import read_head, read_text, write_text
+from ..ros.sqlite_bag import is_bag, open_bag
 
 __all__ = ["POSE_HEADER", "StampedPose", "interpolate_pose", "pose_line", "read_poses", "write_poses"]
 
@@ -62,7 +63,7 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
         The file is missing, of no such kind, or has no line of poses.
     """
     path = Path(path)
-    if read_head(path, 8) == b"\x89MCAP0\r\n":
+    if is_bag(path) or read_head(path, 8) == b"\x89MCAP0\r\n":
         return _from_mcap(path, topic)
     text = read_text(path, _MAX_FILE_BYTES)
     found = list(_from_rows(path, _rows(path, text)))
@@ -131,9 +132,7 @@ def _matrix(matrix: Float[np.ndarray, "rows 4"], where: str) -> StampedPose:
 
 
 def _from_mcap(path: Path, topic: str | None) -> list[StampedPose]:
-    from ..ros.mcap_records import McapFile
-
-    file = McapFile(path)
+    file = open_bag(path)
     found: list[StampedPose] = []
     topics: set[str] = set()
     for message in file.messages({topic} if topic else None):

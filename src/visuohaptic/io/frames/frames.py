@@ -10,13 +10,14 @@ from ...core.errors import InputError
 from ...core.files import read_head
 from ...core.robots import FrameSource
 from ..image_folder import ImageFolderSource
+from ..ros.sqlite_bag import is_bag
 from .live import camera_of, open_camera
 from .mcap_frames import McapSource
 from .video import VideoSource
 
 __all__ = ["open_source"]
 
-_TOPIC = re.compile(r"^(.+\.mcap(?:\.part)?):(/.*)$")
+_TOPIC = re.compile(r"^(.+\.(?:mcap(?:\.part)?|db3)):(/.*)$")
 
 
 def open_source(
@@ -34,7 +35,7 @@ def open_source(
     ----------
     source
         - a folder of images (times: ``times.csv``, file names, or ``rate_Hz``)
-        - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images
+        - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images; ``run.db3`` and folders of ``ros2 bag`` as well
         - ``0``, ``camera:0``, ``camera:NAME`` or ``/dev/video0``, a live camera by number, part of its
           name or device file; ``uvc:0`` warns where the precise driver is missing
         - ``rtsp://host/path`` and other addresses of streams
@@ -77,11 +78,9 @@ def open_source(
         return open_camera(live[0], uvc_only=live[1], camera=camera, rate_Hz=rate_Hz, grey=grey)
     topic = _TOPIC.match(text)
     path = Path(topic[1] if topic else text)
-    if path.suffix == ".db3" or (path.is_dir() and any(path.glob("*.db3"))):
-        raise InputError(
-            text,
-            "is a ROS 2 bag in SQLite, expected MCAP",
-            remedy="convert it: ros2 bag convert, with storage_id: mcap, or rosbags-convert --dst-storage mcap",
+    if is_bag(path):
+        return McapSource(
+            path, topic[2] if topic else None, camera=camera, start_s=start_s, stop_s=stop_s, grey=grey
         )
     if path.is_dir():
         return ImageFolderSource(

@@ -14,8 +14,9 @@ from jaxtyping import Int, UInt8
 from ...core.camera.model import Camera
 from ...core.errors import InputError
 from ...core.files import ImageMode, decode_image
-from ..ros.mcap_records import McapDamage, McapFile, McapMessage
+from ..ros.mcap_records import McapDamage, McapMessage
 from ..ros.ros_image import decode_raw
+from ..ros.sqlite_bag import open_bag
 from ..source import RecordedSource
 
 __all__ = ["McapSource", "camera_from_message"]
@@ -75,7 +76,7 @@ class McapSource(RecordedSource):
         stop_s: float = float("inf"),
         grey: bool = False,
     ) -> None:
-        self._file = McapFile(path)
+        self._file = open_bag(path)
         self._grey = grey
         scan = self._scan(topic)
         self.topic = scan.topic

@@ -352,9 +352,9 @@ class OccupancyMap:
         InputError
             There is no map in the file.
         """
-        from ..ros.mcap_records import McapFile
+        from ..ros.sqlite_bag import open_bag
 
-        file = McapFile(path)
+        file = open_bag(path)
         last = None
         for message in file.messages({topic} if topic else None):
             if message.datatype == "nav_msgs/msg/OccupancyGrid":

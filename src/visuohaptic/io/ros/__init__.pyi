@@ -1,9 +1,13 @@
 from .mcap_records import McapDamage as McapDamage
 from .mcap_records import McapFile as McapFile
 from .mcap_records import McapMessage as McapMessage
+from .mcap_records import RecordedChannel as RecordedChannel
+from .mcap_records import RecordedSchema as RecordedSchema
 from .mcap_records import Topic as Topic
+from .ros_image import decode_depth as decode_depth
 from .ros_image import decode_raw as decode_raw
 from .ros_messages import camera_info as camera_info
+from .ros_messages import cloud as cloud
 from .ros_messages import compressed_image as compressed_image
 from .ros_messages import contact_cloud as contact_cloud
 from .ros_messages import diagnostics as diagnostics
@@ -14,3 +18,6 @@ from .ros_messages import pose as pose
 from .ros_messages import profile_cloud as profile_cloud
 from .ros_messages import stamp_ns as stamp_ns
 from .ros_messages import wrench as wrench
+from .sqlite_bag import SqliteBag as SqliteBag
+from .sqlite_bag import is_bag as is_bag
+from .sqlite_bag import open_bag as open_bag

@@ -20,6 +20,9 @@ _PARTS = {
     "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header\n"
     "geometry_msgs/PoseWithCovariance pose",
     "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation",
+    "geometry_msgs/TransformStamped": "std_msgs/Header header\nstring child_frame_id\n"
+    "geometry_msgs/Transform transform",
     "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
     "geometry_msgs/TwistStamped": "std_msgs/Header header\ngeometry_msgs/Twist twist",
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance",
@@ -31,6 +34,7 @@ _PARTS = {
     "nav_msgs/OccupancyGrid": "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data",
     "nav_msgs/Odometry": "std_msgs/Header header\nstring child_frame_id\n"
     "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist",
+    "nav_msgs/Path": "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses",
     "sensor_msgs/CameraInfo": "std_msgs/Header header\nuint32 height\nuint32 width\n"
     "string distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n"
     "uint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi",
@@ -53,6 +57,7 @@ _PARTS = {
     "std_msgs/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
     "std_msgs/String": "string data",
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "trajectory_msgs/JointTrajectory": "std_msgs/Header header\nstring[] joint_names\n"
     "trajectory_msgs/JointTrajectoryPoint[] points",
     "trajectory_msgs/JointTrajectoryPoint": "float64[] positions\nfloat64[] velocities\n"

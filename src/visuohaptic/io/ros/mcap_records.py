@@ -19,7 +19,7 @@ from typing import IO, Any, NamedTuple
 from ...core.errors import InputError, MissingExtraError
 from ...core.files import read_head
 
-__all__ = ["McapDamage", "McapFile", "McapMessage", "Topic"]
+__all__ = ["McapDamage", "McapFile", "McapMessage", "RecordedChannel", "RecordedSchema", "Topic"]
 
 _log = logging.getLogger(__name__)
 
@@ -75,14 +75,18 @@ class McapDamage:
 
 
 @dataclass(frozen=True, slots=True)
-class _Schema:
+class RecordedSchema:
+    """Definition of a type of message."""
+
     name: str
     encoding: str
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class _Channel:
+class RecordedChannel:
+    """A topic as one recorder wrote it."""
+
     topic: str
     schema: int
     encoding: str
@@ -102,15 +106,21 @@ class McapFile:
         The file is missing or does not begin as MCAP.
     """
 
+    kind = "MCAP"
+
     def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
-        self.damage = McapDamage()
-        self.schemas: dict[int, _Schema] = {}
-        self.channels: dict[int, _Channel] = {}
-        self._decoders: dict[int, Any] = {}
+        self._clear(path)
         head = read_head(self.path, len(MCAP_MAGIC))
         if head != MCAP_MAGIC:
             raise InputError(path, f"begins with {head!r}, expected an MCAP file")
+
+    def _clear(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.parts = [self.path]  #: files that are read
+        self.damage = McapDamage()
+        self.schemas: dict[int, RecordedSchema] = {}
+        self.channels: dict[int, RecordedChannel] = {}
+        self._decoders: dict[int, Any] = {}
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
         """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost.
@@ -160,12 +170,12 @@ class McapFile:
                 name, place = _text(body, 2)
                 encoding, place = _text(body, place)
                 (length,) = struct.unpack_from("<I", body, place)
-                self.schemas[number] = _Schema(name, encoding, body[place + 4 : place + 4 + length])
+                self.schemas[number] = RecordedSchema(name, encoding, body[place + 4 : place + 4 + length])
             elif opcode == _CHANNEL:
                 number, schema = struct.unpack_from("<HH", body)
                 topic, place = _text(body, 4)
                 encoding, place = _text(body, place)
-                self.channels[number] = _Channel(topic, schema, encoding)
+                self.channels[number] = RecordedChannel(topic, schema, encoding)
             else:
                 number, sequence, log_time, _ = struct.unpack_from("<HIQQ", body)
                 known = self.channels.get(number)

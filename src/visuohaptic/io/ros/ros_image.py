@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float32, UInt8
 
 from ...core.errors import InputError
 from ...core.files import MAX_PIXELS
 
-__all__ = ["decode_raw"]
+__all__ = ["decode_depth", "decode_raw"]
 
 #: ROS encoding -> channels, bytes per channel, and name of OpenCV's conversion to grey or BGR.
 _ENCODINGS: dict[str, tuple[int, int, str]] = {
@@ -83,3 +83,40 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
         image = cv2.cvtColor(image, getattr(cv2, conversion))
     # ``frombuffer`` gives a read-only view of the message: a frame owns its pixels.
     return image if image.flags.writeable else image.copy()
+
+
+def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"]:
+    """Depth [m] of a ``sensor_msgs/Image``: ``16UC1`` in mm or ``32FC1`` in m (REP 118); NaN where not measured.
+
+    Parameters
+    ----------
+    message
+        Decoded message.
+    where
+        Topic, for messages.
+
+    Raises
+    ------
+    InputError
+        It is not a depth image, or size and data do not fit together.
+    """
+    kinds = {"16UC1": "u2", "32FC1": "f4"}
+    encoding = str(message.encoding)
+    if encoding not in kinds:
+        raise InputError(where, f"found {encoding!r}, expected one of {', '.join(kinds)}", field="encoding")
+    kind = np.dtype((">" if message.is_bigendian else "<") + kinds[encoding])
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
+    if width <= 0 or not 0 < width * height <= MAX_PIXELS or step < width * kind.itemsize:
+        raise InputError(
+            where, f"found {width} x {height} and {step} bytes a row, expected that of {encoding}"
+        )
+    if data.size != step * height:
+        raise InputError(where, f"found {data.size} bytes, expected {step * height}", field="data")
+    rows = np.ascontiguousarray(data.reshape(height, step)[:, : width * kind.itemsize])
+    depth_m = rows.view(kind).astype(np.float32)
+    if encoding == "16UC1":
+        depth_m *= np.float32(1e-3)
+    # What is not measured is 0 by the convention of 16UC1 and NaN or infinite by that of 32FC1.
+    depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = np.nan
+    return depth_m

@@ -20,6 +20,7 @@ from ...core.measurement import Contact, ForceProfile, Wrench
 
 __all__ = [
     "camera_info",
+    "cloud",
     "compressed_image",
     "contact_cloud",
     "diagnostics",
@@ -147,8 +148,18 @@ def _text(value: Any) -> str:
     return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
 
 
-def _cloud(t_s: float, frame: str, fields: Sequence[tuple[str, str, np.ndarray]]) -> Message:
-    """``sensor_msgs/PointCloud2`` of one row."""
+def cloud(t_s: float, frame: str, fields: Sequence[tuple[str, str, np.ndarray]]) -> Message:
+    """``sensor_msgs/PointCloud2`` of one row.
+
+    Parameters
+    ----------
+    t_s
+        Stamp, seconds since the epoch.
+    frame
+        Name of the frame of coordinates.
+    fields
+        Name, ``float32`` or ``float64``, and one value a point of each column.
+    """
     layout = np.dtype([(name, "<" + np.dtype(kind).str[1:]) for name, kind, _ in fields])
     count = len(fields[0][2])
     data = np.zeros(count, dtype=layout)
@@ -210,7 +221,7 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
     def joined(parts: list[np.ndarray]) -> np.ndarray:
         return np.concatenate(parts) if parts else np.zeros(0)
 
-    return _cloud(
+    return cloud(
         profile.t_s,
         frame,
         [
@@ -238,7 +249,7 @@ def profile_cloud(profile: ForceProfile, frame: str) -> Message:
     frame
         Name of the sensor's frame of coordinates.
     """
-    return _cloud(
+    return cloud(
         profile.t_s,
         frame,
         [

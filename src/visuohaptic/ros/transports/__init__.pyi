@@ -2,9 +2,13 @@ from .cyclone_node import CycloneNode as CycloneNode
 from .open_node import TRANSPORTS as TRANSPORTS
 from .open_node import open_node as open_node
 from .rclpy_node import RclpyNode as RclpyNode
+from .rclpy_node import RclpyProcess as RclpyProcess
+from .rclpy_node import RclpyTopics as RclpyTopics
+from .rclpy_node import interface as interface
 from .session import RosOptions as RosOptions
 from .session import open_session as open_session
 from .session import shown_error as shown_error
+from .topic_node import Execute as Execute
 from .topic_node import Outlet as Outlet
 from .topic_node import Received as Received
 from .topic_node import RosPublisher as RosPublisher

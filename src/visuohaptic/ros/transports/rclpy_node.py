@@ -6,21 +6,26 @@ Messages are handed to rclpy as bytes, so no field of an image is copied into a 
 from __future__ import annotations
 
 import importlib
+import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from ...core.errors import DeviceError, InputError, MissingExtraError, VisuohapticError
+from ...core.resources import Closing
 from ..wire.attachment import Attachment
-from ..wire.graph import Entity, EntityKind, Qos
+from ..wire.graph import Entity, EntityKind, Qos, check_node
 from ..wire.message_types import MessageType
 from .session import RosOptions, shown_error
-from .topic_node import RosSubscription, TopicNode
+from .topic_node import Execute, RosSubscription, TopicNode
 
-__all__ = ["RclpyNode", "import_rclpy", "interface"]
+__all__ = ["RclpyNode", "RclpyProcess", "RclpyTopics", "import_rclpy", "interface"]
 
 #: rclpy does not tell who has sent a message.
 _GID = bytes(16)
+#: Where none of these is set, Fast DDS gets buffers that hold raw images: with its own, nine of ten were lost.
+_FASTDDS = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS")
 
 
 def import_rclpy() -> Any:
@@ -82,68 +87,22 @@ class _RclpyOutlet:
             raise DeviceError(f"{self._topic}: cannot be published ({shown_error(error)})") from error
 
 
-class RclpyNode(TopicNode):
-    """A node over rclpy with a context and threads of its own; a context manager.
+class RclpyTopics(TopicNode):
+    """Topics and services of a node of rclpy that somebody else runs; a context manager.
 
     Parameters
     ----------
-    name
-        Of the node; ``--ros-args -r __node:=...`` replaces it.
-    options
-        Domain and namespace; the other fields are of zenoh.
-    arguments
-        Command line of ROS, as ``("--ros-args", "-p", "use_sim_time:=true")``.
-    managed
-        A node with a life cycle (``lifecycle_msgs``).
-
-    Raises
-    ------
-    MissingExtraError
-        rclpy is not there.
-    InputError
-        The arguments are not those of ROS.
+    inner
+        The node, as of :class:`RclpyProcess`.
     """
 
-    def __init__(
-        self,
-        name: str = "visuohaptic",
-        options: RosOptions | None = None,
-        *,
-        arguments: Sequence[str] = (),
-        managed: bool = False,
-    ) -> None:
-        super().__init__(name, options)
-        rclpy = import_rclpy()
-        self._context = rclpy.Context()
-        try:
-            self._context.init(args=["visuohaptic", *arguments], domain_id=self.options.domain or None)
-            make = rclpy.lifecycle.LifecycleNode if managed else rclpy.node.Node
-            namespace = None if self.namespace == "/" else self.namespace
-            self.inner = make(name, context=self._context, namespace=namespace)
-        except Exception as error:
-            self._context.try_shutdown()
-            raise InputError("ROS node", f"cannot be created ({shown_error(error)})") from error
-        self.name, self.namespace = self.inner.get_name(), self.inner.get_namespace()
-        self._group = rclpy.callback_groups.ReentrantCallbackGroup()
-        # Two threads: a service that takes its time must not hold up the topics.
-        self.executor = rclpy.executors.MultiThreadedExecutor(2, context=self._context)
-        self.executor.add_node(self.inner)
-        self._thread = threading.Thread(target=self._spin, name=f"node {self.name}", daemon=True)
-        self._thread.start()
+    def __init__(self, inner: Any) -> None:
+        from rclpy.callback_groups import ReentrantCallbackGroup
 
-    def _spin(self) -> None:
-        from rclpy.executors import ExternalShutdownException, ShutdownException
-
-        try:
-            while not self._closed and self._context.ok():
-                self.executor.spin_once(timeout_sec=0.2)
-        except (ExternalShutdownException, ShutdownException):
-            return
-
-    @property
-    def ok(self) -> bool:
-        """Whether the context still runs; ROS's own signal handlers may have ended it."""
-        return bool(self._context.ok())
+        domain = inner.context.get_domain_id()
+        super().__init__(inner.get_name(), RosOptions(domain, inner.get_namespace()))
+        self.inner = inner
+        self._group = ReentrantCallbackGroup()
 
     def now_s(self) -> float:
         """Time of the node's clock [s]: that of ``/clock`` where ``use_sim_time`` is set."""
@@ -160,6 +119,41 @@ class RclpyNode(TopicNode):
         kind = interface("std_srvs/srv/Trigger")
         server = self.inner.create_service(kind, self.resolve(service), answer, callback_group=self._group)
         self._closing.append(lambda: self.inner.destroy_service(server))
+
+    def act(self, action: str, datatype: str, execute: Execute) -> None:
+        from rclpy.action import ActionServer, CancelResponse
+
+        kind = interface(datatype)
+
+        def run(goal: Any) -> Any:
+            def tell(fields: Mapping[str, Any]) -> None:
+                feedback = kind.Feedback()
+                for name, value in fields.items():
+                    setattr(feedback, name, value)
+                goal.publish_feedback(feedback)
+
+            reached = False
+            try:
+                reached = execute(goal.request, tell, lambda: bool(goal.is_cancel_requested))
+            except VisuohapticError as error:
+                self.inner.get_logger().error(str(error))
+            if reached:
+                goal.succeed()
+            elif goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
+            return kind.Result()
+
+        server = ActionServer(
+            self.inner,
+            kind,
+            self.resolve(action),
+            run,
+            callback_group=self._group,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self._closing.append(server.destroy)
 
     def _qos(self, qos: Qos, *, keep_all: bool = False) -> Any:
         from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -188,7 +182,8 @@ class RclpyNode(TopicNode):
         inner = self.inner.create_subscription(
             interface(kind.name), subscription.topic, take, self._qos(qos), raw=True
         )
-        return lambda: self.inner.destroy_subscription(inner)
+        self._closing.append(lambda: self.inner.destroy_subscription(inner))
+        return self._closing[-1]
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
         """As told by the middleware now; what it has not discovered yet is not there."""
@@ -216,14 +211,107 @@ class RclpyNode(TopicNode):
         return tuple(found)
 
     def _entity(self, kind: EntityKind, namespace: str, node: str, *endpoint: Any) -> Entity:
-        return Entity(self._context.get_domain_id(), "", 0, 0, kind, namespace, node, *endpoint)
+        return Entity(self.options.domain, "", 0, 0, kind, namespace, node, *endpoint)
 
     def _leave(self) -> None:
-        if threading.current_thread() is not self._thread:
-            self._thread.join()
-        self.executor.shutdown(timeout_sec=1.0)
+        """The node goes on without these topics."""
+
+
+class RclpyProcess(Closing):
+    """A node of rclpy with a context and threads of its own; a context manager.
+
+    Parameters
+    ----------
+    name
+        Of the node; ``--ros-args -r __node:=...`` replaces it.
+    options
+        Domain and namespace; domain 0 is what ``ROS_DOMAIN_ID`` says. The other fields are of zenoh.
+    arguments
+        Command line of ROS, as ``("--ros-args", "-p", "use_sim_time:=true")``.
+    managed
+        A node with a life cycle (``lifecycle_msgs``).
+
+    Raises
+    ------
+    MissingExtraError
+        rclpy is not there.
+    InputError
+        The arguments are not those of ROS.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        options: RosOptions | None = None,
+        arguments: Sequence[str] = (),
+        *,
+        managed: bool = False,
+    ) -> None:
+        rclpy = import_rclpy()
+        options = options or RosOptions()
+        if not any(name in os.environ for name in _FASTDDS):
+            os.environ[_FASTDDS[0]] = str(Path(__file__).with_name("fastdds.xml"))
+        self._context = rclpy.Context()
+        try:
+            self._context.init(args=["visuohaptic", *arguments], domain_id=options.domain or None)
+            make = rclpy.lifecycle.LifecycleNode if managed else rclpy.node.Node
+            namespace = None if options.namespace == "/" else options.namespace
+            self.inner = make(name, context=self._context, namespace=namespace)
+        except Exception as error:
+            self._context.try_shutdown()
+            raise InputError("ROS node", f"cannot be created ({shown_error(error)})") from error
+        # An action that drives and its cancelling, a service that takes its time, and the topics beside them.
+        self._executor = rclpy.executors.MultiThreadedExecutor(4, context=self._context)
+        self._executor.add_node(self.inner)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name=f"node {name}", daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        from rclpy.executors import ExternalShutdownException, ShutdownException
+
+        try:
+            while not self._end.is_set() and self._context.ok():
+                self._executor.spin_once(timeout_sec=0.2)
+        except (ExternalShutdownException, ShutdownException):
+            return
+
+    def close(self) -> None:
+        """Leave the graph; harmless when repeated."""
+        if self._end.is_set():
+            return
+        self._end.set()
+        self._executor.wake()
+        self._thread.join()
+        self._executor.shutdown(timeout_sec=1.0)
         self.inner.destroy_node()
         self._context.try_shutdown()
+
+
+class RclpyNode(RclpyTopics):
+    """A node over rclpy; a context manager.
+
+    Parameters
+    ----------
+    name
+        Of the node.
+    options
+        Domain and namespace; the other fields are of zenoh.
+
+    Raises
+    ------
+    MissingExtraError
+        rclpy is not there.
+    """
+
+    def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
+        options = options or RosOptions()
+        check_node(options.namespace, name)
+        self._process = RclpyProcess(name, options)
+        super().__init__(self._process.inner)
+
+    def _leave(self) -> None:
+        self._process.close()
 
 
 def _told_qos(profile: Any) -> Qos:

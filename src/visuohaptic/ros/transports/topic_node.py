@@ -21,9 +21,12 @@ from ..wire.graph import Entity, Qos, check_node, resolve_name
 from ..wire.message_types import MessageType, message_type
 from .session import RosOptions
 
-__all__ = ["Outlet", "Received", "RosPublisher", "RosSubscription", "TopicNode"]
+__all__ = ["Execute", "Outlet", "Received", "RosPublisher", "RosSubscription", "TopicNode"]
 
 _log = logging.getLogger(__name__)
+
+#: Goal, feedback, whether it was cancelled -> whether it is reached.
+Execute = Callable[[Any, Callable[[Mapping[str, Any]], None], Callable[[], bool]], bool]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,6 +283,29 @@ class TopicNode(Closing):
         """
         raise InputError(
             "transport", f"{self.resolve(service)} is a service; the transport rclpy is needed for services"
+        )
+
+    def act(self, action: str, datatype: str, execute: Execute) -> None:
+        """Offer an action; transports without actions refuse it.
+
+        Parameters
+        ----------
+        action
+            Its name.
+        datatype
+            As ``nav2_msgs/action/NavigateToPose``.
+        execute
+            Called for each goal with the goal, what publishes fields of the feedback, and what says whether it was
+            cancelled; returns whether the goal is reached. An error of this library ends the goal as cancelled where that
+            was asked for, else as aborted.
+
+        Raises
+        ------
+        InputError
+            This transport carries topics only, or the interface is not installed.
+        """
+        raise InputError(
+            "transport", f"{self.resolve(action)} is an action; the transport rclpy is needed for actions"
         )
 
     @abstractmethod

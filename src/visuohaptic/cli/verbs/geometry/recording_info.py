@@ -26,7 +26,11 @@ def run(args: Namespace) -> dict[str, Any]:
     """Look into the recording; returns what is printed."""
     from pathlib import Path
 
+    from ....io.ros.sqlite_bag import is_bag
+
     path = Path(args.file)
+    if is_bag(path):
+        return _mcap(path)
     if path.suffix in (".yaml", ".yml"):
         return _map(path)
     if path.is_file():
@@ -55,16 +59,16 @@ def _depth(path: Any) -> dict[str, Any]:
 
 
 def _mcap(path: Any) -> dict[str, Any]:
-    from ....io.ros.mcap_records import McapFile
+    from ....io.ros.sqlite_bag import open_bag
 
-    file = McapFile(path)
+    file = open_bag(path)
     topics = file.topics()
     start = min((topic.start_s for topic in topics), default=0.0)
     stop = max((topic.stop_s for topic in topics), default=0.0)
     return {
         "file": str(path),
-        "kind": "MCAP",
-        "bytes": path.stat().st_size,
+        "kind": file.kind,
+        "bytes": sum(part.stat().st_size for part in file.parts),
         "start_s": start,
         "duration_s": stop - start,
         "messages": sum(topic.messages for topic in topics),

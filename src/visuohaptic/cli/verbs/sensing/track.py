@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ....core.camera.frame import Frame
-    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
-    from ....tracking.templates.template_tracker import TemplatePose, TemplateTracker
+    from ....tracking.templates.template_tracker import TemplatePose
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -49,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Track through the source; the mapping is what ``--json`` prints."""
     from ....core.camera.model import Camera
+    from ....sensing.readers.template_reader import TemplateReader
     from ....tracking.templates.template import load_templates
     from ....tracking.templates.template_tracker import TemplateTracker
 
@@ -68,7 +68,7 @@ def run(args: Any) -> dict[str, Any]:
         frames = shown_frames(args, source, "tracking")
         done = run_sensor(
             args,
-            _template_reader(tracker),
+            TemplateReader(tracker),
             frames,
             outputs,
             lambda reading: seen.update(pose.name for pose in reading.measured if pose.valid),
@@ -83,27 +83,6 @@ def run(args: Any) -> dict[str, Any]:
         "out": str(args.out) if args.out else None,
         "csv": str(args.csv) if args.csv else None,
     }
-
-
-def _template_reader(tracker: TemplateTracker) -> SensorReader[tuple[TemplatePose, ...]]:
-    """A tracker as a sensor; the reason of a frame is that of the first template that was not seen."""
-    from ....core.measurement import Reason
-    from ....sensing.readers.beam_reader import write_templates
-    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
-
-    class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
-        kind, camera = "template", tracker.camera
-
-        def read(self, frame: Frame, sink: Any = None) -> SensorReading[tuple[TemplatePose, ...]]:
-            poses = tracker.update(frame)
-            if sink is not None:
-                write_templates(sink, poses, tracker.camera)
-            return SensorReading(poses, next((p.reason for p in poses if not p.valid), Reason.OK))
-
-        def blank(self, t_s: float, sink: Any) -> None:
-            """A recording never falls silent."""
-
-    return TemplateReader("template")
 
 
 def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import signal
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+from ..._stop import signals
 
 if TYPE_CHECKING:
     from ....ros.bridge import Bridge
@@ -53,7 +51,7 @@ def run(args: Any) -> dict[str, Any]:
         args.report(
             f"{bridge.node.resolve(bridge.node.name)} runs: {', '.join(_topics(bridge))}; end with Ctrl-C"
         )
-        with _signals(bridge):
+        with signals(bridge.stop):
             _wait(args, bridge)
     sensors = summary(bridge.reports)
     for sensor in sensors:
@@ -78,18 +76,3 @@ def _wait(args: Any, bridge: Bridge) -> None:
             left_s -= 1.0
             bar.advance(bridge.frames - done)
             done = bridge.frames
-
-
-@contextmanager
-def _signals(bridge: Bridge) -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the bridge instead of the process."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda *_: bridge.stop()) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

@@ -1,0 +1,202 @@
+"""Images of a camera to wrenches on a topic, over DDS: latency, loss, and what a node survives.
+
+python -m benchmarks.ros_latency --seconds 30               30 Hz of 1600 x 896 images to the node foam
+python -m benchmarks.ros_latency --kill 100 --malformed 2000
+
+A node is a process of its own (``visuohaptic ros node foam``); images are rendered by the simulation before. Latency is from
+the moment at which an image is handed to DDS to that at which its wrench has come back, so it has two passages over DDS.
+What else runs on the machine is told as its load.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visuohaptic.io.ros import ros_messages as messages
+from visuohaptic.rigs import VirtualSensor
+from visuohaptic.ros.transports import RclpyNode, RosOptions, TopicNode, interface
+from visuohaptic.ros.wire import Qos
+from visuohaptic.ros.wire.cdr import encode
+from visuohaptic.ros.wire.message_types import message_type
+from visuohaptic.simulation.foam import PressShape, press
+
+TOPIC, WRENCH, KIND = "/bumper/image", "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/Image"
+RATE_HZ = 30.0
+PATIENCE_S = 60.0
+
+#: A camera that publishes until it is killed.
+_PEER = """
+import sys, time, numpy as np
+from visuohaptic.io.ros import ros_messages as messages
+from visuohaptic.ros.transports import RclpyNode, RosOptions
+node = RclpyNode("peer", RosOptions(domain=int(sys.argv[1])))
+camera = node.advertise(sys.argv[2], "sensor_msgs/msg/Image")
+camera.wait_until_heard(30.0)
+print("heard", flush=True)
+while True:
+    camera.publish(messages.image(time.time(), np.full((896, 1600), 90, np.uint8), "bumper"))
+    time.sleep(0.02)
+"""
+
+
+def pictures(folder: Path, count: int) -> list[np.ndarray]:
+    """A calibrated sensor in files, and rendered images of a press."""
+    virtual, rng = VirtualSensor(), np.random.default_rng(2)
+    virtual.build(folder, rng, zero_frames=8)
+    samples = press(PressShape.CYLINDER_12CM, np.linspace(0.0, 0.005, count), geometry=virtual.geometry)
+    renderer = virtual.renderer()
+    return [renderer.render(sample.scene, rng=rng) for sample in samples]
+
+
+class Node:
+    """The node foam in a process of its own."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        words = [f"config:={folder / 'sensor.yaml'}", f"image:={TOPIC}", "queue:=10"]
+        command = [sys.executable, "-m", "visuohaptic", "ros", "node", "foam", "--domain", str(domain)]
+        command += [word for one in words for word in ("--param", one)]
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+    def use(self) -> dict[str, float]:
+        """Memory, handles and threads now (Linux)."""
+        place = Path(f"/proc/{self.process.pid}")
+        status = dict(line.split(":", 1) for line in (place / "status").read_text().splitlines())
+        return {
+            "memory_MB": int(status["VmRSS"].split()[0]) / 1000,
+            "handles": len(list((place / "fd").iterdir())),
+            "threads": int(status["Threads"]),
+        }
+
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self.process.poll() is None
+
+    def end(self) -> int:
+        """Ctrl-C; its exit code."""
+        self.process.terminate()
+        _, said = self.process.communicate(timeout=PATIENCE_S)
+        if self.process.returncode:
+            sys.stderr.write(said)
+        return self.process.returncode
+
+
+class Heard:
+    """Arrivals of wrenches by the stamp of their image."""
+
+    def __init__(self, node: TopicNode) -> None:
+        self.at_s: dict[int, float] = {}
+        node.subscribe("/foam/wrench", WRENCH, self._take, Qos(depth=100))
+
+    def _take(self, received: Any) -> None:
+        stamp = received.message.header.stamp
+        self.at_s[stamp.sec * 1_000_000_000 + stamp.nanosec] = time.perf_counter()
+
+    def wait(self, count: int, timeout_s: float) -> bool:
+        """Whether so many have come in time."""
+        end = time.monotonic() + timeout_s
+        while len(self.at_s) < count and time.monotonic() < end:
+            time.sleep(0.01)
+        return len(self.at_s) >= count
+
+
+def latency(node: TopicNode, heard: Heard, images: list[np.ndarray], seconds: float) -> dict[str, Any]:
+    """Publish at 30 Hz and wait for the wrenches."""
+    camera = node.advertise(TOPIC, KIND, Qos(reliable=False, depth=5))
+    heard.wait(1, PATIENCE_S)  # stale: it runs
+    camera.wait_until_heard(PATIENCE_S)
+    raw = [messages.image(0.0, image, "bumper") for image in images]
+    # To and fro, as a hand that presses; the first second is for discovery and is not counted.
+    order = [*range(len(raw)), *range(len(raw) - 2, 0, -1)]
+    sent: dict[int, float] = {}
+    begin = time.perf_counter()
+    for number in range(int((seconds + 1.0) * RATE_HZ)):
+        time.sleep(max(0.0, begin + number / RATE_HZ - time.perf_counter()))
+        now_s = time.time()
+        message = raw[order[number % len(order)]] | {"header": messages.header(now_s, "bumper")}
+        at_s = time.perf_counter()
+        camera.publish(message)
+        if number >= RATE_HZ:
+            sent[messages.stamp_ns(now_s)] = at_s
+    time.sleep(2.0)
+    delays_ms = np.array(
+        [1e3 * (heard.at_s[stamp] - at) for stamp, at in sent.items() if stamp in heard.at_s]
+    )
+    return {
+        "sent": len(sent),
+        "lost": len(sent) - len(delays_ms),
+        "median_ms": round(float(np.median(delays_ms)), 1),
+        "p99_ms": round(float(np.quantile(delays_ms, 0.99)), 1),
+        "load": os.getloadavg()[0],
+    }
+
+
+def malformed(node: RclpyNode, count: int) -> int:
+    """Publish bytes that are no image: cut, spoilt, or too long; how many were sent."""
+    rng = np.random.default_rng(4)
+    publisher = node.inner.create_publisher(interface(KIND), TOPIC, 10)
+    while not publisher.get_subscription_count():
+        time.sleep(0.05)
+    good = encode(messages.image(1.0, np.zeros((9, 16), np.uint8), "bumper"), message_type(KIND))
+    for _ in range(count):
+        data = np.frombuffer(good, np.uint8).copy()
+        places = rng.integers(4, len(data), rng.integers(1, 8))
+        data[places] = rng.integers(0, 256, len(places))
+        publisher.publish(data.tobytes()[: rng.integers(4, len(data) + 1)])
+        time.sleep(0.002)
+    return count
+
+
+def killed(node: Node, domain: int, count: int) -> int:
+    """Start a camera and kill it, over and over; how often the node survived."""
+    for number in range(count):
+        command = [sys.executable, "-c", _PEER, str(domain), TOPIC]
+        peer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert peer.stdout is not None
+        peer.stdout.readline()
+        time.sleep(0.1)
+        peer.kill()
+        peer.communicate()
+        if not node.alive():
+            return number
+    return count
+
+
+def main() -> int:
+    """Run it and print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=30.0, help="of images at 30 Hz")
+    parser.add_argument("--kill", type=int, default=0, metavar="N", help="peers that are killed")
+    parser.add_argument("--malformed", type=int, default=0, metavar="N", help="messages that are none")
+    parser.add_argument("--domain", type=int, default=100)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        images = pictures(Path(folder), 30)
+        node = Node(Path(folder), args.domain)
+        with RclpyNode("camera", RosOptions(domain=args.domain)) as camera:
+            heard = Heard(camera)
+            result: dict[str, Any] = {"latency": latency(camera, heard, images, args.seconds)}
+            before = node.use()
+            if args.malformed:
+                result["malformed"] = malformed(camera, args.malformed)
+            if args.kill:
+                result["killed"] = killed(node, args.domain, args.kill)
+            result["alive"] = node.alive()
+            result["use"] = {name: [before[name], after] for name, after in node.use().items()}
+            result["after"] = latency(camera, heard, images, 5.0)
+        result["exit_code"] = node.end()
+    print(json.dumps(result, indent=1))
+    return 0 if result["alive"] and result["exit_code"] == 0 else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

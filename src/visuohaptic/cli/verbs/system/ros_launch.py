@@ -1,0 +1,57 @@
+"""``visuohaptic ros launch``: several nodes from a launch file, with or without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import threading
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+from ..._stop import signals
+
+__all__ = ["EPILOG", "add_arguments", "run"]
+
+EPILOG = """\
+reads
+  robot.launch.xml   <launch> with <arg name="..." default="..."/> and <executable cmd="..."/>, $(var name) in the
+                     latter: the same file runs with plain ros2 launch
+
+Runs until Ctrl-C or SIGTERM with exit code 0; where one process ends with an error, all end with exit code 3.
+Without a name the launch files of this library are listed.
+
+example: visuohaptic ros launch
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("file", nargs="?", help="*.launch.xml, or the name of one of this library")
+    parser.add_argument("values", nargs="*", metavar="NAME:=VALUE", help="arguments of the file")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....ros import nodes
+    from ....ros.nodes import read_launch, run_launch
+
+    folder = Path(nodes.__file__).with_name("launch_files")
+    own = {path.name.removesuffix(".launch.xml"): path for path in sorted(folder.glob("*.launch.xml"))}
+    if args.file is None:
+        for name, path in own.items():
+            args.report(f"{name:<12} {path}")
+        return {"files": {name: str(path) for name, path in own.items()}}
+    given = {}
+    for word in args.values:
+        name, equals, value = word.partition(":=")
+        if not equals:
+            raise InputError("ros launch", f"found {word!r}, expected name:=value")
+        given[name] = value
+    commands = read_launch(own.get(args.file, Path(args.file)), given)
+    for words in commands:
+        args.report(shlex.join(words))
+    stop = threading.Event()
+    with signals(stop.set):
+        run_launch(commands, stop)
+    return {"commands": [list(words) for words in commands]}

@@ -1,0 +1,92 @@
+"""``visuohaptic ros node``: one node of a robot, with parameters, a life cycle and diagnostics."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+from typing import Any
+
+from ....core.errors import InputError
+from ..._stop import signals
+
+__all__ = ["EPILOG", "add_arguments", "run"]
+
+EPILOG = """\
+Without a name the nodes are listed, with a name and --list the parameters of one.
+
+A node reads its parameters from --param name:=value, or as any node of ROS from --ros-args -p name:=value,
+--params-file and -r (remapping). It configures and activates itself; with --managed it waits for a lifecycle
+manager (ros2 lifecycle set /foam configure). Its diagnostics are on /diagnostics.
+
+over
+  --transport rclpy       ROS 2 itself: sourced, or pip install 'visuohaptic[ros-jazzy]'
+  --transport zenoh       robots with rmw_zenoh_cpp, without ROS here; topics only
+  --transport cyclonedds  DDS without ROS here: pip install 'visuohaptic[dds]'; topics only
+
+Runs until Ctrl-C or SIGTERM with exit code 0.
+
+example: visuohaptic ros node
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("name", nargs="?", help="of the node, as foam")
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="NAME:=VALUE", help="a parameter; may be repeated"
+    )
+    parser.add_argument("--list", action="store_true", help="show the node's parameters instead")
+    parser.add_argument("--transport", default="rclpy", choices=("rclpy", "zenoh", "cyclonedds"))
+    parser.add_argument(
+        "--domain", type=int, default=0, metavar="N", help="ROS_DOMAIN_ID; by default its own"
+    )
+    parser.add_argument("--namespace", default="/", metavar="NAME", help="of the node's topics")
+    parser.add_argument(
+        "--connect",
+        action="append",
+        metavar="PLACE",
+        help="router or peer of zenoh, as tcp/127.0.0.1:7447; may be repeated",
+    )
+    parser.add_argument("--managed", action="store_true", help="wait for a lifecycle manager")
+    parser.add_argument("--duration", type=float, metavar="S", help="end by itself after S seconds")
+    parser.add_argument(
+        "--ros-args", nargs=argparse.REMAINDER, default=[], metavar="...", help="as for any node of ROS"
+    )
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....ros import RosOptions
+    from ....ros.nodes import NODES, declared, node_kind, run_node
+
+    if args.name is None:
+        for name in NODES:
+            args.report(f"{name:<12} {node_kind(name).summary}")
+        return {"nodes": {name: node_kind(name).summary for name in NODES}}
+    if args.list:
+        parameters = list(declared(node_kind(args.name).parameter_model))
+        for one in parameters:
+            bounds = "" if one.low is None and one.high is None else f" [{_end(one.low)} to {_end(one.high)}]"
+            args.report(f"{one.name} = {one.default!r}{bounds}  {one.description}")
+        return {"parameters": {one.name: one.default for one in parameters}}
+    if args.duration is not None and not 0 < args.duration < float("inf"):
+        raise InputError("--duration", f"found {args.duration:g}, expected more than 0 s")
+    stop = threading.Event()
+    with signals(stop.set):
+        run_node(
+            args.name,
+            args.param,
+            transport=args.transport,
+            options=RosOptions(
+                args.domain, args.namespace, connect=tuple(args.connect or RosOptions().connect)
+            ),
+            arguments=("--ros-args", *args.ros_args) if args.ros_args else (),
+            managed=args.managed,
+            stop=stop,
+            timeout_s=args.duration,
+        )
+    return {"node": args.name}
+
+
+def _end(bound: float | None) -> str:
+    return "..." if bound is None else f"{bound:g}"

@@ -1,0 +1,141 @@
+"""Bags of rosbag2 in SQLite: one ``.db3`` file, or a folder of them, read as an MCAP recording is."""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+from ...core.errors import InputError
+from ...core.files import read_head
+from ._ros_definitions import definition
+from .mcap_records import McapDamage, McapFile, McapMessage, RecordedChannel, RecordedSchema
+
+__all__ = ["SqliteBag", "is_bag", "open_bag"]
+
+_log = logging.getLogger(__name__)
+
+_MAGIC = b"SQLite format 3\0"
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag of rosbag2: a ``.db3`` file, or a folder with such or MCAP files and ``metadata.yaml``.
+
+    Parameters
+    ----------
+    path
+        File or folder.
+    """
+    if path.is_dir():
+        return any(path.glob("*.db3")) or (path / "metadata.yaml").is_file()
+    return path.suffix == ".db3"
+
+
+def open_bag(path: Path | str) -> McapFile:
+    """A recording of ROS 2 messages, in MCAP or SQLite.
+
+    Parameters
+    ----------
+    path
+        File, or folder of a bag.
+
+    Raises
+    ------
+    InputError
+        It is none, or a folder of several MCAP files.
+    """
+    path = Path(path)
+    if path.is_dir() and not any(path.glob("*.db3")):
+        files = sorted(path.glob("*.mcap"))
+        if len(files) != 1:
+            raise InputError(path, f"found {len(files)} MCAP files, expected one; name the one to read")
+        return McapFile(files[0])
+    return SqliteBag(path) if is_bag(path) else McapFile(path)
+
+
+class SqliteBag(McapFile):
+    """Messages of a bag in SQLite, in the order of their times.
+
+    Since Iron the definitions of the messages stand in the bag; those of an older one are read by this library's own,
+    as far as it knows them.
+
+    Parameters
+    ----------
+    path
+        ``.db3`` file, or folder of the parts of a split bag.
+
+    Raises
+    ------
+    InputError
+        It is missing or not SQLite.
+    """
+
+    kind = "SQLite"
+
+    def __init__(self, path: Path | str) -> None:
+        self._clear(path)
+        if self.path.is_dir():
+            self.parts = sorted(self.path.glob("*.db3"), key=_number)
+        for part in self.parts:
+            if (head := read_head(part, len(_MAGIC))) != _MAGIC:
+                raise InputError(part, f"begins with {head!r}, expected a bag in SQLite")
+
+    def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
+        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost.
+
+        Parameters
+        ----------
+        topics
+            Topics whose messages are given; all by default.
+        """
+        self.damage = McapDamage()
+        for number, part in enumerate(self.parts):
+            try:
+                with closing(sqlite3.connect(f"{part.resolve().as_uri()}?mode=ro", uri=True)) as bag:
+                    known = self._topics(bag, 10_000 * number)
+                    rows = bag.execute(
+                        "SELECT id, topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+                    )
+                    for sequence, topic, time_ns, data in rows:
+                        if topic in known and (topics is None or known[topic][0] in topics):
+                            yield McapMessage(
+                                known[topic][0], known[topic][1], time_ns, sequence, data, *known[topic][2:]
+                            )
+            except (sqlite3.Error, TypeError, ValueError) as error:
+                self.damage.chunks.append(f"{part.name}: {error}")
+        if self.damage:
+            _log.warning("%s is damaged: %s", self.path, self.damage)
+
+    def _topics(self, bag: sqlite3.Connection, base: int) -> dict[int, tuple[str, str, int, int]]:
+        """Number -> name, type, channel and schema; each part of a split bag counts its own."""
+        tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        texts: dict[str, tuple[str, str]] = {}
+        if "message_definitions" in tables:
+            words = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            texts = {kind: (encoding, text) for kind, encoding, text in bag.execute(words)}
+        known = {}
+        for number, name, datatype, encoding in bag.execute(
+            "SELECT id, name, type, serialization_format FROM topics"
+        ):
+            channel = base + number
+            self.channels[channel] = RecordedChannel(name, channel, encoding)
+            kind, text = texts.get(datatype) or _own(datatype)
+            if kind:
+                self.schemas[channel] = RecordedSchema(datatype, kind, text.encode())
+            known[number] = (name, datatype, channel, channel)
+        return known
+
+
+def _number(path: Path) -> tuple[int, str]:
+    """Parts of a split bag are numbered: ``bag_0.db3`` to ``bag_12.db3``."""
+    digits = path.stem.rpartition("_")[2]
+    return (int(digits) if digits.isdecimal() else 0), path.name
+
+
+def _own(datatype: str) -> tuple[str, str]:
+    try:
+        return "ros2msg", definition(datatype)
+    except InputError:
+        return "", ""

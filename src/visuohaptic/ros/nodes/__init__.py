@@ -1,0 +1,5 @@
+"""Nodes that a robot's launch file starts: parameters, a life cycle, diagnostics, services, on topics of any transport."""
+
+from ...core.front_door import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

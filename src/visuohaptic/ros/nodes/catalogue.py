@@ -1,0 +1,44 @@
+"""The nodes by their names."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+
+from ...core.errors import InputError, brief
+from .component import Component
+
+__all__ = ["NODES", "node_kind"]
+
+#: Name -> module and class.
+NODES: Mapping[str, tuple[str, str]] = {
+    "foam": ("sensor_node", "FoamNode"),
+    "beam": ("sensor_node", "BeamNode"),
+    "scene": ("sensor_node", "SceneNode"),
+    "template": ("template_node", "TemplateNode"),
+    "transparency": ("transparency_node", "TransparencyNode"),
+    "plan": ("plan_node", "PlanNode"),
+    "travel": ("travel_node", "TravelNode"),
+    "classify": ("object_nodes", "ClassifyNode"),
+    "grasp": ("object_nodes", "GraspNode"),
+}
+
+
+def node_kind(name: str) -> type[Component]:
+    """The class of a node.
+
+    Parameters
+    ----------
+    name
+        As ``foam``.
+
+    Raises
+    ------
+    InputError
+        There is none of this name.
+    """
+    if name not in NODES:
+        raise InputError("node", f"found {brief(name)}, expected one of {', '.join(NODES)}")
+    module, short = NODES[name]
+    found: type[Component] = getattr(importlib.import_module(f".{module}", __package__), short)
+    return found

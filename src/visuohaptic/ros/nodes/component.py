@@ -1,0 +1,151 @@
+"""A node's own part: what it does between its topics, services and actions, and nothing of how it is run."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError, InputError
+from ...core.files.plain_json import dumps
+from ...core.resources import Closing
+from ...io.ros import ros_messages as messages
+from ..transports.topic_node import Execute, RosPublisher, TopicNode
+from ..wire.graph import Qos
+from .parameters import NodeParameters
+
+__all__ = ["Component", "Host", "Status"]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """State of a node, for its diagnostics."""
+
+    valid: bool = True
+    reason: str = "ok"
+    values: Mapping[str, Any] = field(
+        default_factory=dict
+    )  #: numbers and texts by name, with the unit in the name
+
+
+class Host:
+    """What a component is given: a node to speak through, and a place for its services and its failure.
+
+    Parameters
+    ----------
+    node
+        Node of any transport.
+    fail
+        Called with the error that has ended a thread of the component.
+    """
+
+    def __init__(self, node: TopicNode, fail: Callable[[BaseException], None]) -> None:
+        self.node = node
+        self.fail = fail
+        self.active = threading.Event()  #: set while the component may measure, move and answer
+        self._transforms: dict[bool, RosPublisher] = {}
+
+    def offer(self, service: str, work: Callable[[], Mapping[str, Any]]) -> None:
+        """Offer a ``std_srvs/srv/Trigger`` whose message is JSON; refused while the node is not active.
+
+        Parameters
+        ----------
+        service
+            Private name, as ``~/complete``.
+        work
+            Called for each request; its mapping is the answer.
+        """
+
+        def answer() -> str:
+            if not self.active.is_set():
+                raise DeviceError(f"the node {self.node.name} is not active; activate it first")
+            return dumps(work())
+
+        try:
+            self.node.offer(service, answer)
+        except InputError as error:
+            _log.warning("%s", error)
+
+    def act(self, action: str, datatype: str, execute: Execute) -> None:
+        """Offer an action; where its interface or actions are not there, that is logged.
+
+        Parameters
+        ----------
+        action
+            Its name.
+        datatype
+            As ``nav2_msgs/action/NavigateToPose``.
+        execute
+            Called for each goal in a thread of its own; see :meth:`TopicNode.act`.
+        """
+
+        def run(goal: Any, tell: Callable[[Mapping[str, Any]], None], cancelled: Callable[[], bool]) -> bool:
+            if not self.active.is_set():
+                raise DeviceError(f"the node {self.node.name} is not active; activate it first")
+            return execute(goal, tell, cancelled)
+
+        try:
+            self.node.act(action, datatype, run)
+        except InputError as error:
+            _log.warning("%s", error)
+
+    def transform(
+        self, t_s: float, parent: str, child: str, parent_child: Pose, *, static: bool = False
+    ) -> None:
+        """Publish ``T_parent_child`` on ``/tf``, or latched on ``/tf_static``.
+
+        Parameters
+        ----------
+        t_s
+            Stamp [s].
+        parent, child
+            Names of the frames of coordinates.
+        parent_child
+            Rigid motion [m] from the child's coordinates to the parent's.
+        static
+            Whether it holds from now on.
+        """
+        if static not in self._transforms:
+            qos = Qos(latched=static, depth=100)
+            topic = "/tf_static" if static else "/tf"
+            self._transforms[static] = self.node.advertise(topic, "tf2_msgs/msg/TFMessage", qos)
+        moved = messages.pose(parent_child)
+        motion = {"translation": moved["position"], "rotation": moved["orientation"]}
+        stamped = {"header": messages.header(t_s, parent), "child_frame_id": child, "transform": motion}
+        self._transforms[static].publish({"transforms": [stamped]})
+
+
+class Component(Closing):
+    """One kind of node. It is created when the node is configured, and closed when it is cleaned up.
+
+    Parameters
+    ----------
+    host
+        Node, services, failure.
+    parameters
+        As configured.
+    """
+
+    summary: ClassVar[str]  #: one line for lists
+    parameter_model: ClassVar[type[NodeParameters]]
+
+    def __init__(self, host: Host, parameters: Any) -> None:
+        self.host, self.parameters = host, parameters
+
+    def activate(self) -> None:
+        """Begin to measure, answer or move."""
+
+    def deactivate(self) -> None:
+        """Stop that; what was configured stays."""
+
+    def status(self) -> Status:
+        """For the diagnostics, once a second."""
+        return Status()
+
+    def close(self) -> None:
+        """Give back what was configured; harmless when repeated."""

@@ -1,0 +1,138 @@
+"""A component as a lifecycle node of ROS 2: its parameters declared, its states those of ``lifecycle_msgs``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from ...core.errors import InputError
+from ...core.resources import Closing
+from ..transports.rclpy_node import RclpyProcess, RclpyTopics
+from ..transports.session import RosOptions
+from .component import Component
+from .parameters import Parameter, declared
+from .running import Running
+
+__all__ = ["LifecycleProcess"]
+
+
+def _entity(steps: Mapping[str, Callable[[], bool]]) -> Any:
+    """The component as rclpy's life cycle sees it: a managed entity beside its publishers."""
+    from rclpy.lifecycle import ManagedEntity, TransitionCallbackReturn
+
+    def callback(step: Callable[[], bool]) -> Callable[[Any, Any], Any]:
+        return lambda *_: TransitionCallbackReturn.SUCCESS if step() else TransitionCallbackReturn.FAILURE
+
+    return type("Entity", (ManagedEntity,), {name: callback(step) for name, step in steps.items()})()
+
+
+class LifecycleProcess(Closing):
+    """A component under ROS's life cycle; a context manager.
+
+    Parameters
+    ----------
+    name
+        Of the node.
+    kind
+        Class of the component.
+    values
+        Parameters by name that take the place of their defaults; those of ``arguments`` take theirs.
+    options
+        Domain and namespace.
+    arguments
+        Command line of ROS, as ``("--ros-args", "-p", "config:=sensor.yaml")``.
+
+    Raises
+    ------
+    MissingExtraError
+        rclpy is not there.
+    InputError
+        The arguments are not those of ROS, or set a parameter to what it cannot be.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: type[Component],
+        values: Mapping[str, Any],
+        options: RosOptions | None = None,
+        arguments: Sequence[str] = (),
+    ) -> None:
+        self._process = RclpyProcess(name, options, arguments, managed=True)
+        self._inner = self._process.inner
+        self.running = Running(kind, lambda: RclpyTopics(self._inner), self._inner.get_logger().error)
+        self._names = [parameter.name for parameter in declared(kind.parameter_model)]
+        attempt = self.running.attempt
+        steps = {
+            "on_configure": lambda: attempt(lambda: self.running.configure(self._values())),
+            "on_activate": lambda: attempt(self.running.activate),
+            "on_deactivate": lambda: attempt(self.running.deactivate),
+            "on_cleanup": lambda: attempt(self.running.close),
+            "on_shutdown": lambda: attempt(self.running.close),
+            "on_error": lambda: attempt(self.running.close),
+        }
+        try:
+            for parameter in declared(kind.parameter_model):
+                self._declare(parameter, values.get(parameter.name, parameter.default))
+            self._inner.add_on_set_parameters_callback(self._allow)
+            self._inner.add_managed_entity(_entity(steps))
+        except BaseException:
+            self._process.close()
+            raise
+
+    def _declare(self, parameter: Parameter, value: Any) -> None:
+        from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
+        described = ParameterDescriptor(description=parameter.description)
+        if parameter.low is not None or parameter.high is not None:
+            whole = isinstance(parameter.default, int)
+            far = 2**63 - 1 if whole else float("inf")
+            low = -far if parameter.low is None else parameter.low
+            high = far if parameter.high is None else parameter.high
+            if whole:
+                described.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+            else:
+                described.floating_point_range = [
+                    FloatingPointRange(from_value=float(low), to_value=float(high))
+                ]
+        try:
+            self._inner.declare_parameter(parameter.name, value, described)
+        except Exception as error:
+            raise InputError(
+                f"node {self._inner.get_name()}", " ".join(str(error).split()), field=parameter.name
+            ) from error
+
+    def _values(self) -> dict[str, Any]:
+        found = {name: self._inner.get_parameter(name).value for name in self._names}
+        # ROS hands lists over as arrays.
+        return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in found.items()}
+
+    def _allow(self, changes: Sequence[Any]) -> Any:
+        from rcl_interfaces.msg import SetParametersResult
+
+        if self.running.configured and (fixed := [p.name for p in changes if p.name in self._names]):
+            reason = f"{', '.join(fixed)}: fixed while the node is configured; clean it up first"
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def start(self) -> None:
+        """Configure and activate at once, as no lifecycle manager does it.
+
+        Raises
+        ------
+        VisuohapticError
+            Why that failed.
+        """
+        for trigger in (self._inner.trigger_configure, self._inner.trigger_activate):
+            trigger()
+            if self.running.problem is not None:
+                raise self.running.problem
+
+    def deactivate(self) -> None:
+        """After a failure of the component: a lifecycle manager may start it again."""
+        self._inner.trigger_deactivate()
+
+    def close(self) -> None:
+        """Clean up and leave the graph; harmless when repeated."""
+        self.running.close()
+        self._process.close()

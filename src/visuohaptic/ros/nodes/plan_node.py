@@ -1,0 +1,161 @@
+"""Navigation among movable objects as a node: a map, a pose and a goal in, a plan out."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError, VisuohapticError
+from ...core.files.plain_json import dumps
+from ...io.maps.occupancy_map import OccupancyMap
+from ...io.ros import ros_messages as messages
+from ...navigation.planning.policies import make_plan
+from ...navigation.planning.search.push_states import SearchLimits
+from ...navigation.problem.objects_file import load_objects, load_passages, load_robot
+from ...navigation.problem.path_plan import Plan
+from ...navigation.problem.planning_problem import PlanningProblem
+from ..markers import arrow
+from ..transports.topic_node import Received
+from ..wire.graph import Qos
+from .component import Component, Host, Status
+from .parameters import NodeParameters
+
+__all__ = ["PlanNode", "PlanParameters"]
+
+
+class PlanParameters(NodeParameters):
+    """Of the node plan."""
+
+    robot: str = Field("", min_length=1, description="robot.yaml: radius, speeds, pushing force")
+    objects: str = Field("", description="objects.yaml: movable objects and passages; empty for none")
+    map: str = Field("map", description="topic of nav_msgs/OccupancyGrid, latched")
+    pose: str = Field(
+        "amcl_pose", description="topic of geometry_msgs/PoseWithCovarianceStamped in the map frame"
+    )
+    goal: str = Field("goal_pose", description="topic of geometry_msgs/PoseStamped, as RViz sends it")
+    budget_s: float = Field(2.0, ge=0.01, le=600.0, description="wall time of a search [s]")
+
+
+class PlanNode(Component):
+    """Plans when a goal comes, and when ``~/plan`` is called; the newest goal replaces the one before."""
+
+    summary = "navigation among movable objects: OccupancyGrid and goal in, Path, markers and tasks out"
+    parameter_model = PlanParameters
+
+    def __init__(self, host: Host, parameters: PlanParameters) -> None:
+        super().__init__(host, parameters)
+        self._robot = load_robot(Path(parameters.robot))
+        path = Path(parameters.objects) if parameters.objects else None
+        self._objects = () if path is None else load_objects(path)
+        self._passages = () if path is None else load_passages(path)
+        self._newest: dict[str, Any] = {}
+        self._told = Status(True, "no goal yet")
+        self._lock = threading.Lock()
+        node, latched = host.node, Qos(latched=True, depth=1)
+        self._path = node.advertise("plan", "nav_msgs/msg/Path", latched)
+        self._markers = node.advertise("plan/pushes", "visualization_msgs/msg/MarkerArray", latched)
+        self._tasks = node.advertise("plan/tasks", "std_msgs/msg/String", latched)
+        node.subscribe(parameters.map, "nav_msgs/msg/OccupancyGrid", self._take("map"), latched)
+        pose = "geometry_msgs/msg/PoseWithCovarianceStamped"
+        node.subscribe(parameters.pose, pose, self._take("pose"), latched)
+        node.subscribe(parameters.goal, "geometry_msgs/msg/PoseStamped", self._take("goal"))
+        host.offer("~/plan", self.plan)
+        self._goal = threading.Event()
+        self._end = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def _take(self, name: str) -> Any:
+        def take(received: Received) -> None:
+            self._newest[name] = received.message
+            if name == "goal":
+                self._goal.set()
+
+        return take
+
+    def activate(self) -> None:
+        self._end.clear()
+        self._thread = threading.Thread(target=self._run, name="planning", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            if self._goal.wait(0.1):
+                self._goal.clear()
+                try:
+                    self.plan()
+                except VisuohapticError as error:
+                    self._told = Status(False, str(error))
+
+    def plan(self) -> Mapping[str, Any]:
+        """Plan to the newest goal and publish it.
+
+        Raises
+        ------
+        DeviceError
+            Map, pose or goal have not come yet.
+        InputError
+            Start or goal is not on free ground.
+        """
+        with self._lock:
+            if missing := [name for name in ("map", "pose", "goal") if name not in self._newest]:
+                topics = ", ".join(self.host.node.resolve(getattr(self.parameters, name)) for name in missing)
+                raise DeviceError(f"nothing on {topics} yet; check that it is published")
+            message, start, goal = (self._newest[name] for name in ("map", "pose", "goal"))
+            grid = OccupancyMap.from_message(message, self.parameters.map)
+            problem = PlanningProblem(
+                grid, self._robot, _place(start.pose.pose), _place(goal.pose), self._objects, self._passages
+            )
+            found = make_plan(problem, limits=SearchLimits(self.parameters.budget_s))
+            self._publish(found, message.header.frame_id)
+            words = {"cost_s": found.cost_s if found.reachable else "none", "pushes": len(found.pushes)}
+            self._told = Status(found.reachable, found.answer if found.reachable else found.reason, words)
+            return found.to_json()
+
+    def _publish(self, found: Plan, frame: str) -> None:
+        t_s = self.host.node.now_s()
+        header = messages.header(t_s, frame)
+        poses = [{"header": header, "pose": messages.pose(pose)} for pose in _poses(found)]
+        self._path.publish({"header": header, "poses": poses})
+        pushes = [
+            arrow(t_s, frame, task.object, number, _pushed(task), width_m=0.05)
+            for number, task in enumerate(found.pushes)
+            if task.goal_m and task.displacement_m
+        ]
+        self._markers.publish({"markers": pushes})
+        self._tasks.publish({"data": dumps(found.to_json())})
+
+    def status(self) -> Status:
+        return self._told
+
+    def deactivate(self) -> None:
+        self._end.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def close(self) -> None:
+        self.deactivate()
+
+
+def _place(pose: Any) -> np.ndarray:
+    return np.array([pose.position.x, pose.position.y])
+
+
+def _pushed(task: Any) -> list[list[float]]:
+    (x, y), (dx, dy) = task.goal_m, task.displacement_m
+    return [[x - dx, y - dy, 0.0], [x, y, 0.0]]
+
+
+def _poses(found: Plan) -> Iterator[Pose]:
+    """Places of the whole plan, each turned to the next one."""
+    points = np.array([point for task in found.tasks for point in task.path_m]).reshape(-1, 2)
+    steps = np.diff(points, axis=0, append=points[-1:])
+    heading = 0.0
+    for (x, y), (dx, dy) in zip(points, steps, strict=True):
+        heading = float(np.arctan2(dy, dx)) if dx or dy else heading
+        yield Pose.from_rotation_vector(np.array([0.0, 0.0, heading]), np.array([x, y, 0.0]))

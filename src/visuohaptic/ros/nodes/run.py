@@ -1,0 +1,89 @@
+"""Runs one node until it is stopped, under ROS's life cycle or on a transport without one."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+from ...core.errors import InputError
+from ..transports.open_node import open_node
+from ..transports.session import RosOptions
+from .catalogue import node_kind
+from .lifecycle import LifecycleProcess
+from .parameters import given
+from .running import Running
+
+__all__ = ["run_node"]
+
+
+def run_node(
+    name: str,
+    words: Sequence[str] = (),
+    *,
+    transport: str = "rclpy",
+    options: RosOptions | None = None,
+    arguments: Sequence[str] = (),
+    managed: bool = False,
+    stop: threading.Event | None = None,
+    timeout_s: float | None = None,
+) -> None:
+    """Run a node until ``stop`` is set.
+
+    Parameters
+    ----------
+    name
+        Of the node in the catalogue, as ``foam``, and in the graph.
+    words
+        Parameters, as ``config:=sensor.yaml``.
+    transport
+        ``rclpy``, ``zenoh`` or ``cyclonedds``; the last two have topics only, and start the node at once.
+    options
+        Domain and namespace, and routers of zenoh.
+    arguments
+        Command line of ROS, from ``--ros-args`` on.
+    managed
+        Wait for a lifecycle manager instead of configuring and activating at once.
+    stop
+        Set to end it; a node without ends after ``timeout_s``.
+    timeout_s
+        End after so long [s].
+
+    Raises
+    ------
+    VisuohapticError
+        A parameter or a file cannot be used, the transport is not there, or the node cannot go on.
+    """
+    kind = node_kind(name)
+    stop = stop or threading.Event()
+    if transport == "rclpy":
+        values = given(words, kind.parameter_model, name, whole=False)
+        with LifecycleProcess(name, kind, values, options, arguments) as process:
+            if not managed:
+                process.start()
+            while not _wait(process.running, stop, timeout_s):
+                if not managed and process.running.problem is not None:
+                    raise process.running.problem
+                process.running.failed.clear()
+                process.deactivate()
+        return
+    if managed or arguments:
+        raise InputError(
+            "transport", f"{transport} has no life cycle and no arguments of ROS; use rclpy for them"
+        )
+    with Running(kind, lambda: open_node(name, options, transport)) as running:
+        running.configure(given(words, kind.parameter_model, name))
+        running.activate()
+        if not _wait(running, stop, timeout_s) and running.problem is not None:
+            raise running.problem
+
+
+def _wait(running: Running, stop: threading.Event, timeout_s: float | None) -> bool:
+    """Whether it was stopped or time is up; not, where the component has failed."""
+    left_s = float("inf") if timeout_s is None else timeout_s
+    while not stop.wait(min(0.1, max(left_s, 0.0))):
+        left_s -= 0.1
+        if running.failed.is_set():
+            return False
+        if left_s <= 0:
+            return True
+    return True

@@ -1,0 +1,132 @@
+"""Foam, beam and scene as nodes: images in, forces with validity and reason out."""
+
+from __future__ import annotations
+
+import threading
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from ...core.errors import InputError
+from ...sensing.readers.load import load_reader
+from ...sensing.readers.sensor_reader import SensorReader
+from ..bridge import check_sensor
+from ..bridge_config import SensorSection, sensor_kind
+from ..channel import SensorChannel
+from .component import Component, Host, Status
+from .parameters import NodeParameters
+
+__all__ = ["BeamNode", "FoamNode", "ImageNode", "ImageParameters", "SceneNode", "SensorParameters"]
+
+
+class ImageParameters(NodeParameters):
+    """Of every node that reads a camera."""
+
+    image: str = Field(
+        "image", description="image topic; sensor_msgs/CompressedImage where it ends in /compressed"
+    )
+    frame: str = Field("", description="frame_id of the messages; the node's name by default")
+    queue: int = Field(2, ge=1, le=100, description="frames that wait while one is read")
+    stale_s: float = Field(
+        0.5, ge=0.01, le=60.0, description="without an image for so long, stale is published [s]"
+    )
+
+
+class SensorParameters(ImageParameters):
+    """Of the nodes foam, beam and scene."""
+
+    config: str = Field("", min_length=1, description="sensor.yaml or scene.yaml of the sensor")
+    odometry: str = Field("", description="topic of nav_msgs/Odometry; empty for none")
+    zero_frames: int = Field(
+        0, ge=0, le=10_000, description="take the zero reference from the first frames; 0: from the file"
+    )
+
+
+class ImageNode(Component):
+    """A sensor that reads a camera's topic in a thread of its own; nodes say which."""
+
+    def __init__(self, host: Host, parameters: Any) -> None:
+        super().__init__(host, parameters)
+        section = SensorSection(
+            name=host.node.name,
+            config=getattr(parameters, "config", ""),
+            image=parameters.image,
+            frame=parameters.frame or None,
+            odometry=getattr(parameters, "odometry", "") or None,
+            zero_frames=getattr(parameters, "zero_frames", 0),
+            queue=parameters.queue,
+        )
+        reader = self._reader(section)
+        self._stop = threading.Event()
+        try:
+            self._channel = SensorChannel(
+                host.node, section, reader, parameters.stale_s, self._stop, host.fail
+            )
+        except BaseException:
+            reader.close()
+            raise
+
+    @abstractmethod
+    def _reader(self, section: SensorSection) -> SensorReader[Any]:
+        """The sensor."""
+
+    def activate(self) -> None:
+        self._stop.clear()
+        self._channel.start()
+
+    def deactivate(self) -> None:
+        self._stop.set()
+        self._channel.join()
+
+    def status(self) -> Status:
+        report, frames = self._channel.report, self._channel.frames
+        counts = {"frames": report.frames, "stale": report.stale, "lost": report.lost,
+                  "left_out": frames.left_out, "damaged": frames.damaged}  # fmt: skip
+        reasons = {f"frames_{reason}": count for reason, count in report.reasons.items()}
+        silent = self._channel.silent
+        return Status(not silent, "stale" if silent else "ok", counts | reasons)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._channel.close()
+
+
+class _SensorNode(ImageNode):
+    sensor: ClassVar[str]
+    parameter_model = SensorParameters
+
+    def _reader(self, section: SensorSection) -> SensorReader[Any]:
+        path = Path(section.config)
+        kind = sensor_kind(path)
+        if kind != self.sensor:
+            raise InputError(path, f"found the sensor {kind}, expected {self.sensor}", field="kind")
+        reader = load_reader(path, section.name)
+        try:
+            check_sensor(section, reader, path, kind)
+        except BaseException:
+            reader.close()
+            raise
+        return reader
+
+
+class FoamNode(_SensorNode):
+    """A foam strip seen by a camera."""
+
+    sensor, summary = "foam", "foam strip: Image in, WrenchStamped, contacts and profile out"
+
+
+class BeamNode(_SensorNode):
+    """A bending beam with templates."""
+
+    sensor, summary = "beam", "bending beam: Image in, WrenchStamped out"
+
+
+class SceneNode(_SensorNode):
+    """Foam, beams and templates in one image."""
+
+    sensor, summary = (
+        "scene",
+        "several sensors in one image, and the platform's motion: WrenchStamped, pose out",
+    )

@@ -1,0 +1,130 @@
+"""Transparent objects as a node: depth images and poses of the camera in, transparent parts out."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError
+from ...io.depth.depth_sequence import DepthFrame
+from ...io.frames.mcap_frames import camera_from_message
+from ...io.ros import ros_messages as messages
+from ...io.ros.ros_image import decode_depth
+from ...reconstruction.fusion.depth_noise import sensor_noise
+from ...reconstruction.fusion.volume import space_of_interest
+from ...reconstruction.pipeline import reconstruct
+from ..frames import info_topic
+from ..markers import text_marker
+from ..transports.topic_node import Received
+from ..wire.graph import Qos
+from .component import Component, Host, Status
+from .parameters import NodeParameters
+
+__all__ = ["TransparencyNode", "TransparencyParameters"]
+
+
+class TransparencyParameters(NodeParameters):
+    """Of the node transparency."""
+
+    depth: str = Field("depth/image", description="topic of sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]")
+    pose: str = Field("camera_pose", description="topic of geometry_msgs/PoseStamped, T_world_camera")
+    sensor: str = Field("realsense_d435", description="depth camera, for its noise")
+    max_views: int = Field(60, ge=3, le=1000, description="views that are kept; beyond that the oldest goes")
+    pause_s: float = Field(0.2, ge=0.0, le=60.0, description="between two views that are kept [s]")
+    match_s: float = Field(
+        0.02, ge=0.0, le=1.0, description="largest difference of the stamps of image and pose [s]"
+    )
+    voxel_m: float = Field(0.005, gt=0.0, lt=0.5, description="edge of a voxel [m]")
+
+
+class TransparencyNode(Component):
+    """Keeps views while it is active; ``~/complete`` looks for what is transparent in them."""
+
+    summary = "transparent objects: depth images and poses in, service complete, PointCloud2 and markers out"
+    parameter_model = TransparencyParameters
+
+    def __init__(self, host: Host, parameters: TransparencyParameters) -> None:
+        super().__init__(host, parameters)
+        self._noise = sensor_noise(parameters.sensor)
+        self._views: deque[DepthFrame] = deque(maxlen=parameters.max_views)
+        self._poses: deque[tuple[float, str, Pose]] = deque(maxlen=200)
+        self._camera: Camera | None = None
+        self._lock = threading.Lock()
+        self._missed = 0
+        node, sensor = host.node, Qos(reliable=False, depth=5)
+        latched = Qos(latched=True, depth=1)
+        self._points = node.advertise("~/points", "sensor_msgs/msg/PointCloud2", latched)
+        self._parts = node.advertise("~/parts", "visualization_msgs/msg/MarkerArray", latched)
+        node.subscribe(info_topic(parameters.depth), "sensor_msgs/msg/CameraInfo", self._describe, sensor)
+        node.subscribe(parameters.pose, "geometry_msgs/msg/PoseStamped", self._place, sensor)
+        node.subscribe(parameters.depth, "sensor_msgs/msg/Image", self._take, sensor)
+        host.offer("~/complete", self.complete)
+
+    def _describe(self, received: Received) -> None:
+        self._camera = camera_from_message(received.message, info_topic(self.parameters.depth))
+
+    def _place(self, received: Received) -> None:
+        stamp, pose = received.message.header, received.message.pose
+        place, turn = pose.position, pose.orientation
+        posed = Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [place.x, place.y, place.z])
+        with self._lock:
+            self._poses.append((_seconds(stamp), stamp.frame_id, posed))
+
+    def _take(self, received: Received) -> None:
+        t_s, camera = _seconds(received.message.header), self._camera
+        if not self.host.active.is_set() or camera is None:
+            return
+        with self._lock:
+            if self._views and t_s - self._views[-1].t_s < self.parameters.pause_s:
+                return
+            near = min(self._poses, key=lambda posed: abs(posed[0] - t_s), default=None)
+            if near is None or abs(near[0] - t_s) > self.parameters.match_s:
+                self._missed += 1
+                return
+            depth_m = decode_depth(received.message, self.parameters.depth)
+            self._views.append(DepthFrame(t_s, depth_m, None, near[2], camera, len(self._views)))
+
+    def complete(self) -> Mapping[str, Any]:
+        """Transparent parts in the views so far, published and as the answer.
+
+        Raises
+        ------
+        DeviceError
+            Too few views with a pose have come.
+        """
+        with self._lock:
+            views, frame = list(self._views), self._poses[-1][1] if self._poses else ""
+        if len(views) < 3:
+            topics = (
+                f"{self.parameters.depth}, {info_topic(self.parameters.depth)} and {self.parameters.pose}"
+            )
+            raise DeviceError(f"{len(views)} views with a pose, expected 3 or more; check {topics}")
+        grid = space_of_interest(views, voxel_m=self.parameters.voxel_m)
+        found = reconstruct(views, grid=grid, noise=self._noise)
+        t_s = self.host.node.now_s()
+        columns = [(axis, "float32", found.points_m[:, place]) for place, axis in enumerate("xyz")]
+        cloud = messages.cloud(t_s, frame, [*columns, ("score", "float32", found.scores)])
+        self._points.publish(cloud)
+        labels = [
+            text_marker(t_s, frame, "transparent", number, region.centroid_m, f"{region.score:.2f}")
+            for number, region in enumerate(found.regions)
+        ]
+        self._parts.publish({"markers": labels})
+        parts = [
+            {"centroid_m": region.centroid_m, "size_m": region.size_m, "score": region.score}
+            for region in found.regions
+        ]
+        return {"parts": parts, "views": found.search.compared, "reason": found.search.text}
+
+    def status(self) -> Status:
+        return Status(True, "ok", {"views": len(self._views), "without_pose": self._missed})
+
+
+def _seconds(header: Any) -> float:
+    return float(header.stamp.sec + 1e-9 * header.stamp.nanosec)

@@ -1,0 +1,264 @@
+"""Driving to a goal among movable objects as a node: the action of Nav2's navigator, through ``cmd_vel``."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from ...core.errors import DeviceError, StaleFrameError, VisuohapticError
+from ...io.maps.occupancy_map import OccupancyMap
+from ...navigation.problem.objects_file import load_objects, load_passages, load_robot
+from ...navigation.problem.planning_problem import PlanningProblem
+from ...tasks.mobile.travel.navigate import Travel, travel
+from ..latest import LatestMessage
+from ..robots.mobile_base import RosBase
+from ..transports.topic_node import Received, TopicNode
+from ..wire.graph import Qos
+from .component import Component, Host, Status
+from .parameters import NodeParameters
+
+__all__ = ["TravelNode", "TravelParameters"]
+
+
+class TravelParameters(NodeParameters):
+    """Of the node travel."""
+
+    robot: str = Field("", min_length=1, description="robot.yaml: radius, speeds, pushing force")
+    objects: str = Field("", description="objects.yaml: movable objects and passages; empty for none")
+    map: str = Field("map", description="topic of nav_msgs/OccupancyGrid, latched")
+    pose: str = Field(
+        "amcl_pose",
+        description="topic of PoseWithCovarianceStamped in the map; empty: odometry is of the map",
+    )
+    odometry: str = Field("odom", description="topic of nav_msgs/Odometry")
+    command: str = Field("cmd_vel", description="topic of geometry_msgs/Twist")
+    stamped_frame: str = Field("", description="send TwistStamped in this frame, as base_link; empty: Twist")
+    wrench: str = Field("foam/wrench", description="topic of WrenchStamped of the bumper, force along x")
+    seen: str = Field("seen", description="objects are seen on SEEN/ID: geometry_msgs/PoseStamped in the map")
+    action: str = Field("navigate_through_pushes", description="name of the action, nav2_msgs/NavigateToPose")
+    goal: str = Field("goal_pose", description="topic of geometry_msgs/PoseStamped, as RViz sends it")
+    max_speed_m_s: float = Field(0.5, gt=0.0, le=5.0, description="larger commands are an error [m/s]")
+    touch_N: float = Field(0.3, gt=0.0, le=100.0, description="a smaller force is no touch [N]")
+    max_age_s: float = Field(0.5, gt=0.0, le=10.0, description="older odometry and forces count as none [s]")
+
+
+class _CancelledError(VisuohapticError):
+    """The goal was taken back."""
+
+
+class _Senses:
+    """Localisation, bumper and sightings from topics."""
+
+    def __init__(
+        self, node: TopicNode, base: RosBase, chosen: TravelParameters, ids: tuple[str, ...]
+    ) -> None:
+        self._base, self._chosen = base, chosen
+        self.radius_m = 0.0
+        self._lock = threading.Lock()
+        self._map_odom = np.eye(3)
+        stamped = "geometry_msgs/msg/PoseStamped"
+        if chosen.pose:
+            pose = "geometry_msgs/msg/PoseWithCovarianceStamped"
+            node.subscribe(chosen.pose, pose, self._locate, Qos(latched=True, depth=1))
+        wrench = "geometry_msgs/msg/WrenchStamped"
+        self._wrench = LatestMessage(node, chosen.wrench, wrench, chosen.max_age_s)
+        self._seen = {id: LatestMessage(node, f"{chosen.seen}/{id}", stamped, chosen.max_age_s) for id in ids}
+        self._turned: dict[str, float] = {}
+        self.located = not chosen.pose
+
+    def _locate(self, received: Received) -> None:
+        """Where odometry begins in the map, from where the robot is in both."""
+        try:
+            state = self._base.state()
+        except StaleFrameError:
+            return
+        odom_base = _matrix(state.x_m, state.y_m, state.heading_rad)
+        with self._lock:
+            self._map_odom = _matrix(*_planar(received.message.pose.pose)) @ np.linalg.inv(odom_base)
+            self.located = True
+
+    def pose(self) -> tuple[float, float, float]:
+        state = self._base.state()
+        with self._lock:
+            here = self._map_odom @ _matrix(state.x_m, state.y_m, state.heading_rad)
+        return float(here[0, 2]), float(here[1, 2]), math.atan2(here[1, 0], here[0, 0])
+
+    def touch(self) -> tuple[float, tuple[float, float] | None]:
+        try:
+            force_N = abs(self._wrench.get(0.0).message.wrench.force.x)
+        except StaleFrameError:
+            return math.nan, None
+        if not force_N >= self._chosen.touch_N:
+            return (0.0 if force_N == force_N else math.nan), None
+        x, y, heading = self.pose()
+        return force_N, (x + self.radius_m * math.cos(heading), y + self.radius_m * math.sin(heading))
+
+    def look(self, id: str) -> tuple[float, float, float] | None:
+        try:
+            x, y, heading = _planar(self._seen[id].get(0.0).message.pose)
+        except (KeyError, StaleFrameError):
+            return None
+        begin = self._turned.setdefault(id, heading)
+        return x, y, math.remainder(heading - begin, 2.0 * math.pi)
+
+
+class TravelNode(Component):
+    """Drives to goals of the action or of the topic, pushing what is cheaper to push than to go round."""
+
+    summary = "drives to a goal among movable objects: NavigateToPose action and goal topic in, cmd_vel out"
+    parameter_model = TravelParameters
+
+    def __init__(self, host: Host, parameters: TravelParameters) -> None:
+        super().__init__(host, parameters)
+        node = host.node
+        self._robot = load_robot(Path(parameters.robot))
+        path = Path(parameters.objects) if parameters.objects else None
+        self._objects = () if path is None else load_objects(path)
+        self._passages = () if path is None else load_passages(path)
+        self._base = RosBase(
+            node,
+            command=parameters.command,
+            odometry=parameters.odometry,
+            stamped_frame=parameters.stamped_frame or None,
+            max_speed_m_s=parameters.max_speed_m_s,
+            max_age_s=parameters.max_age_s,
+        )
+        self._senses = _Senses(node, self._base, parameters, tuple(each.id for each in self._objects))
+        self._senses.radius_m = self._robot.radius_m
+        map_type = "nav_msgs/msg/OccupancyGrid"
+        self._map: Any = None
+        node.subscribe(parameters.map, map_type, self._charted, Qos(latched=True, depth=1))
+        self._told = Status(True, "no goal yet")
+        self._driving = threading.Lock()
+        self._cancel = threading.Event()
+        self._thread: threading.Thread | None = None
+        node.subscribe(parameters.goal, "geometry_msgs/msg/PoseStamped", self._goal)
+        host.offer("~/cancel", self._take_back)
+        host.act(parameters.action, "nav2_msgs/action/NavigateToPose", self.navigate)
+
+    def _charted(self, received: Received) -> None:
+        self._map = received.message
+
+    def _goal(self, received: Received) -> None:
+        if self.host.active.is_set() and not self._driving.locked():
+            self._cancel.clear()
+            goal = received.message
+            self._thread = threading.Thread(target=self._follow, args=(goal,), name="travel", daemon=True)
+            self._thread.start()
+
+    def _follow(self, goal: Any) -> None:
+        try:
+            self.drive(_planar(goal.pose)[:2], lambda remaining_m: None, self._cancel.is_set)
+        except VisuohapticError as error:
+            self._told = Status(False, str(error))
+
+    def _take_back(self) -> Mapping[str, Any]:
+        self._cancel.set()
+        return {"driving": self._driving.locked()}
+
+    def navigate(
+        self, goal: Any, tell: Callable[[Mapping[str, Any]], None], cancelled: Callable[[], bool]
+    ) -> bool:
+        """Carry out a ``NavigateToPose`` goal; returns whether the robot is there.
+
+        Parameters
+        ----------
+        goal
+            With ``pose``, a PoseStamped in the map.
+        tell
+            Called with the feedback's fields.
+        cancelled
+            Whether the goal was taken back.
+
+        Raises
+        ------
+        VisuohapticError
+            It was taken back, or the robot cannot be driven.
+        """
+        done = self.drive(
+            _planar(goal.pose.pose)[:2],
+            lambda remaining_m: tell({"distance_remaining": remaining_m}),
+            cancelled,
+        )
+        return done.arrived
+
+    def drive(
+        self, goal_m: tuple[float, float], tell: Callable[[float], None], cancelled: Callable[[], bool]
+    ) -> Travel:
+        """Drive to a place in the map.
+
+        Parameters
+        ----------
+        goal_m
+            x and y [m].
+        tell
+            Called about twice a second with the distance to it [m].
+        cancelled
+            Whether to stop.
+
+        Raises
+        ------
+        DeviceError
+            The robot drives already, or map, localisation or odometry have not come.
+        """
+        if not self._driving.acquire(blocking=False):
+            raise DeviceError("the robot drives to another goal; cancel that first")
+        try:
+            if self._map is None or not self._senses.located:
+                place = self.parameters.map if self._map is None else self.parameters.pose
+                raise DeviceError(
+                    f"nothing on {self.host.node.resolve(place)} yet; check that it is published"
+                )
+            grid = OccupancyMap.from_message(self._map, self.parameters.map)
+            start = np.array(self._senses.pose()[:2])
+            problem = PlanningProblem(
+                grid, self._robot, start, np.array(goal_m), self._objects, self._passages
+            )
+            self._told = Status(True, "driving")
+            periods = iter(range(10**9))
+
+            def wait(period_s: float) -> None:
+                if cancelled() or not self.host.active.is_set():
+                    raise _CancelledError("the goal was taken back")
+                if next(periods) % 25 == 0:
+                    x, y, _ = self._senses.pose()
+                    tell(math.hypot(goal_m[0] - x, goal_m[1] - y))
+                time.sleep(period_s)
+
+            done = travel(problem, self._base, self._senses, wait)
+            counts = {"pushes": done.pushes, "plans": done.plans, "length_m": done.length_m}
+            self._told = Status(done.arrived, done.outcome.value, counts)
+            return done
+        finally:
+            self._driving.release()
+
+    def status(self) -> Status:
+        return self._told
+
+    def deactivate(self) -> None:
+        self._cancel.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def close(self) -> None:
+        self.deactivate()
+        self._base.close()
+
+
+def _planar(pose: Any) -> tuple[float, float, float]:
+    """x, y [m] and heading [rad] of a pose, whatever its roll and pitch."""
+    turn = pose.orientation
+    heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+    return pose.position.x, pose.position.y, heading
+
+
+def _matrix(x_m: float, y_m: float, heading_rad: float) -> np.ndarray:
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    return np.array([[cos, -sin, x_m], [sin, cos, y_m], [0.0, 0.0, 1.0]])

@@ -1,0 +1,68 @@
+"""A template tracker behind the interface of a sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.measurement import Reason
+from ...io.sinks.measurement_sink import MeasurementSink
+from .beam_reader import write_templates
+from .sensor_reader import SensorReader, SensorReading
+
+if TYPE_CHECKING:
+    from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
+
+__all__ = ["TemplateReader"]
+
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+
+class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
+    """Poses of templates; the reason of a frame is that of the first template that was not seen.
+
+    Parameters
+    ----------
+    tracker
+        Its templates and camera; closed with the reader.
+    names
+        Of the templates, whose topics ``/template/NAME`` are written for every frame.
+    follow
+        Called with the poses of every frame.
+    """
+
+    kind = "template"
+
+    def __init__(
+        self,
+        tracker: TemplateTracker,
+        names: tuple[str, ...] = (),
+        follow: Callable[[tuple[TemplatePose, ...]], None] = lambda poses: None,
+    ) -> None:
+        super().__init__("template")
+        self._tracker, self._follow = tracker, follow
+        self.topics = {f"/template/{name}": _POSE for name in names}
+
+    @property
+    def camera(self) -> Camera:
+        """Model of the camera."""
+        return self._tracker.camera
+
+    def read(
+        self, frame: Frame, sink: MeasurementSink | None = None
+    ) -> SensorReading[tuple[TemplatePose, ...]]:
+        """Poses of all templates; writes those that were seen."""
+        poses = self._tracker.update(frame)
+        if sink is not None:
+            write_templates(sink, poses, self.camera)
+        self._follow(poses)
+        return SensorReading(poses, next((pose.reason for pose in poses if not pose.valid), Reason.OK))
+
+    def blank(self, t_s: float, sink: MeasurementSink) -> None:
+        """A template that is not seen has no pose, and its topic falls silent."""
+
+    def close(self) -> None:
+        """End the detector's thread."""
+        self._tracker.close()

@@ -1,0 +1,148 @@
+"""Bags in SQLite, written by the rosbags library, which shares no code with this one."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from visuohaptic.cli.main import main
+from visuohaptic.core import InputError
+from visuohaptic.io.frames import open_source
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.ros.sqlite_bag import SqliteBag, open_bag
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+typesys = pytest.importorskip("rosbags.typesys")
+pytest.importorskip("mcap_ros2")
+
+STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+TYPES = STORE.types
+IMAGES = np.random.default_rng(2).integers(0, 255, (3, 24, 32), dtype=np.uint8)
+
+
+def header(t_s: float, frame: str = "cam") -> Any:
+    stamp = TYPES["builtin_interfaces/msg/Time"](sec=int(t_s), nanosec=round(t_s % 1 * 1e9))
+    return TYPES["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+
+
+def vector(x: float) -> Any:
+    return TYPES["geometry_msgs/msg/Vector3"](x=x, y=2.0, z=float("nan"))
+
+
+def pose(x: float) -> Any:
+    turn = TYPES["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+    return TYPES["geometry_msgs/msg/Pose"](TYPES["geometry_msgs/msg/Point"](x=x, y=0.5, z=0.0), turn)
+
+
+def kinds() -> dict[str, Any]:
+    """One message of each of ten types that robots record."""
+    zero = np.zeros(36)
+    wrench = TYPES["geometry_msgs/msg/Wrench"](vector(1.5), vector(0.0))
+    twist = TYPES["geometry_msgs/msg/Twist"](vector(0.25), vector(0.0))
+    info = TYPES["nav_msgs/msg/MapMetaData"](header(1.0).stamp, 0.05, 3, 2, pose(1.0))
+    with_covariance = TYPES["geometry_msgs/msg/PoseWithCovariance"](pose(1.0), zero)
+    moving = TYPES["geometry_msgs/msg/TwistWithCovariance"](twist, zero)
+    values = [TYPES["diagnostic_msgs/msg/KeyValue"]("force_N", "1.5")]
+    status = TYPES["diagnostic_msgs/msg/DiagnosticStatus"](1, "foam", "stale", "f", values)
+    ranges = np.array([1.0, np.inf], np.float32)
+    return {
+        "std_msgs/msg/String": TYPES["std_msgs/msg/String"]("Größe"),
+        "geometry_msgs/msg/WrenchStamped": TYPES["geometry_msgs/msg/WrenchStamped"](header(1.0), wrench),
+        "geometry_msgs/msg/PoseStamped": TYPES["geometry_msgs/msg/PoseStamped"](header(1.0), pose(1.0)),
+        "geometry_msgs/msg/Twist": twist,
+        "geometry_msgs/msg/PoseWithCovarianceStamped": TYPES["geometry_msgs/msg/PoseWithCovarianceStamped"](
+            header(1.0), with_covariance
+        ),
+        "nav_msgs/msg/Odometry": TYPES["nav_msgs/msg/Odometry"](header(1.0), "base", with_covariance, moving),
+        "nav_msgs/msg/OccupancyGrid": TYPES["nav_msgs/msg/OccupancyGrid"](
+            header(1.0), info, np.array([0, 100, -1, 0, 0, 100], np.int8)
+        ),
+        "sensor_msgs/msg/LaserScan": TYPES["sensor_msgs/msg/LaserScan"](
+            header(1.0), 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 9.0, ranges, np.zeros(0, np.float32)
+        ),
+        "diagnostic_msgs/msg/DiagnosticArray": TYPES["diagnostic_msgs/msg/DiagnosticArray"](
+            header(1.0), [status]
+        ),
+        "sensor_msgs/msg/JointState": TYPES["sensor_msgs/msg/JointState"](
+            header(1.0), ["a"], np.ones(1), np.ones(1), np.ones(1)
+        ),
+    }
+
+
+def write(folder: Path, storage: Any, version: int) -> Path:
+    """A bag with every kind once, and three images."""
+    with rosbag2.Writer(folder, version=version, storage_plugin=storage) as bag:
+        for number, (name, message) in enumerate(kinds().items()):
+            link = bag.add_connection(f"/t{number}", name, typestore=STORE)
+            bag.write(link, 1_000_000_000 + number, STORE.serialize_cdr(message, name))
+        kind = "sensor_msgs/msg/Image"
+        link = bag.add_connection("/camera/image", kind, typestore=STORE)
+        for number, pixels in enumerate(IMAGES):
+            image = TYPES[kind](header(5.0 + number), 24, 32, "mono8", 0, 32, pixels.ravel())
+            bag.write(link, (5 + number) * 1_000_000_000, STORE.serialize_cdr(image, kind))
+    return folder
+
+
+STORAGES = [("SQLITE3", 8), ("SQLITE3", 9), ("MCAP", 9)]
+
+
+@pytest.fixture(params=STORAGES, ids=lambda each: f"{each[0]}-{each[1]}")
+def bag(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Version 8 has no definitions of its messages, version 9 has."""
+    name, version = request.param
+    return write(tmp_path / "bag", rosbag2.StoragePlugin[name], version)
+
+
+def test_ten_kinds_are_read_as_they_were_written(bag: Path) -> None:
+    file = open_bag(bag)
+    found = {message.datatype: file.decode(message) for message in file.messages() if message.topic[1] == "t"}
+    assert not file.damage
+    assert found.keys() == kinds().keys()
+    assert found["std_msgs/msg/String"].data == "Größe"
+    assert found["geometry_msgs/msg/WrenchStamped"].wrench.force.x == 1.5
+    assert np.isnan(found["geometry_msgs/msg/WrenchStamped"].wrench.force.z)
+    assert found["nav_msgs/msg/Odometry"].twist.twist.linear.x == 0.25
+    assert list(found["nav_msgs/msg/OccupancyGrid"].data) == [0, 100, -1, 0, 0, 100]
+    assert found["sensor_msgs/msg/LaserScan"].ranges[1] == np.inf
+    assert found["diagnostic_msgs/msg/DiagnosticArray"].status[0].values[0].key == "force_N"
+    assert found["sensor_msgs/msg/JointState"].name == ["a"]
+
+
+def test_its_images_are_frames_and_its_map_is_a_map(bag: Path) -> None:
+    with open_source(bag) as source:
+        frames = list(source)
+    assert [frame.t_s for frame in frames] == [5.0, 6.0, 7.0]
+    np.testing.assert_array_equal(np.stack([frame.image for frame in frames]), IMAGES)
+    grid = OccupancyMap.from_mcap(bag)
+    assert grid.cells.tolist() == [[0, 100, -1], [0, 0, 100]]
+
+
+def test_a_file_alone_and_a_topic_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3, 9)
+    (path,) = (tmp_path / "bag").glob("*.db3")
+    with open_source(f"{path}:/camera/image") as source:
+        assert source.frame_count == 3
+    assert main(["recording", "info", str(path)]) == 0
+    assert "/camera/image" in capsys.readouterr().out
+
+
+def test_a_damaged_bag_gives_what_is_whole(tmp_path: Path) -> None:
+    write(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3, 9)
+    (path,) = (tmp_path / "bag").glob("*.db3")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    file = SqliteBag(path)
+    list(file.messages())
+    assert file.damage
+    path.write_bytes(b"no database")
+    with pytest.raises(InputError, match="expected a bag in SQLite"):
+        open_bag(path)
+    with sqlite3.connect(tmp_path / "other.db3") as other:
+        other.execute("CREATE TABLE a (b)")
+    strange = SqliteBag(tmp_path / "other.db3")
+    assert list(strange.messages()) == []
+    assert "no such table" in str(strange.damage)
