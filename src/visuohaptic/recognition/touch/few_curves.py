@@ -36,6 +36,9 @@ WITHIN = (0.34, 0.15, 0.045, 0.047)
 ROUGH = 0.03
 #: Factors of it that are tried where several objects of a class were squeezed.
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: What classes differ by at each place by itself, as is tried: nothing in stiffness and in width of containers, whose opposite
+#: sides are alike; much where the fingers of a hand read what they like.
+PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
 #: What a simulated class is wrong by: walls and moduli are known to 10 % (k goes with E t^2), lengths to 3 %.
 TRANSFER = (0.22, 0.1, 0.03, 0.02)
 #: Width of a container, where none was measured [m].
@@ -81,6 +84,8 @@ def learn_from_curves(
         )
     mean, between = _population(list(read.values()), list((simulated or {}).values()))
     touched = {label: [read[one.name] for one in squeezed if one.label == label] for label in labels}
+    if simulated is None:
+        between = _by_place(mean, between, list(touched.values()))
     usual = _usual_within(mean, between, [objects for objects in touched.values() if len(objects) > 1])
     for label, objects in touched.items():
         prior = learned.get(label)
@@ -119,30 +124,54 @@ def _joint(
     return place, value, spread[np.ix_(place, place)] + alike * within[np.ix_(place, place)] + np.diag(noise)
 
 
+def _likelihood(
+    mean: Float[np.ndarray, "p"],
+    spread: Float[np.ndarray, "p p"],
+    within: Float[np.ndarray, "p p"],
+    classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
+) -> float:
+    """Log likelihood of all readings of some classes, but for a constant."""
+    total = 0.0
+    for objects in classes:
+        place, value, seen = _joint(spread, within, objects)
+        root = np.linalg.cholesky(seen)
+        white = np.linalg.solve(root, value - mean[place])
+        total -= 0.5 * float(white @ white) + float(np.log(np.diag(root)).sum())
+    return total
+
+
+def _container_within(stiff: float = 1.0, wide: float = 1.0) -> Float[np.ndarray, "p p"]:
+    """What objects of a class differ by, :data:`WITHIN` by two factors, in stiffness and in width."""
+    level, bend, size, shape = WITHIN
+    smooth = smooth_profile(stiff * level, stiff * bend, wide * size, wide * shape, reach=SMOOTH)
+    return smooth + ROUGH**2 * np.eye(len(smooth))
+
+
+def _by_place(
+    mean: Float[np.ndarray, "p"],
+    spread: Float[np.ndarray, "p p"],
+    classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
+) -> Float[np.ndarray, "p p"]:
+    """What classes differ by, with what they do at each place by itself: as makes all readings most probable."""
+    wide = np.arange(len(mean)) >= FIRST_WIDTH
+    tried = [
+        spread + np.diag(np.where(wide, across, along) ** 2) for along, across in product(PLACES, PLACES)
+    ]
+    within = _container_within()
+    return max(tried, key=lambda covariance: _likelihood(mean, covariance, within, classes))
+
+
 def _usual_within(
     mean: Float[np.ndarray, "p"],
     spread: Float[np.ndarray, "p p"],
     classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
 ) -> Float[np.ndarray, "p p"]:
-    """What objects of a class differ by, :data:`WITHIN` times what makes the readings of classes with several most probable."""
-
-    def within(stiff: float, wide: float) -> np.ndarray:
-        level, bend, size, shape = WITHIN
-        smooth = smooth_profile(stiff * level, stiff * bend, wide * size, wide * shape, reach=SMOOTH)
-        return smooth + ROUGH**2 * np.eye(len(smooth))
-
-    def likelihood(factors: tuple[float, float]) -> float:
-        total = 0.0
-        for objects in classes:
-            place, value, seen = _joint(spread, within(*factors), objects)
-            root = np.linalg.cholesky(seen)
-            white = np.linalg.solve(root, value - mean[place])
-            total -= 0.5 * float(white @ white) + float(np.log(np.diag(root)).sum())
-        return total
-
+    """What objects of a class differ by: as makes the readings of classes with several most probable."""
     if not classes:
-        return within(1.0, 1.0)
-    return _measured_within(within(*max(product(FACTORS, FACTORS), key=likelihood)), classes)
+        return _container_within()
+    tried = [_container_within(*factors) for factors in product(FACTORS, FACTORS)]
+    best = max(tried, key=lambda within: _likelihood(mean, spread, within, classes))
+    return _measured_within(best, classes)
 
 
 def _measured_within(

@@ -332,19 +332,25 @@ def _within(
 ) -> Float[np.ndarray, "k p p"]:
     """Covariance of each class, shrunk to their average (empirical Bayes with an inverse Wishart prior).
 
-    Every third object is left out in turn, and judged by the covariance of the others. Each class has a strength of its own:
-    one whose walls have few parameters does not bend as those of another with grooves do.
+    Every third object is left out in turn, and judged by the covariance of the others. A class has a strength of its own
+    where the criterion of Schwarz grants it one more parameter: one whose walls have few parameters does not bend as those of
+    another with grooves do.
     """
     turn = np.arange(len(number)) % 3
     score = np.zeros((len(STRENGTHS), int(number.max()) + 1))
     for fold in range(3):
+        kept = [away[(turn != fold) & (number == k)] for k in range(score.shape[1])]
+        middle = np.stack([rows.mean(axis=0) if len(rows) else np.zeros_like(own) for rows in kept])
+        moved = away - middle[number]
         for trial, strength in enumerate(STRENGTHS):
-            for k, covariance in enumerate(_shrunk(away[turn != fold], number[turn != fold], strength)):
-                root = np.linalg.cholesky(covariance + np.diag(own))
-                left = away[(turn == fold) & (number == k)]
+            for k, covariance in enumerate(_shrunk(moved[turn != fold], number[turn != fold], strength)):
+                # The mean of the others is as uncertain as one of them, by their number.
+                root = np.linalg.cholesky(covariance * (1 + 1 / max(len(kept[k]), 1)) + np.diag(own))
+                left = moved[(turn == fold) & (number == k)]
                 white = np.linalg.solve(root, left.T)
                 score[trial, k] -= 0.5 * (white**2).sum() + len(left) * np.log(np.diag(root)).sum()
     each = np.stack([_shrunk(away, number, strength) for strength in STRENGTHS])
+    score[score.sum(axis=1).argmax()] += 0.5 * np.log(away.size)
     out: np.ndarray = each[score.argmax(axis=0), np.arange(score.shape[1])]
     return out
 

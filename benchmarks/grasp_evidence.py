@@ -1,0 +1,150 @@
+"""Planned grasps lifted in a physics that is not the planner's: how many hold, and is the declared probability true?
+
+    python -m benchmarks.grasp_evidence --seeds open --count 50 --report out.json
+
+Containers of twelve kinds are described to the library, which plans the best grasp and its force; the piece that is lifted has
+a wall, a modulus, a fill and a friction of its own (``tests/worlds/lifts.py``). It holds if it comes along upright and its wall
+gives way by less than is allowed. The force has the factor of safety that is the library's default, and two smaller ones, with
+which a good forecaster must expect to fail. Odd seeds are closed. Stopped, a campaign goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.worlds.lifts import KINDS, LiftObject, lift, lift_object
+
+from visuohaptic.core.files import write_text
+from visuohaptic.core.objects import StiffnessMap
+from visuohaptic.core.threads import one_blas_thread
+from visuohaptic.deformation.maps import object_map
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, mesh_container
+from visuohaptic.grasping import GraspTask, Handling, plan_grasps
+from visuohaptic.recognition import calibration_error
+
+from ._journal import Journal
+
+#: Factors of safety: the default first.
+SAFETY = (Handling().safety, 1.2, 1.0)
+
+
+def lift_row(
+    thing: LiftObject, container: ShellObject, surface: StiffnessMap, safety: float, *, confirm: bool = False
+) -> dict[str, Any]:
+    """The best grasp of a container, and what became of it."""
+    task = GraspTask(closed=thing.fill > 0, fill=thing.fill, handling=Handling(safety=safety))
+    plan = plan_grasps(container, task, count=1, confirm=confirm, surface=surface)
+    row: dict[str, Any] = {"kind": thing.kind, "fill": thing.fill, "safety": safety, "reason": plan.reason}
+    if not plan.grasps:
+        return row | {"declared": 0.0, "success": False}
+    best = plan.grasps[0]
+    height = float(best.first_m[2])
+    lifted, give = lift(thing, height, best.force_N), thing.give_m(height, best.force_N)
+    assert best.approach is not None  # a grasp without a free way is none
+    return row | {
+        "declared": best.success,
+        "success": bool(lifted.held and give < task.parameters.max_deformation_m),
+        "height_m": height,
+        "force_N": best.force_N,
+        "from_above": bool(best.approach.elevation_rad > np.pi / 4),
+        "slip_m": lifted.slip_m,
+        "turn_rad": lifted.turn_rad,
+        "give_m": give,
+    }
+
+
+@one_blas_thread()
+def campaign(
+    chosen: Sequence[int],
+    journal: Path | None = None,
+    *,
+    factors: Sequence[float] = SAFETY,
+    confirm: bool = False,
+) -> list[dict[str, Any]]:
+    """Rows of some seeds, with each factor of safety; those in the journal are not measured again."""
+    done = Journal(journal, {"campaign": "grasp lifts", "confirm": confirm})
+    rows = []
+    for seed in chosen:
+        keys = {safety: f"{seed} {safety:g}" for safety in factors}
+        missing = [safety for safety in factors if keys[safety] not in done]
+        if missing:
+            thing = lift_object(seed)
+            described = ContainerDescription.model_validate({"name": thing.kind, **thing.described})
+            container = mesh_container(described)
+            surface = object_map(container, Contents(fill=thing.fill) if thing.fill else None)
+            for safety in missing:
+                done.put(keys[safety], lift_row(thing, container, surface, safety, confirm=confirm))
+        rows += [{"seed": seed, **done.rows[key]} for key in keys.values()]
+        print(f"lifts: seed {seed}", flush=True)
+    return rows
+
+
+def figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Fraction that holds, and how far the declared probability is from it."""
+    out: list[dict[str, Any]] = []
+    for safety in SAFETY:
+        some = [row for row in rows if row["safety"] == safety]
+        if not some:
+            continue
+        success = np.array([row["success"] for row in some], dtype=float)
+        declared = np.array([row["declared"] for row in some])
+        wrong = ", ".join(
+            f"{row['kind']} {row['fill']:g} {row['reason'] or 'slips' if row.get('slip_m', 1) > 0.01 else 'gives way'}"
+            for row in some
+            if not row["success"]
+        )
+        above = sum(bool(row.get("from_above")) for row in some)
+        default = safety == SAFETY[0]
+        label = f"lifts, safety {safety:g}"
+        out += [
+            {"name": f"{label}: held", "ours": float(success.mean()), "unit": "1", "floor": 0.9 if default else None,
+             "aim": 0.97 if default else None,
+             "note": f"{len(some)} containers of {len({row['kind'] for row in some})} kinds, {above} from above; "
+             f"failed: {wrong or 'none'}"},
+            {"name": f"{label}: expected calibration error", "ours": calibration_error(declared, success), "unit": "1",
+             "floor": 0.08 if default else None, "aim": 0.04 if default else None, "higher_is_better": False,
+             "note": f"declared {declared.mean():.3f} on average"},
+        ]  # fmt: skip
+    return out
+
+
+def run() -> list[dict[str, Any]]:
+    """A slice: one container of each kind."""
+    return figures(campaign(range(0, 2 * len(KINDS), 2)))
+
+
+def main() -> None:
+    """Run the campaign."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.grasp_evidence",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
+    parser.add_argument("--count", type=int, default=50, help="number of containers")
+    parser.add_argument(
+        "--factors", type=float, nargs="+", choices=SAFETY, default=SAFETY, help="factors of safety"
+    )
+    parser.add_argument("--confirm", action="store_true", help="with the nonlinear simulation of each grasp")
+    parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
+    arguments = parser.parse_args()
+    journal = arguments.report and arguments.report.with_name(
+        f"{arguments.report.stem}_{arguments.seeds}.jsonl"
+    )
+    chosen = [2 * k + (arguments.seeds == "closed") for k in range(arguments.count)]
+    rows = campaign(chosen, journal, factors=arguments.factors, confirm=arguments.confirm)
+    found = figures(rows)
+    for row in found:
+        print(f"{row['name']:45s} {row['ours']:7.3f}  floor {row['floor']}  aim {row['aim']}  {row['note']}")
+    if arguments.report:
+        write_text(arguments.report, json.dumps({"rows": rows, "figures": found}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
