@@ -50,7 +50,21 @@ def image_evidence(
     unary: Float[np.ndarray, "K 4"],
     against: Float[np.ndarray, "K 6"],
 ) -> None:
-    """Log-likelihoods of the pixels on both sides of each edge; changes ``unary`` and ``against``."""
+    """Log-likelihoods of the pixels on both sides of each edge.
+
+    Parameters
+    ----------
+    strip, zero
+        What this image shows, and the strip at rest.
+    rest_px
+        Place of the resting front along each line [px].
+    seen, deflected
+        Points with an edge, and those of them whose edge has moved.
+    unary
+        Log-likelihood of foam, shadow, occluder and nothing; set.
+    against
+        Log-odds against foam by kind of evidence; the first two, texture and shadow, are set.
+    """
     step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
     front = np.where(seen, strip.front.position_px, rest_px) / step
     resting = rest_px / step
