@@ -242,6 +242,7 @@ def _each_disturbance(seeds: list[int]) -> list[tuple[str, Callable[[], foam.Seq
 #: By name: keys with makers of sequences, and figures of the rows.
 CAMPAIGNS: dict[str, tuple[Callable, Callable]] = {
     "shadows": (_each(foam.shadows), shadow_figures),
+    "pincers": (_each(foam.pincers), shadow_figures),
     "disturbances": (_each_disturbance, disturbance_figures),
     "force": (_each(forces), force_figures),
     "faults": (_each(faulty), fault_figures),

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.sensing import contacts
+from tests.worlds.foam_mechanics import Foam, bar, press
 
 from visuohaptic.core import InputError, Primitive, PrimitiveKind
 from visuohaptic.sensing.push import (
@@ -16,7 +17,7 @@ from visuohaptic.sensing.push import (
     primitive_distance_m,
     score_primitive,
 )
-from visuohaptic.sensing.push._primitive_kernels import BENT, ROUND, STRAIGHT, contact_profile
+from visuohaptic.sensing.push._primitive_kernels import BENT, EDGE_M, ROUND, STRAIGHT, contact_profile
 
 
 def test_the_algebraic_circle_is_exact_without_noise() -> None:
@@ -65,21 +66,24 @@ def _twin(family: int, theta: np.ndarray, scale: float, u: np.ndarray) -> np.nda
     result = np.full_like(grid, np.nan)
     result[deepest] = shape[deepest]
     for side, log_slope in ((-1, theta[-3]), (1, theta[-2])):
-        i, delta, free = deepest, shape[deepest], False
+        i, delta, free, apart = deepest, shape[deepest], False, (0.0, 0)
         while 0 <= i + side < len(grid):
+            if not free and shape[i + side] == -np.inf:  # a sharp tip: the foam drops beside it
+                apart = theta[4] * delta, i
+                delta, free = delta - apart[0], True
             follow = delta - step * np.exp(log_slope) * (max(delta, 0.0) / scale) ** q
             i += side
             free = free or shape[i] < follow
             delta = follow if free else shape[i]
-            result[i] = max(delta, 0.0)
+            result[i] = max(delta + apart[0] * np.exp(-abs(i - apart[1]) * step / EDGE_M), 0.0)
     return np.interp(u, grid, result)
 
 
 @pytest.mark.parametrize(
     ("family", "shape"),
     [
-        (STRAIGHT, [0.004, 0.05, -1e3, 1e3]),
-        (STRAIGHT, [0.004, 0.02, -0.021, 0.0134]),
+        (STRAIGHT, [0.004, 0.05, -1e3, 1e3, 0.3]),
+        (STRAIGHT, [0.004, 0.02, -0.021, 0.0134, 0.3]),
         (ROUND, [0.004, 0.005, np.log(0.03)]),
         (BENT, [0.003, 0.005, 0.3, 0.2]),
         (BENT, [0.003, 0.005, 9.0, 0.1]),
@@ -178,8 +182,37 @@ def test_a_continuum_foam_is_read_as_well(data: Path, name: str, kind: str) -> N
             assert error < max(0.03 * 0.06, 3 * sigma), f"at {depth} m"
             assert sigma < (0.010 if depth < 0.0015 else 0.003)
         if kind == "segment":
-            # The contour is vertical at the edge, between two points 3 mm apart.
-            assert abs(fit.best.parameters[3] - fit.best.parameters[1]) == pytest.approx(0.04, abs=0.006)
+            ends = np.sort(fit.best.parameters[[1, 3]])
+            sigma = np.sqrt(np.diag(fit.best.covariance)[[1, 3]])
+            assert np.all(np.abs(ends - [-0.02, 0.02]) < np.maximum(1e-3, 2.5 * sigma)), f"at {depth} m"
+
+
+def test_a_sharp_edge_is_found_where_the_foam_drops() -> None:
+    """A plate with edges of 0.8 mm in a continuum foam, points 3 mm apart in any phase."""
+    half, noise = 0.02, 2e-5
+    spans = [(e - 0.004, e + 0.004) for e in (-half, half)]
+    state = press(
+        Foam(length_m=0.12),
+        bar(half - 0.0008, 0.0008),
+        np.array([0.002]),
+        spans_m=spans,
+        fine_m=5e-4,
+        layers=4,
+    )[-1]
+    rng, errors, declared = np.random.default_rng(4), [], []
+    for phase in np.arange(6) / 6:
+        y = np.arange(-0.0555 + 0.003 * phase, 0.0555, 0.003)
+        delta = np.interp(y, state.y_m, state.delta_m) + noise * rng.standard_normal(len(y))
+        keep = delta > 1e-4
+        points = np.column_stack([0.02 - delta, y])[keep]
+        best = fit_primitive(points, np.full(len(points), noise), delta_m=delta[keep]).best
+        assert best is not None
+        assert best.kind == "segment"
+        errors += list(np.sort(best.parameters[[1, 3]]) - [-half, half])
+        declared += list(np.sqrt(np.diag(best.covariance)[[1, 3]]))
+    # A third of the distance of the points; what the drop of another edge would be is in the declared error.
+    assert np.abs(errors).max() < 1e-3
+    assert 3e-4 < np.median(declared) < 1.5e-3
 
 
 def test_the_score_is_equation_3_11() -> None:

@@ -15,7 +15,7 @@ from .foam_mechanics import Foam
 from .foam_optics import BAND, DISC, EDGE, WEDGE
 from .foam_scene import FRAME_S, Moment, World, shadow_row
 
-__all__ = ["SHADOW_FRAMES", "ZERO_FRAMES", "Cast", "Sequence", "Shot", "draw_world", "shadows"]
+__all__ = ["SHADOW_FRAMES", "ZERO_FRAMES", "Cast", "Sequence", "Shot", "draw_world", "pincers", "shadows"]
 
 #: Frames of the strip at rest, and of a shadow sequence.
 ZERO_FRAMES, SHADOW_FRAMES = 8, 18
@@ -105,6 +105,17 @@ def shadows(seed: int) -> Sequence:
     return sequence
 
 
+def pincers(seed: int) -> Sequence:
+    """Two soft shadows that creep over the strip, one after the other; nothing ever touches it."""
+    rng = np.random.default_rng([21, seed])
+    world = draw_world(seed)
+    casts = [Cast.drawn(world, rng, "creeping", soft=True) for _ in range(2)]
+    sequence = Sequence(world, {"onset": "creeping", **casts[0].about, "count": 2, "columns": world.columns})
+    for i in range(SHADOW_FRAMES):
+        sequence.add(i, Moment(shadows=[cast.row(i * FRAME_S) for cast in casts]))
+    return sequence
+
+
 @dataclass(slots=True)
 class Cast:
     """A shadow that moves along a line."""
@@ -122,7 +133,8 @@ class Cast:
     about: dict
 
     @classmethod
-    def drawn(cls, world: World, rng: np.random.Generator, onset: str) -> Cast:
+    def drawn(cls, world: World, rng: np.random.Generator, onset: str, *, soft: bool = False) -> Cast:
+        """A shadow of an onset of :func:`shadows`; a soft one has a penumbra of 5 px or more."""
         foam = world.foam
         shape = int(rng.choice([EDGE, BAND, DISC, WEDGE], p=[0.5, 0.2, 0.15, 0.15]))
         along = rng.random() < 1 / 3
@@ -132,6 +144,8 @@ class Cast:
             else float(rng.uniform(-np.pi, np.pi))
         )
         penumbra_px = 0.0 if rng.random() < 0.3 else float(np.exp(rng.uniform(np.log(0.5), np.log(40.0))))
+        if soft:
+            penumbra_px = float(np.exp(rng.uniform(np.log(5.0), np.log(40.0))))
         dark = float(rng.uniform(0.1, 0.6))
         half = float(np.exp(rng.uniform(np.log(0.003), np.log(0.06))))
         light = float(rng.uniform(-np.pi, np.pi))

@@ -256,3 +256,12 @@ def test_the_campaign_measures_what_the_sensor_says(tmp_path) -> None:
         "frames": [[True, "ok", f, 0.1, 0.0, 0.0, True, True] for f in (0.34, 0.36)],
     }
     assert foam_evidence.shadow_figures([row])[1]["ours"] == 1.0
+
+
+def test_two_soft_shadows_that_creep_along_the_front_press_nothing() -> None:
+    """A penumbra beside the front bends it by 1.4 mm, and the floor behind it is in another part of the shadow."""
+    sequence = foam.pincers(48)
+    del sequence.moments[7:]
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
+    phantom = np.nan_to_num(frames["force_N"]) > 3 * frames["sigma_N"] + foam_evidence.PHANTOM_N
+    assert not phantom.any()

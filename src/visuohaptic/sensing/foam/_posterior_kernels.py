@@ -10,11 +10,13 @@ import numpy as np
 from ...core.kernels import kernel
 
 #: Samples behind the edge in which the foam is compared with the zero, and beyond the resting front.
-BAND, AHEAD = 12, 6
+BAND, AHEAD = 12, 4
 #: Residuals are correlated over less than so many samples.
 LAGS = 10
 #: An edge is left out up to this many blurs from it.
 EDGE = 2.0
+#: A shadow's edge is as sharp as the lens, or softer by this factor or its square.
+SOFTNESS, SOFT = 3.0, 3
 #: Columns of the bands: samples, mean grey now, gain against the zero where it was and as if the foam was
 #: compressed; variance now, and covariance and variance of both predictions.
 COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
@@ -106,17 +108,17 @@ def _solve(normal, right, size):
 
 
 @kernel(nogil=True)
-def _fit(now, template, over, out, first, last, mean, transfer, size, after, solution, residual, texture):
+def _fit(now, template, over, out, first, last, mean, transfer, shaded, after, solution, residual, texture):
     """Least squares of light on the template and of what is beyond; the sum of squared residuals.
 
-    ``size`` 4: the template in one light up to the edge, in another beyond it up to the resting front, with a
-    linear change, then a floor. ``size`` 3: the template up to the edge, then a surface with a linear change.
+    ``shaded``: the template in one light up to the edge, in another beyond it up to the resting front, with a
+    linear change, then a floor with one. Else the template up to the edge, then a surface, both with a linear change.
     The sum is that of the samples of which more than ``after`` lies beyond the edge. Their residuals and the
     template's texture as fitted are filled in, zero elsewhere.
     """
-    normal = np.zeros((4, 4))
-    design = np.zeros(4)
-    for a in range(4):
+    normal = np.zeros((5, 5))
+    design = np.zeros(5)
+    for a in range(5):
         solution[a] = 0.0
     squares = 0.0
     for turn in range(2):
@@ -125,32 +127,46 @@ def _fit(now, template, over, out, first, last, mean, transfer, size, after, sol
                 value = float(now[lane, j])
                 foam = mean + transfer * (template[lane, j] - mean)
                 p1, p0, tau = over[lane, j], out[j], (j - first) / 20.0
-                if size == 4:
+                if shaded:
                     design[0] = foam * (1.0 - p1) * (1.0 - p0)
                     design[1] = foam * p1 * (1.0 - p0)
                     design[2] = design[1] * tau
                     design[3] = 100.0 * p0
+                    design[4] = design[3] * tau
                 else:
                     design[0] = foam * (1.0 - p1)
                     design[1] = 100.0 * p1
                     design[2] = 100.0 * p1 * tau
+                    design[3] = design[0] * tau
+                    design[4] = 0.0
                 if turn == 0:
-                    for a in range(size):
+                    for a in range(5):
                         solution[a] += design[a] * value
                         for b in range(a + 1):
                             normal[a, b] += design[a] * design[b]
                     continue
                 residual[lane, j], texture[lane, j] = 0.0, 0.0
                 if p1 > after:
-                    for a in range(size):
+                    for a in range(5):
                         value -= solution[a] * design[a]
                     squares += value * value
                     light = solution[0] * (1.0 - p1) + (solution[1] + solution[2] * tau) * p1
                     residual[lane, j] = value
                     texture[lane, j] = light * (foam - mean) * (1.0 - p0)
         if turn == 0:
-            _solve(normal, solution, size)
+            _solve(normal, solution, 5 if shaded else 4)
     return squares
+
+
+@kernel(nogil=True)
+def _ramp(over, at, slope, width, first, last):
+    """Fill the part of the samples that lies beyond an edge of a width."""
+    lanes = over.shape[0]
+    scale = 1.0 / (math.sqrt(2.0) * width)
+    for lane in range(lanes):
+        x1 = at + (lane - 0.5 * (lanes - 1)) * slope
+        for j in range(first, last + 1):
+            over[lane, j] = 0.5 * math.erfc((x1 - j) * scale)
 
 
 @kernel(nogil=True)
@@ -216,15 +232,15 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
     over = np.zeros((parallels, samples))
     out = np.zeros(samples)
     template = np.zeros((parallels, samples))
-    solution = np.zeros(4)
-    other = np.zeros(4)
+    solution = np.zeros(5)
+    other = np.zeros(5)
     left, texture = np.zeros((parallels, samples)), np.zeros((parallels, samples))
     scale = 1.0 / (math.sqrt(2.0) * blur)
     for k in range(len(front)):
         for i in range(7):
             result[k, i] = np.nan
         x0 = resting[k]
-        first = max(int(min(front[k], x0) - EDGE * blur - 2.0), 0)
+        first = max(int(min(front[k], x0) - EDGE * SOFTNESS * blur - 2.0), 0)
         last = min(int(x0 + EDGE * blur) + AHEAD, samples - 1)
         edge = int(x0 - max(EDGE, 2.5) * blur)  # the template is foam up to here
         if not tested[k] or edge < 4 or last - first < 6:
@@ -239,16 +255,26 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
         for j in range(first, last + 1):
             out[j] = 0.5 * math.erfc((x0 - j) * scale)
         for lane in range(parallels):
-            x1 = front[k] + (lane - 0.5 * (parallels - 1)) * slope[k]
             for j in range(first, last + 1):
                 template[lane, j] = rest[k, lane, j] if j <= edge else mean
-                over[lane, j] = 0.5 * math.erfc((x1 - j) * scale)
+        _ramp(over, front[k], slope[k], blur, first, last)
         count = parallels * (last + 1 - first)
         result[k, 4] = beyond / (3.0 * parallels)
         if x0 - front[k] > 2.0 * EDGE * blur:
-            without = _fit(now[k], template, over, out, first, last, mean, 0.0, 4, 0.5, other, left, texture)
+            best, place, width = 1e300, front[k], blur
+            for i in range(SOFT):
+                _ramp(over, front[k], slope[k], SOFTNESS**i * blur, first, last)
+                fit = _fit(
+                    now[k], template, over, out, first, last, mean, transfer, True, -1.0, other, left, texture
+                )
+                if fit < best:
+                    best, width = fit, SOFTNESS**i * blur
+            _ramp(over, place, slope[k], width, first, last)
+            without = _fit(
+                now[k], template, over, out, first, last, mean, 0.0, True, 0.5, other, left, texture
+            )
             with_texture = _fit(
-                now[k], template, over, out, first, last, mean, transfer, 4, 0.5, solution, left, texture
+                now[k], template, over, out, first, last, mean, transfer, True, 0.5, solution, left, texture
             )
             count = 0
             for lane in range(parallels):
@@ -259,20 +285,33 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
             result[k, 6] = _dependence(left, texture, first, last)
             middle = 0.5 * (front[k] + x0)
             result[k, 2] = mean * (solution[1] + solution[2] * (middle - first) / 20.0)
-            result[k, 3] = 100.0 * solution[3]
+            result[k, 3] = 100.0 * (solution[3] + solution[4] * (x0 - first) / 20.0)
             result[k, 5] = with_texture / (max(count, 1) * variance)
         else:
             single = _fit(
-                now[k], template, over, out, first, last, mean, transfer, 3, -1.0, solution, left, texture
+                now[k], template, over, out, first, last, mean, transfer, False, -1.0, solution, left, texture
             )
             best = 1e300
-            for i in range(3):
-                x1 = x0 - (1.5 + 1.5 * i) * blur
-                for lane in range(parallels):
-                    for j in range(first, last + 1):
-                        over[lane, j] = 0.5 * math.erfc((x1 - j) * scale)
-                double = _fit(
-                    now[k], template, over, out, first, last, mean, transfer, 4, -1.0, other, left, texture
-                )
-                best = min(best, double)
+            for i in range(SOFT):
+                width = SOFTNESS**i * blur
+                for m in range(3):
+                    # A hard edge is seen apart from the front where it lies before it, a soft one anywhere.
+                    away = 1.5 + 1.5 * m if i == 0 else 1.5 * (m - 1)
+                    _ramp(over, x0 - away * width, 0.0, width, first, last)
+                    double = _fit(
+                        now[k],
+                        template,
+                        over,
+                        out,
+                        first,
+                        last,
+                        mean,
+                        transfer,
+                        True,
+                        -1.0,
+                        other,
+                        left,
+                        texture,
+                    )
+                    best = min(best, double)
             result[k, 1] = 0.5 * (single - best) / max(variance, best / count) - math.log(count)

@@ -7,6 +7,7 @@ now and x0 at rest, the likelihoods of a frame are, each against the same for O,
     foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
     shadow    p(I | S) : I = light(t) Z(t) up to x0, then a floor;   p(I | F) : g Z up to x, then another surface
     place     p(x | F) : at rest, or anywhere that max_contact_speed reaches from where it was;  p(x | O) : anywhere
+    blur      p(b | F, pressed) : the lens's, and that of its own motion;  p(b | O) : any, a shadow's edge has no lens
     steepness p(x_k, x_k+1 | F, F) : free foam falls off over DECAY_PER_WIDTH w or more (a free end has no slope)
     crossing  p(x_k, x_k+1 | F, O) : an occluder crosses the foam's edge at any angle;  p(... | F, F) : one edge goes on
     edge      p(no edge | F) = 0
@@ -23,22 +24,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
 from ...tracking.contours.contour import PIXEL_PX
-from ._chain_kernels import FOAM, NOTHING, OCCLUDER, SHADOW, join
-from ._posterior_kernels import (
-    COUNT,
-    COV_PRESSED,
-    COV_REST,
-    GAIN_PRESSED,
-    GAIN_REST,
-    OWN,
-    VAR_PRESSED,
-    VAR_REST,
-    foam_bands,
-    shadow_odds,
-)
+from ._chain_kernels import FOAM, NOTHING, SHADOW, join
+from .pixel_evidence import ALIKE, MAX_ODDS, image_evidence
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
@@ -57,24 +47,17 @@ PERSISTENCE_S = 0.3
 #: Log-probability to enter F, S, O and N from another state at the next point: one strip in a hundred has an
 #: occluder or a shadow's edge, one point in a hundred is not seen, and any of them is some twenty points long.
 _ENTER = np.log([0.05, 0.01, 0.01, 0.01])
-#: Texture that goes with the foam, stays, or is not that of the zero.
-_MOVED, _FIXED, _OTHER = np.log([0.6, 0.3, 0.1])
-#: Pixels of a band are not independent: lens, interpolation and JPEG leave half of them.
-_INDEPENDENT = 0.5
-#: Two surfaces have the same grey within this part of it, and neighbours share their surfaces: five are one.
-_SAME_GREY, _ALIKE = 0.03, 0.2
-#: An edge of a body is within a pixel of a given place: two edges on some forty pixels.
-_BY_CHANCE = 0.05
-#: Mean squared residual of the zero in another light, in variances of the foam, at the most.
-_MISFIT = 3.0
+#: A contact begins in one frame of a hundred, at the most.
+_ONSET = 0.01
 #: Clean steps are few among the edges of other things, and seldom missing among those of foam, at kinks.
 _UNCLEAN = math.log(0.07 / 0.33)
 #: Standard deviation of the front under a shadow's edge [px]: where the pixels of foam end.
 REST_PX = 0.5
-#: Largest log-odds of one point by its pixels: a speck must not decide alone.
-_MAX_ODDS = 12.0
 #: Names of what may speak, in the order of :attr:`EdgeStates.against`.
-_CHANNELS = ("texture", "shadow", "speed", "steepness", "no edge")
+_CHANNELS = ("texture", "shadow", "speed", "steepness", "no edge", "blur")
+#: Scale of the logarithm of a foam edge's blur by the lens's (Laplace: 0.08 at 16 and 84 %, 0.3 at 99 %, over 2,000
+#: edges in focus and out of it, moving and not), and range of that of any edge.
+_SAME_BLUR, _ANY_BLUR = 0.08, math.log(30.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +68,7 @@ class EdgeStates:
     #: Probability that all points from one to another are something else than they are taken for; one or two alone
     #: are bridged, and not counted.
     runs: Float[np.ndarray, "K K"]
-    against: Float[np.ndarray, "K 5"]  #: log-odds against foam of each kind of evidence
+    against: Float[np.ndarray, "K 6"]  #: log-odds against foam of each kind of evidence
 
     @property
     def foam(self) -> Bool[np.ndarray, "K"]:
@@ -133,6 +116,7 @@ class EdgePosterior:
         self._s, self._width, self._speed = np.ascontiguousarray(s_m, dtype=np.float64), width_m, speed_m_s
         self._trusted_m = np.full(len(s_m), np.nan)  # deflection of foam that was seen, and when
         self._since_s = np.full(len(s_m), np.nan)
+        self._pressed = np.zeros(len(s_m), dtype=bool)  # points of contacts that are established
         self._last: tuple[float, Float[np.ndarray, "K 4"]] | None = None
 
     def start(self, t_s: float) -> None:
@@ -170,16 +154,17 @@ class EdgePosterior:
         against = np.zeros((len(seen), len(_CHANNELS)))
         unary = np.zeros((len(seen), 4))
         if strip.stripe:
-            against[:, 1] = -_MAX_ODDS
+            against[:, 1] = -MAX_ODDS
         else:
-            _image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
-        unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -_MAX_ODDS)
+            image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
+        unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
         unary[:, FOAM] += np.where(strip.low_confidence, _UNCLEAN, 0.0)
+        against[:, 5] = self._blurred(strip, delta)
         unary[:, FOAM] += self._place(strip.t_s, delta, np.hypot(sigma, strip.common_sigma_m), against)
         against[~seen, :] = 0.0
-        against[~seen, 4] = _MAX_ODDS
+        against[~seen, 4] = MAX_ODDS
         unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
-        unary[seen, NOTHING] = -_MAX_ODDS
+        unary[seen, NOTHING] = -MAX_ODDS
         if self._last is not None:
             stay = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S)
             # Neighbours share what they were: a run of ten counts once.
@@ -190,6 +175,7 @@ class EdgePosterior:
         s_m, rest_m = self._s, REST_PX * strip.pixel_m
         join(unary, crossing, delta, sigma, rest_m, s_m, _ENTER, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
+        self._confirm(probability[:, FOAM], deflected, runs)
         states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
         self._trusted_m[calm], self._since_s[calm] = delta[calm], strip.t_s
@@ -200,7 +186,7 @@ class EdgePosterior:
         t_s: float,
         delta: Float[np.ndarray, "K"],
         sigma: Float[np.ndarray, "K"],
-        against: Float[np.ndarray, "K 5"],
+        against: Float[np.ndarray, "K 6"],
     ) -> Float[np.ndarray, "K"]:
         """Log-likelihood of the edges' places as foam, by that of an edge anywhere on the strip."""
         at_rest = self._width / (math.sqrt(2.0 * math.pi) * sigma) * np.exp(-0.5 * (delta / sigma) ** 2)
@@ -217,135 +203,33 @@ class EdgePosterior:
         step = 2.0 * (self._speed * np.where(known, waited, np.inf) + blunt)
         near = np.where(np.abs(delta - self._trusted_m) < 0.5 * step, self._width / step, 0.0)
         near = np.where(known, near, anywhere)
-        pressed = np.log(np.maximum(0.3 * anywhere + 0.7 * near, 0.3)) - fast - thick
+        pressed = np.log(np.maximum(0.3 * anywhere + 0.7 * near, 0.3)) - fast - thick - against[:, 5]
         against[:, 2] = np.clip(fast + thick, 0.0, 40.0)
         result: Float[np.ndarray, "K"] = np.clip(
             np.logaddexp(np.log(0.5 * at_rest + 1e-30), pressed), -40.0, 8.0
         )
         return result
 
+    def _confirm(
+        self, foam: Float[np.ndarray, "K"], deflected: Bool[np.ndarray, "K"], runs: Float[np.ndarray, "K K"]
+    ) -> None:
+        """Odds against contacts that begin: an edge that comes is as rare as a contact; changes ``runs``."""
+        grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
+        fresh = deflected & ~grown
+        runs[np.ix_(fresh, fresh)] = np.minimum(runs[np.ix_(fresh, fresh)] / _ONSET, 1.0)
+        self._pressed = (foam > 0.5) & deflected & (grown | (runs.diagonal() < FALSE_ALARM))
 
-def _image_evidence(
-    strip: ObservedStrip,
-    zero: ZeroReference,
-    rest_px: Float[np.ndarray, "K"],
-    seen: Bool[np.ndarray, "K"],
-    deflected: Bool[np.ndarray, "K"],
-    unary: Float[np.ndarray, "K 4"],
-    against: Float[np.ndarray, "K 5"],
-) -> None:
-    """Log-likelihoods of the pixels on both sides of each edge; changes ``unary`` and ``against``."""
-    step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
-    front = np.where(seen, strip.front.position_px, rest_px) / step
-    resting = rest_px / step
-    blur = float(np.hypot(strip.blur_px, PIXEL_PX) / np.median(step)) if np.isfinite(strip.blur_px) else 1.0
-    bands = np.empty((len(seen), 9))
-    slope = strip.front.slope * strip.across_px / step
-    foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, bands)
-    used = bands[:, COUNT] > 0.0
-    if used.sum() < 6:
-        return
-    b = bands[used]
-    pressed = np.abs(b[:, COV_PRESSED]) * b[:, VAR_REST] > np.abs(b[:, COV_REST]) * b[:, VAR_PRESSED]
-    cov, var = (
-        np.where(pressed, b[:, COV_PRESSED], b[:, COV_REST]),
-        np.where(pressed, b[:, VAR_PRESSED], b[:, VAR_REST]),
-    )
-    transfer = float(np.clip(np.median(cov) / max(float(np.median(var)), 1e-6), 0.0, 1.0))
-
-    def left(cov: Float[np.ndarray, "n"], var: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        return np.maximum(b[:, OWN] - 2.0 * transfer * cov + transfer**2 * var, 0.05)
-
-    moved, fixed = left(b[:, COV_PRESSED], b[:, VAR_PRESSED]), left(b[:, COV_REST], b[:, VAR_REST])
-    variance = float(np.median(np.minimum(moved, fixed)))
-    half = 0.5 * _INDEPENDENT * b[:, COUNT]
-    odds = [
-        np.clip(
-            half * (1.0 + np.log(np.maximum(b[:, OWN], 0.05) / variance) - rest / variance),
-            -_MAX_ODDS,
-            _MAX_ODDS,
+    def _blurred(self, strip: ObservedStrip, delta: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+        """Log-odds against a foam edge by its blur, which the base in the same image has but for its motion."""
+        lens = np.hypot(np.median(strip.reference.blur_px[strip.reference.valid]), PIXEL_PX)
+        # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
+        moved = np.nan_to_num(np.abs(delta - self._trusted_m) / strip.pixel_m) / math.sqrt(12.0)
+        excess = np.log(np.hypot(strip.front.blur_px, PIXEL_PX) / np.hypot(lens, moved))
+        foam = -np.maximum(np.nan_to_num(excess), 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
+        result: Float[np.ndarray, "K"] = ALIKE * (
+            np.logaddexp(math.log(0.5) + foam, -math.log(2.0 * _ANY_BLUR)) - foam
         )
-        for rest in (moved, fixed)
-    ]
-    foam = np.logaddexp(np.logaddexp(_MOVED + odds[0], _FIXED + odds[1]), _OTHER)
-    other = np.logaddexp(_FIXED + odds[1], np.log1p(-np.exp(_FIXED)))
-    # Why a texture is another one is the same for a run of points: where foam also turns, where it is worn.
-    foam = np.where(foam < other, other + _ALIKE * (foam - other), foam)
-    unary[used, FOAM], unary[used, OCCLUDER] = foam, other
-    unary[used, SHADOW] = np.logaddexp(np.log(0.9) + odds[1], _OTHER)
-    against[used, 0] = other - foam
-    places = _Places(front, resting, slope, blur)
-    gain = np.full(len(seen), np.nan)
-    gain[used] = np.where(moved < fixed, b[:, GAIN_PRESSED], b[:, GAIN_REST])
-    odds_shadow = _shadow_evidence(strip, zero, places, deflected & seen, gain, transfer, variance)
-    unary[:, SHADOW] += odds_shadow
-    against[:, 1] = odds_shadow
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Places:
-    """Edges in the rectified image; all in samples."""
-
-    front: Float[np.ndarray, "K"]
-    resting: Float[np.ndarray, "K"]
-    slope: Float[np.ndarray, "K"]  #: from one parallel to the next
-    blur: float  #: standard deviation
-
-
-def _shadow_evidence(
-    strip: ObservedStrip,
-    zero: ZeroReference,
-    at: _Places,
-    tested: Bool[np.ndarray, "K"],
-    gain: Float[np.ndarray, "K"],
-    transfer: float,
-    variance: float,
-) -> Float[np.ndarray, "K"]:
-    """Log-odds of a shadow's edge against a body's, by what lies between the edge and where it was at rest."""
-    found = np.empty((len(tested), 7))
-    shadow_odds(
-        strip.image, zero.image, at.front, at.resting, at.slope, at.blur, transfer, variance, tested, found
-    )
-    texture, near, between, beyond, floor, misfit, alike = found.T
-    # A point whose texture agrees by chance leaves residuals that look independent; its neighbours know better.
-    known = np.isfinite(alike)
-    texture[known] /= np.nanmedian(_around(alike)[known], axis=1)
-    light, foam = float(np.nanmedian(gain)), resting_grey(zero.image, at.resting)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        sigma = np.hypot(_SAME_GREY * light * foam, math.sqrt(variance))
-
-        def density(away: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-            return np.exp(-0.5 * (away / sigma) ** 2) / (2.5 * sigma)
-
-        shaded = (
-            0.4 * density(beyond - light * floor) + 0.4 * density(beyond - between / foam * floor) + 0.2 / 255
-        )
-        # A body's own edge lies just where the front was at rest by chance alone.
-        clean = misfit < _MISFIT
-        body = 0.6 * density(beyond - between) + 0.4 / 255 * np.where(clean, _BY_CHANCE, 1.0)
-        # What is not the zero in another light cannot show that its texture goes on.
-        texture = np.where(clean, texture, np.minimum(texture, 0.0))
-        levels = _ALIKE * np.log(shaded / body)
-    # A shadow's edge that crosses the strip changes the light from one point to some other beside it.
-    around = _around(np.log(np.maximum(gain, 1e-3)))
-    with np.errstate(invalid="ignore"):
-        change = np.fmax.reduce(around, axis=1) - np.fmin.reduce(around, axis=1)
-    lit = _ALIKE * np.clip(0.5 * (np.nan_to_num(change) / _SAME_GREY) ** 2 - 3.0, -3.0, 3.0)
-    odds_shadow = (
-        np.where(np.isfinite(near), lit, 0.0)
-        + np.nan_to_num(texture)
-        + np.nan_to_num(levels)
-        + np.nan_to_num(_INDEPENDENT * near)
-    )
-    result: Float[np.ndarray, "K"] = np.clip(odds_shadow, -_MAX_ODDS, _MAX_ODDS)
-    return result
-
-
-def _around(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
-    """A point with four to either side; NaN beyond the ends."""
-    padded = np.pad(values, 4, constant_values=np.nan)
-    result: Float[np.ndarray, "K 9"] = np.lib.stride_tricks.sliding_window_view(padded, 9)
-    return result
+        return result
 
 
 def edge_crossing(
@@ -379,21 +263,4 @@ def edge_crossing(
         result[1:, column] = np.log(
             np.minimum(1.0 / (math.pi * apart * (1.0 + (r / apart) ** 2)) / same, 1.0)
         )
-    return result
-
-
-def resting_grey(
-    image: UInt8[np.ndarray, "K parallels samples"], resting: Float[np.ndarray, "K"]
-) -> Float[np.ndarray, "K"]:
-    """Grey level of the foam before its front at rest.
-
-    Parameters
-    ----------
-    image
-        Strip at rest.
-    resting
-        Place of the front [samples].
-    """
-    stop = int(0.9 * resting.min())
-    result: Float[np.ndarray, "K"] = image[:, :, stop // 2 : stop].mean(axis=(1, 2))
     return result

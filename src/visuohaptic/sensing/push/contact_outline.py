@@ -26,14 +26,22 @@ from .outline_hypotheses import Hypothesis, Impression
 __all__ = ["FlankPrior", "OutlineFit", "fit_outline"]
 
 
+#: Foam bulges beyond its flanks: their law departs by its error of this part of the depth where they end.
+_BULGE = 0.15
+
+
 @dataclass(frozen=True, slots=True)
 class FlankPrior:
     """What is known of the foam's flanks before a contact is seen."""
 
     length_m: float = 0.007  #: deflection by slope where the flank begins
     log_length_sigma: float = 0.5  #: standard deviation of its logarithm
-    exponent: float = 0.4  #: n of the power law: 0 plateau, 1 linear
+    exponent: float = 0.9  #: n of the power law: 0 plateau, 1 linear
     exponent_sigma: float = 0.4
+    drop: float = (
+        0.38  #: by how much the foam drops at a tip, by the deflection: 0.35 sharp, 0.5 at a radius of 3 mm
+    )
+    drop_sigma: float = 0.07
     asymmetry_sigma: float = 0.08  #: left against right, of the logarithm
     error: float = 0.02  #: how far a real flank departs from the power law, by deflection
     contact_error: float = 0.001  #: how far the touched foam departs from the object, by deflection
@@ -63,13 +71,16 @@ class _Problem:
 
     def __init__(self, impression: Impression, hypothesis: Hypothesis, prior: FlankPrior) -> None:
         self.impression, self.hypothesis, self.prior = impression, hypothesis, prior
-        self.shape_count = {STRAIGHT: 4, ROUND: 3, BENT: 4}[hypothesis.family]
+        self.shape_count = {STRAIGHT: 5, ROUND: 3, BENT: 4}[hypothesis.family]
         self.count = self.shape_count + 3
-        self.free = np.array([*hypothesis.free, *range(self.shape_count, self.count)])
+        #: A straight outline with a tip, beside which the foam drops.
+        self.tipped = hypothesis.family == STRAIGHT and len(hypothesis.free) > 2
+        drop = (4,) if self.tipped else ()
+        self.free = np.array([*hypothesis.free, *drop, *range(self.shape_count, self.count)])
         steps = np.full(self.count, 1e-6)
         steps[self.shape_count :] = 1e-4
         if hypothesis.family == STRAIGHT:
-            steps[1] = 1e-5
+            steps[1], steps[4] = 1e-5, 1e-4
         elif hypothesis.family == ROUND:
             steps[2] = 1e-4
         else:
@@ -87,7 +98,8 @@ class _Problem:
         self.high = float(impression.u_m[-1] + impression.spacing_m)
 
     def start(self, shape: np.ndarray) -> np.ndarray:
-        return np.array([*shape, self.log_slope, self.log_slope, self.prior.exponent])
+        drop = (self.prior.drop,) if self.hypothesis.family == STRAIGHT else ()
+        return np.array([*shape, *drop, self.log_slope, self.log_slope, self.prior.exponent])
 
     def project(self, theta: np.ndarray) -> np.ndarray:
         """Keep the parameters where the kernel is defined."""
@@ -99,7 +111,11 @@ class _Problem:
         elif self.hypothesis.family == BENT:
             theta[0] = np.clip(theta[0], self.low, self.high)
             theta[2:4] = np.clip(theta[2:4], -0.6, 60.0)
-        elif 2 in self.hypothesis.free and 3 in self.hypothesis.free:
+        if self.tipped:
+            theta[4] = np.clip(theta[4], 0.0, 0.8)
+        if self.hypothesis.family != STRAIGHT:
+            return theta
+        if 2 in self.hypothesis.free and 3 in self.hypothesis.free:
             theta[2] = np.clip(theta[2], self.low, self.high)
             theta[3] = max(min(theta[3], self.high), theta[2] + self.prior.min_segment_m)
         elif 2 in self.hypothesis.free:
@@ -128,6 +144,9 @@ class _Problem:
         add({left: w, right: -w}, w * (theta[left] - theta[right]))
         w = 1.0 / p.exponent_sigma
         add({n: w}, w * (theta[n] - p.exponent))
+        if self.tipped:
+            w = 1.0 / p.drop_sigma
+            add({4: w}, w * (theta[4] - p.drop))
         if self.hypothesis.name == "corner":
             for index in (2, 3):  # edges of real corners: steeper than 10 degrees, weakly about 45
                 add({index: 0.3}, 0.3 * (theta[index] - 1.0))
@@ -144,9 +163,10 @@ class _Problem:
             self.hypothesis.family, theta, self.steps, data.rest, data.scale_m,
             self.low, self.high, data.u_m, self.delta, self.touched, self.jacobian, self.ends,
         )  # fmt: skip
-        error = np.where(self.touched, self.prior.contact_error, self.prior.error)
         # The error of the flank law is taken from the data, so that no model earns slack by being wrong.
-        sigma = np.hypot(data.sigma_m, error * np.maximum(data.delta_m, 0.0))
+        pressed = np.maximum(data.delta_m, 0.0)
+        flank = self.prior.error * (pressed + _BULGE * data.scale_m)
+        sigma = np.hypot(data.sigma_m, np.where(self.touched, self.prior.contact_error * pressed, flank))
         residual = (self.delta - data.delta_m) / sigma
         jacobian = self.jacobian / sigma[:, None]
         value, rows = self.soft(theta)
@@ -203,6 +223,12 @@ def fit_outline(
     small = np.linalg.pinv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)), hermitian=True)
     covariance = np.zeros((problem.count, problem.count))
     covariance[np.ix_(problem.free, problem.free)] = small
+    if problem.tipped:
+        # Along an exponential flank a tip farther out and a larger drop look the same; how much, the prior says.
+        kept, scale = 1.0 - theta[4], impression.scale_m
+        length = scale * kept ** (0.5 * (1.0 - theta[-1])) * np.exp(-np.mean(theta[-3:-1]))
+        for index in set(hypothesis.free) & {2, 3}:
+            covariance[index, index] += (prior.drop_sigma * length / kept) ** 2
     k = len(impression.u_m)
     touched = problem.touched.copy()
     return OutlineFit(

@@ -1,0 +1,56 @@
+"""The floors that make the evidence of obstacles, and a slice of their campaign."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.worlds import ground
+
+from benchmarks import scene_evidence
+
+
+@pytest.fixture(scope="module")
+def tiles() -> ground.Drive:
+    return ground.drive("tiles", 0, frames=4, box=True)
+
+
+def test_the_floor_moves_as_the_platform_does(tiles: ground.Drive) -> None:
+    """The same place of the floor has the same colour in two frames, found by the camera model of the library."""
+    world = ground.Drive(tiles.floor, tiles.poses, np.random.default_rng(0))
+    view = scene_evidence.floor_view()
+    poses = np.array([[0.0, 0.0, 0.0], [0.08, 0.01, 0.1]])
+    images = [world.image(pose, 0.0).astype(float) for pose in poses]
+    x, y = np.meshgrid(np.linspace(0.28, 0.45, 30), np.linspace(-0.1, 0.1, 30))
+    place = np.column_stack([x.ravel(), y.ravel()])
+    grey = []
+    for (px, py, theta), image in zip(poses, images, strict=True):
+        turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+        pixels = view.project((place - [px, py]) @ turn)
+        u, v = np.rint(pixels).astype(int).T
+        grey.append(image[v, u].mean(axis=1))
+    # Joints are a few pixels wide and half a pixel is rounded away: they still agree, and would not when 5 mm off.
+    assert np.corrcoef(grey)[0, 1] > 0.8
+
+
+def test_the_box_stands_where_it_is_said_to(tiles: ground.Drive) -> None:
+    assert tiles.box is not None
+    free = ground.Drive(tiles.floor, tiles.poses, np.random.default_rng(0))
+    changed = (
+        np.abs(tiles.image(tiles.poses[0], 0.0).astype(float) - free.image(tiles.poses[0], 0.0)).max(axis=2)
+        > 30
+    )
+    foot = scene_evidence.floor_view().project(tiles.box[:2] - tiles.poses[0, :2])
+    middle = changed[:, round(float(foot[0]))]
+    # One pixel of rounding and one of blur.
+    assert np.flatnonzero(middle).max() == pytest.approx(foot[1], abs=2.0)
+
+
+def test_a_slice_of_the_campaign_counts_alarms(tmp_path, monkeypatch, tiles: ground.Drive) -> None:
+    monkeypatch.setattr(ground, "drive", lambda *_, **__: tiles)
+    report = tmp_path / "scene.jsonl"
+    rows = scene_evidence.campaign(count=1, only="tiles:box", report=report)
+    assert len(rows[0]["frames"]) == 4
+    assert scene_evidence.campaign(count=1, only="tiles:box", report=report) == rows
+    made = {"floor": "grass", "kind": "free", "frames": [[0.2, None], [None, None]] * 30}
+    (line,) = scene_evidence.figures([made])
+    assert line.startswith("grass, free: 900 alarms a minute (30 of 60 frames")
