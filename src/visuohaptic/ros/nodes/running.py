@@ -9,7 +9,7 @@ from typing import Any
 from ...core.errors import VisuohapticError
 from ...core.resources import Closing
 from ...io.ros import ros_messages as messages
-from ..latest import Repeater
+from ...tasks.robots.repeater import Repeater
 from ..transports.topic_node import TopicNode
 from .component import Component, Host, Status
 from .parameters import checked
