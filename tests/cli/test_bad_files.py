@@ -62,7 +62,6 @@ COMMANDS = (
     "objects recognise --prior BAD.npz --cloud seen.ply",
     "ros bridge BAD.yaml",
     "ros launch BAD.launch.xml",
-    "ros node foam --transport zenoh --connect tcp/127.0.0.1:1 --param config:=BAD.yaml",
     "classify train --objects BAD --out tree.json",
     "classify train --objects BAD.npz --out tree.json",
     "classify train BAD.csv --out tree.json",

@@ -83,11 +83,6 @@ class Bridge(Closing):
         """
         return cls(BridgeConfig.load(path), Path(path).parent)
 
-    @property
-    def stopping(self) -> bool:
-        """Whether :meth:`stop` was called, or a sensor has failed."""
-        return self._stop.is_set()
-
     def _fail(self, error: BaseException) -> None:
         """A sensor cannot go on: all end, and :meth:`wait` raises its error."""
         self._problem = self._problem or error

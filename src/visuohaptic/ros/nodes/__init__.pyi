@@ -27,7 +27,7 @@ from .sensor_node import SceneNode as SceneNode
 from .sensor_node import SensorParameters as SensorParameters
 from .template_node import TemplateNode as TemplateNode
 from .template_node import TemplateParameters as TemplateParameters
-from .transparency_node import TransparencyNode as TransparencyNode
 from .transparency_node import TransparencyParameters as TransparencyParameters
+from .transparency_node import TransparentPartsNode as TransparentPartsNode
 from .travel_node import TravelNode as TravelNode
 from .travel_node import TravelParameters as TravelParameters

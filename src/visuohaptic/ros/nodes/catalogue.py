@@ -16,7 +16,7 @@ NODES: Mapping[str, tuple[str, str]] = {
     "beam": ("sensor_node", "BeamNode"),
     "scene": ("sensor_node", "SceneNode"),
     "template": ("template_node", "TemplateNode"),
-    "transparency": ("transparency_node", "TransparencyNode"),
+    "transparency": ("transparency_node", "TransparentPartsNode"),
     "plan": ("plan_node", "PlanNode"),
     "travel": ("travel_node", "TravelNode"),
     "classify": ("object_nodes", "ClassifyNode"),

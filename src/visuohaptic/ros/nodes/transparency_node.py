@@ -26,7 +26,7 @@ from ..wire.graph import Qos
 from .component import Component, Host, Status
 from .parameters import NodeParameters
 
-__all__ = ["TransparencyNode", "TransparencyParameters"]
+__all__ = ["TransparencyParameters", "TransparentPartsNode"]
 
 
 class TransparencyParameters(NodeParameters):
@@ -43,7 +43,7 @@ class TransparencyParameters(NodeParameters):
     voxel_m: float = Field(0.005, gt=0.0, lt=0.5, description="edge of a voxel [m]")
 
 
-class TransparencyNode(Component):
+class TransparentPartsNode(Component):
     """Keeps views while it is active; ``~/complete`` looks for what is transparent in them."""
 
     summary = "transparent objects: depth images and poses in, service complete, PointCloud2 and markers out"

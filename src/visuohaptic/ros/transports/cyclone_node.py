@@ -240,7 +240,13 @@ class CycloneNode(TopicNode):
         return undeclare
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
-        """As told by the others so far; endpoints whose node is not known have none."""
+        """As told by the others so far; endpoints whose node is not known have none.
+
+        Parameters
+        ----------
+        timeout_s
+            Not waited: what is known now is told.
+        """
         here = {sample.key.bytes for sample in _alive(self._participants)}
         newest = {}
         for sample in self._nodes.read(_MAX_TOLD):

@@ -186,7 +186,13 @@ class RclpyTopics(TopicNode):
         return self._closing[-1]
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
-        """As told by the middleware now; what it has not discovered yet is not there."""
+        """As told by the middleware now; what it has not discovered yet is not there.
+
+        Parameters
+        ----------
+        timeout_s
+            Not waited: what is known now is told.
+        """
         found = [
             self._entity(EntityKind.NODE, namespace, name)
             for name, namespace in self.inner.get_node_names_and_namespaces()

@@ -53,7 +53,15 @@ class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
     def read(
         self, frame: Frame, sink: MeasurementSink | None = None
     ) -> SensorReading[tuple[TemplatePose, ...]]:
-        """Poses of all templates; writes those that were seen."""
+        """Poses of all templates; writes those that were seen.
+
+        Parameters
+        ----------
+        frame
+            Newer than the one before.
+        sink
+            Where the poses are written.
+        """
         poses = self._tracker.update(frame)
         if sink is not None:
             write_templates(sink, poses, self.camera)
@@ -61,7 +69,15 @@ class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
         return SensorReading(poses, next((pose.reason for pose in poses if not pose.valid), Reason.OK))
 
     def blank(self, t_s: float, sink: MeasurementSink) -> None:
-        """A template that is not seen has no pose, and its topic falls silent."""
+        """A template that is not seen has no pose, and its topic falls silent.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        sink
+            Where nothing is written.
+        """
 
     def close(self) -> None:
         """End the detector's thread."""
