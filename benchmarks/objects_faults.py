@@ -1,4 +1,4 @@
-"""Databases under fire: writers that are killed, a disk that is full, eight writers at once (issue: database).
+"""Databases under fire: writers that are killed, a disk that is full, sixteen writers at once (issue: database).
 
 Nothing acknowledged may be lost, nothing may be half-written, and the integrity check must be clean.
 The disk is a small memory file system, which needs the right to mount one; without it that row is left out.
@@ -115,8 +115,8 @@ def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
     }
 
 
-def writers(folder: Path, processes: int = 8, objects: int = 40) -> dict[str, int]:
-    """Eight at once: objects of their own, and evidence on one that all share."""
+def writers(folder: Path, processes: int = 16, objects: int = 40) -> dict[str, int]:
+    """Many at once: objects of their own, and evidence on one that all share."""
     with open_database(folder):
         pass
 
@@ -207,7 +207,7 @@ def run(kill_count: int = 200, disk_count: int = 20) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     found = {
         f"{kill_count} x kill -9 during import": in_blocks("kills", kill_count, 20, some_kills),
-        "8 writers at once": kept("writers", some_writers),
+        "16 writers at once": kept("16 writers", some_writers),
         f"{disk_count} x full disk": in_blocks("disks", disk_count, 5, full_disk),
     }
     for case, result in found.items():

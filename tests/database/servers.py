@@ -5,12 +5,28 @@ from __future__ import annotations
 import os
 import pwd
 import shutil
+import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+
+def certificate(path: Path, key: Path) -> bool:
+    """A certificate of localhost, signed by itself; false without ``openssl``."""
+    tool = shutil.which("openssl")
+    if tool is None:
+        return False
+    subprocess.run(
+        [tool, "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2",
+         "-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost",
+         "-out", str(path), "-keyout", str(key)],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    key.chmod(0o600)
+    return True
 
 
 def postgres_url(factory: pytest.TempPathFactory) -> Iterator[str]:
@@ -22,7 +38,7 @@ def postgres_url(factory: pytest.TempPathFactory) -> Iterator[str]:
     tools = found[-1].parent
     # The path of a socket is limited to 107 characters: not below pytest's folder.
     folder = Path(tempfile.mkdtemp(prefix="vhpg"))
-    user = None
+    user, port = None, 0
     if os.geteuid() == 0:  # the server refuses to run as root
         user = "nobody"
         entry = pwd.getpwnam(user)
@@ -36,10 +52,18 @@ def postgres_url(factory: pytest.TempPathFactory) -> Iterator[str]:
     try:
         run(str(tools / "initdb"), "-D", str(folder / "data"), "-U", "robot", "-A", "trust", "-E", "UTF8")
         options = f"-k {folder} -c listen_addresses=''"
+        if certificate(folder / "server.pem", folder / "server.key"):
+            if user is not None:
+                os.chown(folder / "server.key", entry.pw_uid, entry.pw_gid)
+            with socket.socket() as probe:
+                probe.bind(("127.0.0.1", 0))
+                port = probe.getsockname()[1]
+            files = f"-c ssl_cert_file={folder}/server.pem -c ssl_key_file={folder}/server.key"
+            options = f"-k {folder} -p {port} -c listen_addresses=localhost -c ssl=on {files}"
         control = (str(tools / "pg_ctl"), "-D", str(folder / "data"), "-w")
         run(*control, "-l", str(folder / "log"), "-o", options, "start")
         try:
-            yield f"postgresql://robot@/postgres?host={folder}"
+            yield f"postgresql://robot@/postgres?{f'port={port}&' if port else ''}host={folder}"
         finally:
             run(*control, "-m", "immediate", "stop")
     finally:

@@ -32,7 +32,7 @@ from visuohaptic.database import (
     synchronise,
 )
 
-from .servers import postgres_url
+from .servers import certificate, postgres_url
 
 
 @pytest.fixture(scope="session")
@@ -250,3 +250,38 @@ def test_full_disk() -> None:
         pytest.skip("no right to mount a small disk")
     assert found["acknowledged"] > 0
     assert (found["lost"], found["problems"]) == (0, 0)
+
+
+def test_roles_of_a_server(server: str) -> None:
+    """As ``docs/objects.md`` grants them: a robot writes and changes no schema, a viewer reads."""
+    import psycopg
+
+    page = (Path(__file__).parents[2] / "docs" / "objects.md").read_text()
+    grants = page.partition("```sql\n")[2].partition("```")[0]
+    with open_database(server) as owner:
+        owner.add(make_object(1))
+        with psycopg.connect(server) as connection:
+            connection.execute(grants)
+        with open_database(server.replace("//robot@", "//robot7@")) as robot:
+            robot.add(make_object(2))
+            robot.remove("o0000002")
+        with open_database(server.replace("//robot@", "//desk@")) as viewer:
+            assert viewer.get("o0000001").id == "o0000001"
+            assert len(index_of(viewer, "stiffness")) >= 1
+            with pytest.raises(DatabaseError, match="permission denied"):
+                viewer.add(make_object(3))
+        assert "o0000003" not in owner
+
+
+def test_tls_is_verified(server: str, tmp_path: Path) -> None:
+    folder = Path(server.partition("host=")[2])
+    if not (folder / "server.pem").is_file():
+        pytest.skip("openssl is not installed: the server has no certificate")
+    port = (folder / "data" / "postmaster.pid").read_text().splitlines()[3]
+    address = f"postgresql://robot@localhost:{port}/postgres?sslmode=verify-full&sslrootcert="
+    with open_database(f"{address}{folder / 'server.pem'}") as db:
+        db.add(make_object(1))
+        assert "o0000001" in db
+    certificate(tmp_path / "other.pem", tmp_path / "other.key")
+    with pytest.raises(DatabaseError, match="certificate verify failed"):
+        open_database(f"{address}{tmp_path / 'other.pem'}")

@@ -215,18 +215,23 @@ def test_a_repeater_that_fails_says_so() -> None:
 def test_a_simulated_platform_keeps_the_contract(machine: Robot, ours: RosNode) -> None:
     """Five times as fast as real: its odometry has the simulation's time."""
     fast = 5.0
-    state, began = {"t": 0.0, "x": 0.0, "y": 0.0, "heading": 0.3}, time.monotonic()
+    simulated, began = {"t": 0.0, "x": 0.0, "y": 0.0, "heading": 0.3}, time.monotonic()
 
     def moved() -> dict:
         speed, turn = (machine.got[-1].linear.x, machine.got[-1].angular.z) if machine.got else (0.0, 0.0)
-        dt, state["t"] = fast * (time.monotonic() - began) - state["t"], fast * (time.monotonic() - began)
-        state["heading"] += dt * turn
-        state["x"] += dt * speed * math.cos(state["heading"])
-        state["y"] += dt * speed * math.sin(state["heading"])
-        pose = Pose.from_rotation_vector([0.0, 0.0, state["heading"]], [state["x"], state["y"], 0.0])
+        dt, simulated["t"] = (
+            fast * (time.monotonic() - began) - simulated["t"],
+            fast * (time.monotonic() - began),
+        )
+        simulated["heading"] += dt * turn
+        simulated["x"] += dt * speed * math.cos(simulated["heading"])
+        simulated["y"] += dt * speed * math.sin(simulated["heading"])
+        pose = Pose.from_rotation_vector(
+            [0.0, 0.0, simulated["heading"]], [simulated["x"], simulated["y"], 0.0]
+        )
         twist = {"linear": {"x": speed, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": turn}}
         return {
-            "header": messages.header(state["t"], "odom"),
+            "header": messages.header(simulated["t"], "odom"),
             "child_frame_id": "base_link",
             "pose": {"pose": messages.pose(pose), "covariance": COVARIANCE},
             "twist": {"twist": twist, "covariance": COVARIANCE},
