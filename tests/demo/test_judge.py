@@ -28,8 +28,8 @@ def test_a_forecast_is_how_often_a_gaussian_error_is_allowed():
         often = np.mean(np.hypot(*aside.T) <= 0.10)
         place = Claim("place", "table", (1.0, 2.0), (1.0, 2.0), sigma=sigma)
         assert place.forecast == pytest.approx(often, abs=0.015)
-    assert Claim("lid", "bottle", "open", "closed", probability=0.7).forecast == 0.7
-    assert Claim("grip", "bottle", True, False).forecast == 1.0  # said without reserve
+    assert Claim("lid", "bottle", "open", "closed", probability=0.7).forecast == pytest.approx(0.7)
+    assert Claim("grip", "bottle", True, False).forecast == pytest.approx(1.0)  # said without reserve
 
 
 def test_a_run_is_complete_honest_or_wrong():
