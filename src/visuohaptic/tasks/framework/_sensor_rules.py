@@ -34,7 +34,13 @@ class Feeling(Protocol):
     """A finger's sensor: what it feels of a frame."""
 
     def __call__(self, frame: Frame) -> FingerTouch:
-        """Of the frame of the camera that looks at it."""
+        """Of a frame.
+
+        Parameters
+        ----------
+        frame
+            Of the camera that looks at the finger.
+        """
 
 
 def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tuple[str, str]:
@@ -57,9 +63,7 @@ def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tu
     return f"it is measured anew within {FRESH_s:g} s", problem if stale else ""
 
 
-def camera_rules(
-    camera: FrameSource, _wait: Callable[[float], None], _motion: bool
-) -> Iterator[tuple[str, str]]:
+def camera_rules(camera: FrameSource) -> Iterator[tuple[str, str]]:
     """Types, times and sizes of frames.
 
     Parameters
@@ -146,9 +150,7 @@ def localizer_rules(
     )
 
 
-def depth_rules(
-    depth: DepthSource, wait: Callable[[float], None], _motion: bool
-) -> Iterator[tuple[str, str]]:
+def depth_rules(depth: DepthSource, wait: Callable[[float], None]) -> Iterator[tuple[str, str]]:
     """Shape, units, time.
 
     Parameters

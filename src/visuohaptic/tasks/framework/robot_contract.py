@@ -108,12 +108,12 @@ def check_robot(
         "base": (MobileBase, _base_rules),
         "arm": (ProbeArm, _arm_rules),
         "gripper": (Gripper, _gripper_rules),
-        "camera": (FrameSource, camera_rules),
+        "camera": (FrameSource, lambda part, _wait, _motion: camera_rules(part)),
         "localizer": (
             Localizer,
             lambda part, wait, motion: localizer_rules(part, parts.base, wait, motion),
         ),
-        "depth": (DepthSource, depth_rules),
+        "depth": (DepthSource, lambda part, wait, _motion: depth_rules(part, wait)),
         "feel": (Feeling, lambda part, _wait, _motion: touch_rules(part, parts.camera)),
     }
     found = []

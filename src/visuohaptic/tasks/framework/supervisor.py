@@ -92,7 +92,13 @@ class SupervisedPart(Protocol):
         """What is remembered of the requested motion when the force reaches the limit."""
 
     def retreats(self, pressing: object) -> bool:
-        """Whether the requested motion leaves what ``pressing`` went against."""
+        """Whether the requested motion leaves what it pressed against.
+
+        Parameters
+        ----------
+        pressing
+            As :meth:`pressing` has returned it.
+        """
 
 
 class _Stream:
