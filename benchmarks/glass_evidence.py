@@ -104,6 +104,7 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
             centroid[:2] = region.body.axis_m
     own = np.zeros(len(centroids), dtype=bool)
     errors: list[float | None] = []
+    deviates: list[float] = []
     axes = np.array([vessel.position_m[:2] for vessel in scene.vessels]).reshape(-1, 2)
     away = np.linalg.norm(centroids[:, None, :2] - axes, axis=2)
     for number, vessel in enumerate(scene.vessels):
@@ -112,11 +113,17 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
         # A region between two vessels is one of them, not both.
         inside &= away.argmin(axis=1) == number
         own |= inside
-        errors.append(float(away[inside, number].min()) if inside.any() else None)
+        best = int(np.where(inside, away[:, number], np.inf).argmin()) if inside.any() else -1
+        errors.append(float(away[best, number]) if best >= 0 else None)
+        body = found.regions[best].body if best >= 0 else None
+        if body is not None:
+            off = (body.axis_m - axes[number]) / body.axis_sigma_m
+            deviates.append(float(np.sqrt(np.mean(off**2))))
     return {
         "kind": scene.kind,
         "vessels": [vessel.kind for vessel in scene.vessels],
         "error_m": errors,
+        "deviates": deviates,
         "false": int((~own).sum()),
         "regions": [np.round(c, 4).tolist() for c in centroids],
         "reason": found.search.text,
@@ -250,6 +257,11 @@ def _figures(name: str, count: int, variant: str, rows: Sequence[dict[str, Any]]
             figures.append(
                 {"name": f"{what}: position error, p90", "ours": float(np.quantile(hits, 0.9)), "unit": "mm",
                  "floor": 10.0, "aim": 4.0, "higher_is_better": False, "note": f"median {np.median(hits):.1f} mm"}
+            )  # fmt: skip
+        if off := [deviate for row in rows for deviate in row["deviates"]]:
+            figures.append(
+                {"name": f"{what}: axis error / declared, rms", "ours": float(np.sqrt(np.mean(np.square(off)))), "unit": "1",
+                 "floor": 1.6, "aim": 1.25, "higher_is_better": False, "note": f"median {np.median(off):.2f}"}
             )  # fmt: skip
     kinds = ", ".join(
         f"{kind} {sum(row['false'] for row in rows if row['kind'] == kind)}"

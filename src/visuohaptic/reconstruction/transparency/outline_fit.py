@@ -8,7 +8,9 @@ the camera looks past the body, too: where its line of sight crosses it nothing 
 disparities of the body and of what is behind it differ.
 
 The deviation of the axis is that of a likelihood which is wrong in detail (Huber 1967; White 1982): H^-1 (sum of g g^T) H^-1
-with H the curvature of the whole, g the slope of each view.
+with H the curvature of the whole, g the slope of each view, over half of the camera's matching window: over less it is the
+roughness of single readings. Seen from one side a body farther away is nearly one that stands higher, so that the height is
+unknown with the axis, where the likelihood has a maximum in it.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -30,8 +33,8 @@ __all__ = ["OutlineView", "UprightBody", "fit_body"]
 _CORNERS = 16
 #: Probability that a window inside the outline shows nothing of the glass.
 _HIDDEN = 0.5
-#: First steps of the search of places, radii and heights, and of its differences [m]; evaluations of a search.
-_STEP_M, _SLOPE_M, _MAX_STEPS = 0.012, 0.004, 400
+#: First steps of the search of places, radii and heights [m]; evaluations of a search.
+_STEP_M, _MAX_STEPS = 0.012, 400
 #: Smallest radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
@@ -45,6 +48,7 @@ class OutlineView:
     T_camera_world: Float[np.ndarray, "3 4"]
     matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy of the thinned image [px]
     baseline_m: float  #: of the second eye along the rows
+    window_px: float  #: matching window in the thinned image
     weight: float  #: part of an independent view
 
     @classmethod
@@ -82,7 +86,10 @@ class OutlineView:
         fx, fy, cx, cy = (float(value) / step for value in intrinsics(frame.camera))
         motion = frame.T_world_camera.inverse().matrix[:3]
         thinned = evidence.astype(np.float32)
-        return cls(thinned, limit_m[::step, ::step], motion, (fx, fy, cx, cy), noise.baseline_m, weight)
+        matrix = (fx, fy, cx, cy)
+        return cls(
+            thinned, limit_m[::step, ::step], motion, matrix, noise.baseline_m, window_px / step, weight
+        )
 
     def log_likelihood(self, body: Float[np.ndarray, "6"]) -> float:
         """Of a body against nothing [nat].
@@ -178,16 +185,22 @@ def _covariance(
     views: Sequence[OutlineView], body: Float[np.ndarray, "6"]
 ) -> Float[np.ndarray, "3 3"] | None:
     """Of x, y and both radii together [m2]; ``None`` where the likelihood has no maximum in one of them."""
-    ways = _SLOPE_M * np.array([[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0]])
+    middle = np.array([body[0], body[1], 0.5 * (body[4] + body[5]), 1.0])
+    step_m = float(
+        np.median(
+            [0.5 * view.window_px * (view.T_camera_world[2] @ middle) / view.matrix[0] for view in views]
+        )
+    )
+    ways = step_m * np.array([[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0], [0, 0, 0, 0, 1, 1]])
 
     def each(step: np.ndarray) -> np.ndarray:
         return np.array([view.log_likelihood(body + step) for view in views])
 
     ahead, back = ([each(sign * way) for way in ways] for sign in (1, -1))
     here = each(np.zeros(6))
-    slopes = np.array([(a - b) / (2 * _SLOPE_M) for a, b in zip(ahead, back, strict=True)])
+    slopes = np.array([(a - b) / (2 * step_m) for a, b in zip(ahead, back, strict=True)])
     curvature = np.diag([float((2 * here - a - b).sum()) for a, b in zip(ahead, back, strict=True)])
-    for i, j in ((0, 1), (0, 2), (1, 2)):
+    for i, j in combinations(range(len(ways)), 2):
         both = (
             each(ways[i] + ways[j])
             + each(-ways[i] - ways[j])
@@ -198,10 +211,11 @@ def _covariance(
             + 2 * here
         ).sum()
         curvature[i, j] = curvature[j, i] = -0.5 * float(both)
-    curvature /= _SLOPE_M**2
-    if np.linalg.eigvalsh(curvature)[0] <= 0:
-        return None
-    inverse = np.linalg.inv(curvature)
-    # No better than the likelihood itself says: a few views may agree by chance.
-    found: np.ndarray = inverse @ (slopes @ slopes.T) @ inverse + inverse
-    return found
+    curvature /= step_m**2
+    for count in (4, 3):
+        if np.linalg.eigvalsh(curvature[:count, :count])[0] > 0:
+            inverse = np.linalg.inv(curvature[:count, :count])
+            # No better than the likelihood itself says: a few views may agree by chance.
+            found: np.ndarray = inverse @ (slopes[:count] @ slopes[:count].T) @ inverse + inverse
+            return found[:3, :3]
+    return None
