@@ -53,4 +53,5 @@ def test_a_slice_of_the_campaign_counts_alarms(tmp_path, monkeypatch, tiles: gro
     assert scene_evidence.campaign(count=1, only="tiles:box", report=report) == rows
     made = {"floor": "grass", "kind": "free", "frames": [[0.2, None], [None, None]] * 30}
     (line,) = scene_evidence.figures([made])
-    assert line.startswith("grass, free: 900 alarms a minute (30 of 60 frames")
+    assert line["name"] == "grass, free"
+    assert line["ours"] == pytest.approx(900.0)  # every second of thirty frames a second
