@@ -361,7 +361,7 @@ def _shrunk(
     counts = np.bincount(number)
     freedom = np.maximum(counts - 1, 0)
     scatter = np.stack([away[number == k].T @ away[number == k] for k in range(len(counts))])
-    average = scatter.sum(axis=0) / freedom.sum()
+    average = scatter.sum(axis=0) / max(int(freedom.sum()), 1)
     out: np.ndarray = (strength * average + scatter) / (strength + freedom)[:, None, None]
     return out
 
