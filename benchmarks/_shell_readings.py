@@ -11,7 +11,7 @@ from tests.worlds.shell_bodies import CLASSES
 from tests.worlds.shell_touches import TouchedObject, known_object, squeezed_objects, unknown_object
 
 from visuohaptic.core import InputError
-from visuohaptic.core.threads import one_blas_thread
+from visuohaptic.core.resources import one_blas_thread
 from visuohaptic.deformation.maps import BuildPlan, build, plan_jobs
 from visuohaptic.deformation.shapes import ContainerDescription
 from visuohaptic.recognition import (

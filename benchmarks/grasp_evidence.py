@@ -21,7 +21,7 @@ from tests.worlds.lifts import KINDS, LiftObject, lift, lift_object
 
 from visuohaptic.core.files import write_text
 from visuohaptic.core.objects import StiffnessMap
-from visuohaptic.core.threads import one_blas_thread
+from visuohaptic.core.resources import one_blas_thread
 from visuohaptic.deformation.maps import object_map
 from visuohaptic.deformation.nonlinear import Contents
 from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, mesh_container

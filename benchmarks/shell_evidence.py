@@ -27,7 +27,7 @@ from tests.worlds.shell_touches import CONDITIONS
 
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
-from visuohaptic.core.threads import one_blas_thread
+from visuohaptic.core.resources import one_blas_thread
 
 from ._journal import Journal
 from ._shell_meshes import mesh_figures, mesh_row, refused_row

@@ -93,6 +93,7 @@ from .ranges import at_least as at_least
 from .ranges import check_ranges as check_ranges
 from .ranges import within as within
 from .resources import Closing as Closing
+from .resources import one_blas_thread as one_blas_thread
 from .robots import ROBOT_CONTRACT as ROBOT_CONTRACT
 from .robots import BaseState as BaseState
 from .robots import DepthImage as DepthImage
@@ -106,4 +107,3 @@ from .robots import MapPose as MapPose
 from .robots import MobileBase as MobileBase
 from .robots import ProbeArm as ProbeArm
 from .robots import require_members as require_members
-from .threads import one_blas_thread as one_blas_thread

@@ -27,7 +27,7 @@ from urllib.parse import urlsplit
 
 from .._version import __version__
 from .errors import InputError, MissingExtraError, VisuohapticError
-from .threads import one_blas_thread
+from .resources import one_blas_thread
 
 __all__ = ["MAX_DEATHS", "available_cores", "cluster_hosts", "map_tasks"]
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
-from ...core.threads import one_blas_thread
+from ...core.resources import one_blas_thread
 from . import _front_kernels as kernels
 from .ordering import FrontTree
 

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.threads import one_blas_thread
+from ...core.resources import one_blas_thread
 from .hole import SupportBand
 from .symmetry import ShapePrior
 

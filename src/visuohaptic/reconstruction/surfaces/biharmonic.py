@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
-from ...core.threads import one_blas_thread
+from ...core.resources import one_blas_thread
 
 __all__ = ["BiharmonicMesh"]
 

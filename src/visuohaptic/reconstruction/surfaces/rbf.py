@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
-from ...core.threads import one_blas_thread
+from ...core.resources import one_blas_thread
 from . import _rbf_kernels as kernels
 
 __all__ = ["Grid", "RbfSurface", "isosurface"]
