@@ -44,7 +44,15 @@ class ClassifyParameters(NodeParameters):
 
 
 class ClassifyNode(Component):
-    """``~/classify`` reads the squeezes as they are now, and publishes the belief on ``~/belief``."""
+    """``~/classify`` reads the squeezes as they are now, and publishes the belief on ``~/belief``.
+
+    Parameters
+    ----------
+    host
+        Node, services, failure.
+    parameters
+        As configured.
+    """
 
     summary = "recognition by squeezing: service classify, probabilities of the classes out"
     parameter_model = ClassifyParameters
@@ -94,7 +102,15 @@ class GraspParameters(NodeParameters):
 
 
 class GraspNode(Component):
-    """``~/plan_grasp`` and ``~/squeeze`` of one container; the best grasp's pose is latched on ``~/grasp``."""
+    """``~/plan_grasp`` and ``~/squeeze`` of one container; the best grasp's pose is latched on ``~/grasp``.
+
+    Parameters
+    ----------
+    host
+        Node, services, failure.
+    parameters
+        As configured.
+    """
 
     summary = "grasps of deformable containers: services plan_grasp and squeeze, PoseStamped out"
     parameter_model = GraspParameters

@@ -43,7 +43,15 @@ class PlanParameters(NodeParameters):
 
 
 class PlanNode(Component):
-    """Plans when a goal comes, and when ``~/plan`` is called; the newest goal replaces the one before."""
+    """Plans when a goal comes, and when ``~/plan`` is called; the newest goal replaces the one before.
+
+    Parameters
+    ----------
+    host
+        Node, services, failure.
+    parameters
+        As configured.
+    """
 
     summary = "navigation among movable objects: OccupancyGrid and goal in, Path, markers and tasks out"
     parameter_model = PlanParameters

@@ -45,7 +45,15 @@ class SensorParameters(ImageParameters):
 
 
 class ImageNode(Component):
-    """A sensor that reads a camera's topic in a thread of its own; nodes say which."""
+    """A sensor that reads a camera's topic in a thread of its own; nodes say which.
+
+    Parameters
+    ----------
+    host
+        Node, services, failure.
+    parameters
+        As configured.
+    """
 
     def __init__(self, host: Host, parameters: Any) -> None:
         super().__init__(host, parameters)

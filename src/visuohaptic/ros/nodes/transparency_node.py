@@ -44,7 +44,15 @@ class TransparencyParameters(NodeParameters):
 
 
 class TransparentPartsNode(Component):
-    """Keeps views while it is active; ``~/complete`` looks for what is transparent in them."""
+    """Keeps views while it is active; ``~/complete`` looks for what is transparent in them.
+
+    Parameters
+    ----------
+    host
+        Node, services, failure.
+    parameters
+        As configured.
+    """
 
     summary = "transparent objects: depth images and poses in, service complete, PointCloud2 and markers out"
     parameter_model = TransparencyParameters

@@ -110,7 +110,15 @@ class _Senses:
 
 
 class TravelNode(Component):
-    """Drives to goals of the action or of the topic, pushing what is cheaper to push than to go round."""
+    """Drives to goals of the action or of the topic, pushing what is cheaper to push than to go round.
+
+    Parameters
+    ----------
+    host
+        Node, services, failure.
+    parameters
+        As configured.
+    """
 
     summary = "drives to a goal among movable objects: NavigateToPose action and goal topic in, cmd_vel out"
     parameter_model = TravelParameters

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--connect",
         action="append",
         metavar="PLACE",
-        help="router or peer of zenoh, as tcp/127.0.0.1:7447; may be repeated",
+        help="router or peer of zenoh, as tcp/127.0.0.1:7447; may be repeated; none: wait for others",
     )
     parser.add_argument("--managed", action="store_true", help="wait for a lifecycle manager")
     parser.add_argument("--duration", type=float, metavar="S", help="end by itself after S seconds")
@@ -77,9 +77,7 @@ def run(args: Any) -> dict[str, Any]:
             args.name,
             args.param,
             transport=args.transport,
-            options=RosOptions(
-                args.domain, args.namespace, connect=tuple(args.connect or RosOptions().connect)
-            ),
+            options=RosOptions(args.domain, args.namespace, connect=_places(args.connect)),
             arguments=("--ros-args", *args.ros_args) if args.ros_args else (),
             managed=args.managed,
             stop=stop,
@@ -90,3 +88,11 @@ def run(args: Any) -> dict[str, Any]:
 
 def _end(bound: float | None) -> str:
     return "..." if bound is None else f"{bound:g}"
+
+
+def _places(given: list[str] | None) -> tuple[str, ...]:
+    from ....ros import RosOptions
+
+    if given is None:
+        return RosOptions().connect
+    return () if given == ["none"] else tuple(given)
