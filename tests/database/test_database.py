@@ -237,10 +237,10 @@ def test_killed_writers(tmp_path: Path) -> None:
     assert (found["lost"], found["problems"], found["half-written"]) == (0, 0, 0)
 
 
-def test_eight_writers(tmp_path: Path) -> None:
+def test_sixteen_writers(tmp_path: Path) -> None:
     found = objects_faults.writers(tmp_path / "db", objects=4)
     with open_database(tmp_path / "db") as db:
-        assert len(db) == 8 * 4 + 1
+        assert len(db) == 16 * 4 + 1
     assert (found["lost"], found["problems"]) == (0, 0)
 
 
