@@ -45,7 +45,7 @@ class MissionRecorder:
         """As the page's; while it is moved every n-th place is kept."""
         known = any(event[:2] == ["obstacle", name] for event in self.events)
         if not known or self._updates % _EVERY == 0:
-            matrix = np.round(T_world_object.matrix, 4).tolist()
+            matrix = np.round(T_world_object.matrix, 7).tolist()
             self.events.append(
                 ["obstacle", name, np.round(outline_m, 4).tolist(), matrix, height_m, bool(fixed)]
             )
@@ -75,7 +75,7 @@ class MissionRecorder:
         height = round(_WIDTH_PX * frame_bgr.shape[0] / frame_bgr.shape[1])
         small = cv2.resize(frame_bgr, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
         self.pictures.append(cv2.imencode(".webp", small, [cv2.IMWRITE_WEBP_QUALITY, _QUALITY])[1].tobytes())
-        place = None if T_world_foam is None else np.round(T_world_foam.matrix, 4).tolist()
+        place = None if T_world_foam is None else np.round(T_world_foam.matrix, 7).tolist()
         self.events.append(["update", t_s, _rounded(to_dict(profile)), truth_N, place, note])
 
     def save(self, path: Path | str, report: Path | str) -> None:
