@@ -111,7 +111,7 @@ def test_values_cross_as_they_are_and_truth_does_not() -> None:
     image = np.arange(24, dtype=np.uint8).reshape(4, 6)
     frame = unpack(pack(Frame(image, 1.5, 7)))
     np.testing.assert_array_equal(frame.image, image)
-    assert (frame.t_s, frame.index) == (1.5, 7)
+    assert (frame.t_s, frame.index) == pytest.approx((1.5, 7))
     pose = Pose.from_rotation_vector([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(unpack(pack((2.0, pose)))[1].matrix, pose.matrix)
     assert unpack(pack(MapPose(1.0, 2.0, 3.0, np.nan))).t_s == 1.0
