@@ -86,7 +86,7 @@ def test_a_hand_squeezes_through_the_wire(table: RemoteRobot) -> None:
 
 
 def test_nothing_but_members_of_the_protocols_crosses(table: RemoteRobot) -> None:
-    assert set(table.parts) == {"arm", "gripper", "camera", "feel", "weigh"}
+    assert set(table.parts) == {"arm", "gripper", "camera", "feel", "weigh", "wait"}
     for part, member in (
         ("gripper", "container"), ("gripper", "force_N"), ("arm", "true_pose"), ("camera", "_balance"),
         ("gripper", "__class__"), ("world", "state"), ("base", "state"),
