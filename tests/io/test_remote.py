@@ -86,7 +86,7 @@ def test_a_hand_squeezes_through_the_wire(table: RemoteRobot) -> None:
 
 
 def test_nothing_but_members_of_the_protocols_crosses(table: RemoteRobot) -> None:
-    assert set(table.parts) == {"arm", "gripper", "camera", "feel", "weigh"}
+    assert set(table.parts) == {"arm", "gripper", "camera", "feel", "weigh", "wait"}
     for part, member in (
         ("gripper", "container"), ("gripper", "force_N"), ("arm", "true_pose"), ("camera", "_balance"),
         ("gripper", "__class__"), ("world", "state"), ("base", "state"),
@@ -111,7 +111,7 @@ def test_values_cross_as_they_are_and_truth_does_not() -> None:
     image = np.arange(24, dtype=np.uint8).reshape(4, 6)
     frame = unpack(pack(Frame(image, 1.5, 7)))
     np.testing.assert_array_equal(frame.image, image)
-    assert (frame.t_s, frame.index) == (1.5, 7)
+    assert (frame.t_s, frame.index) == pytest.approx((1.5, 7))
     pose = Pose.from_rotation_vector([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(unpack(pack((2.0, pose)))[1].matrix, pose.matrix)
     assert unpack(pack(MapPose(1.0, 2.0, 3.0, np.nan))).t_s == 1.0

@@ -61,7 +61,7 @@ def test_speeds_are_reduced_alike_and_nonsense_is_the_devices_business():
         watched = guard.base(base)
         watched.state()
         watched.drive(1.0, 0.5)
-        assert base.velocity.tolist() == [0.5, 0.25]  # the same curve
+        assert base.velocity.tolist() == pytest.approx([0.5, 0.25])  # the same curve
         watched.drive(0.1, -4.0)
         assert base.velocity.tolist() == [pytest.approx(0.025), -1.0]
         with pytest.raises(InputError):
@@ -191,14 +191,14 @@ def test_an_arm_keeps_its_reach_its_box_its_speed_and_its_force():
             with pytest.raises(DeviceError, match="move_linear: found a target at"):
                 go_to(*wrong)
         go_to(0.5, 0.0, 0.3)
-        assert arm.speed == 0.1
+        assert arm.speed == pytest.approx(0.1)
         guard.note_force(0.0, 6.0)
         assert arm.goal is None
         go_to(0.5, 0.0, 0.3)
         assert arm.goal is None
         go_to(0.3, 0.0, 0.3)
         assert arm.goal is not None
-        assert start.translation_m[0] == 0.4
+        assert start.translation_m[0] == pytest.approx(0.4)
 
 
 def test_frozen_images_are_no_readings():
