@@ -345,16 +345,10 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touche
     )
     guard, visible = Supervisor(clock=lambda: arm.t_s), completion.visual
     # The rod of the probe, against what the camera has seen.
-    seen = KnownObstacles(
-        (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, ROD_M), ROD_RADIUS_M),), [PLACE.apply(visible.vertices_m)]
-    )
+    rod = Capsule((0.0, 0.0, 0.0), (0.0, 0.0, ROD_M), ROD_RADIUS_M)
+    known_arm = guard.arm(arm, KnownObstacles((rod,), [PLACE.apply(visible.vertices_m)]))
     touched = complete_by_touch(
-        guard.arm(arm, seen),
-        guard.frames(cell),
-        guard.force(feel),
-        completion,
-        settings,
-        T_base_visual=PLACE,
+        known_arm, guard.frames(cell), guard.force(feel), completion, settings, T_base_visual=PLACE
     )
     mission.spent(arm.t_s, len(touched.touches))
     return touched
