@@ -103,9 +103,9 @@ def test_ten_kinds_are_read_as_they_were_written(bag: Path) -> None:
     assert not file.damage
     assert found.keys() == kinds().keys()
     assert found["std_msgs/msg/String"].data == "Größe"
-    assert found["geometry_msgs/msg/WrenchStamped"].wrench.force.x == 1.5
+    assert found["geometry_msgs/msg/WrenchStamped"].wrench.force.x == pytest.approx(1.5)
     assert np.isnan(found["geometry_msgs/msg/WrenchStamped"].wrench.force.z)
-    assert found["nav_msgs/msg/Odometry"].twist.twist.linear.x == 0.25
+    assert found["nav_msgs/msg/Odometry"].twist.twist.linear.x == pytest.approx(0.25)
     assert list(found["nav_msgs/msg/OccupancyGrid"].data) == [0, 100, -1, 0, 0, 100]
     assert found["sensor_msgs/msg/LaserScan"].ranges[1] == np.inf
     assert found["diagnostic_msgs/msg/DiagnosticArray"].status[0].values[0].key == "force_N"
@@ -115,7 +115,7 @@ def test_ten_kinds_are_read_as_they_were_written(bag: Path) -> None:
 def test_its_images_are_frames_and_its_map_is_a_map(bag: Path) -> None:
     with open_source(bag) as source:
         frames = list(source)
-    assert [frame.t_s for frame in frames] == [5.0, 6.0, 7.0]
+    assert [frame.t_s for frame in frames] == pytest.approx([5.0, 6.0, 7.0])
     np.testing.assert_array_equal(np.stack([frame.image for frame in frames]), IMAGES)
     grid = OccupancyMap.from_mcap(bag)
     assert grid.cells.tolist() == [[0, 100, -1], [0, 0, 100]]

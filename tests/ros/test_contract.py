@@ -125,12 +125,12 @@ def test_every_value_arrives(nodes: Pair, datatype: str) -> None:
     header = got[0].message.header
     assert (header.stamp.sec, header.stamp.nanosec, header.frame_id) == (12, 250_000_000, "foam_frame")
     if datatype.endswith("2"):
-        assert np.frombuffer(bytes(got[0].message.data)).tolist()[0] == 1.5
+        assert np.frombuffer(bytes(got[0].message.data)).tolist()[0] == pytest.approx(1.5)
         assert got[0].message.fields[0].name == "x"
     else:
         force = got[0].message.wrench.force
         assert np.isnan(force.x)
-        assert (force.y, force.z, got[0].message.wrench.torque.x) == (-1.0, 0.1, 1e-300)
+        assert (force.y, force.z, got[0].message.wrench.torque.x) == pytest.approx((-1.0, 0.1, 1e-300), abs=0)
 
 
 def test_who_comes_late_gets_what_is_latched(nodes: Pair) -> None:
@@ -232,13 +232,13 @@ def test_a_platform_is_driven_and_a_map_is_served(same: Pair) -> None:
 
         def known() -> bool:
             try:
-                return base.state().x_m == 1.0
+                return base.state().x_m == pytest.approx(1.0)
             except DeviceError:
                 return False
 
         meet(lambda: odometry.publish(state), known)
         assert until(lambda: base._publisher.heard, PATIENCE_S)
         base.drive(0.25, -0.5)
-        assert until(lambda: heard and heard[-1].message.linear.x == 0.25, PATIENCE_S)
-    assert until(lambda: heard[-1].message.linear.x == 0.0, PATIENCE_S)
+        assert until(lambda: heard and heard[-1].message.linear.x == pytest.approx(0.25), PATIENCE_S)
+    assert until(lambda: heard[-1].message.linear.x == pytest.approx(0.0), PATIENCE_S)
     RosSink(same.one).write("/name", STRING, 0.0, {"data": "kitchen"})

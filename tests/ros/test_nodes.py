@@ -219,7 +219,10 @@ def test_parameters_are_described(robot: Robot) -> None:
             "/foam/describe_parameters", "rcl_interfaces/srv/DescribeParameters", fill
         ).descriptors
     assert "[s]" in stale.description
-    assert (stale.floating_point_range[0].from_value, stale.floating_point_range[0].to_value) == (0.01, 60.0)
+    assert (
+        stale.floating_point_range[0].from_value,
+        stale.floating_point_range[0].to_value,
+    ) == pytest.approx((0.01, 60.0))
     assert zero.integer_range[0].to_value == 10_000
 
 

@@ -102,6 +102,7 @@ class SensorChannel:
     def join(self) -> None:
         """Wait for the end of the image that is being measured, after ``stop`` was set."""
         if self._thread is not None:
+            self.frames.interrupt()
             self._thread.join()
             self._thread = None
 

@@ -78,7 +78,7 @@ class TopicFrames(Closing):
         self._newest: tuple[Received, int] | None = None
         self._gid, self._offset, self._last = b"", 0, -1
         self._running = True
-        self._fitted = False
+        self._fitted = self._interrupted = False
         compressed = self.topic.endswith("/compressed")
         datatype = "sensor_msgs/msg/" + ("CompressedImage" if compressed else "Image")
         self._subscriptions = [node.subscribe(self.topic, datatype, self._take, _SENSOR)]
@@ -158,8 +158,11 @@ class TopicFrames(Closing):
         until = time.monotonic() + timeout_s
         while True:
             with self._new:
-                self._new.wait_for(lambda: bool(self._waiting) or not self._running, until - time.monotonic())
-                if not self._running:
+                self._new.wait_for(
+                    lambda: bool(self._waiting) or not self._running or self._interrupted,
+                    until - time.monotonic(),
+                )
+                if not self._running or self._interrupted:
                     raise DeviceError(f"{self.topic} is closed")
                 if not self._waiting:
                     raise DeviceError(f"no image on {self.topic} for {timeout_s:g} s; {self._advice()}")
@@ -170,9 +173,16 @@ class TopicFrames(Closing):
     def _advice(self) -> str:
         return "check the camera's node, and that domain and ROS release are the same"
 
+    def interrupt(self) -> None:
+        """End waiting for an image at once, now and until :meth:`discard`."""
+        with self._new:
+            self._interrupted = True
+            self._new.notify_all()
+
     def discard(self) -> None:
         """Leave out the images that wait; they are of a time when nobody measured."""
         with self._new:
+            self._interrupted = False
             self._waiting.clear()
 
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
