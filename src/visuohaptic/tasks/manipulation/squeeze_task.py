@@ -181,9 +181,9 @@ class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
         force, surface = np.array(self._readings).T
         surface = surface[np.isfinite(surface)]
         if len(surface):
-            # Medians: a single reading that is wrong is none of the object's.
+            # The median: a single force that is wrong is none of the object's.
             spread = float(np.std(surface)) / math.sqrt(len(surface))
-            self._points.append((float(np.median(force)), float(np.median(surface)), max(spread, 1e-5)))
+            self._points.append((float(np.median(force)), float(np.mean(surface)), max(spread, 1e-5)))
             if abs(self._points[0][1] - self._points[-1][1]) >= s.deformation_m:
                 return self._next("as far as allowed")
         self._level += 1

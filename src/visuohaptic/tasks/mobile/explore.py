@@ -247,7 +247,7 @@ class _Senses:
         fit, fit_state = recording.shape()
         # What a robot that fails has said last is no evidence.
         failed = task.ending.outcome == ExploreOutcome.DEVICE_FAILED
-        enough = task.stopped_by is not None and not failed and len(recording.profiles) >= 2
+        enough = task.touched and not failed and len(recording.profiles) >= 2
         tag = recording.tag(fit, self.events, task.stopped_by) if enough else HapticTag()
         if tag.fixed and task.stopped_by is StopReason.TOO_HEAVY:
             tag = tag.updated(min_static_friction_N=task.settings.max_force_N)
