@@ -258,7 +258,7 @@ def _figures(name: str, count: int, variant: str, rows: Sequence[dict[str, Any]]
                 {"name": f"{what}: position error, p90", "ours": float(np.quantile(hits, 0.9)), "unit": "mm",
                  "floor": 10.0, "aim": 4.0, "higher_is_better": False, "note": f"median {np.median(hits):.1f} mm"}
             )  # fmt: skip
-        if off := [deviate for row in rows for deviate in row["deviates"]]:
+        if off := [deviate for row in rows for deviate in row.get("deviates", ())]:
             figures.append(
                 {"name": f"{what}: axis error / declared, rms", "ours": float(np.sqrt(np.mean(np.square(off)))), "unit": "1",
                  "floor": 1.6, "aim": 1.25, "higher_is_better": False, "note": f"median {np.median(off):.2f}"}

@@ -17,6 +17,8 @@ EPILOG = """\
 reads
   robot.launch.xml   <launch> with <arg name="..." default="..."/> and <executable cmd="..."/>, $(var name) in the
                      latter: the same file runs with plain ros2 launch
+writes
+  nothing itself; what its nodes publish
 
 Runs until Ctrl-C or SIGTERM with exit code 0; where one process ends with an error, all end with exit code 3.
 Without a name the launch files of this library are listed.

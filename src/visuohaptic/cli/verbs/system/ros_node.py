@@ -12,6 +12,9 @@ from ..._stop import signals
 __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
+reads   topics, and the files that its parameters name (sensor.yaml, objects.yaml, ...)
+writes  topics, services and /diagnostics; no file
+
 Without a name the nodes are listed, with a name and --list the parameters of one.
 
 A node reads its parameters from --param name:=value, or as any node of ROS from --ros-args -p name:=value,
