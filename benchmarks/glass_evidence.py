@@ -261,7 +261,7 @@ def _figures(name: str, count: int, variant: str, rows: Sequence[dict[str, Any]]
         if off := [deviate for row in rows for deviate in row.get("deviates", ())]:
             figures.append(
                 {"name": f"{what}: axis error / declared, rms", "ours": float(np.sqrt(np.mean(np.square(off)))), "unit": "1",
-                 "floor": 1.6, "aim": 1.25, "higher_is_better": False, "note": f"median {np.median(off):.2f}"}
+                 "floor": 1.3, "aim": 1.15, "higher_is_better": False, "note": f"median {np.median(off):.2f}"}
             )  # fmt: skip
     kinds = ", ".join(
         f"{kind} {sum(row['false'] for row in rows if row['kind'] == kind)}"
