@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from types import TracebackType
 from typing import Any, Generic, Self, TextIO, TypeVar
 
-from ..core.files.plain_json import dumps, plain
-
 __all__ = ["Arguments", "Console", "LiveLine", "OutputClosedError", "Progress"]
 
 Item = TypeVar("Item")
@@ -97,6 +95,8 @@ class Console:
         value
             Mappings, sequences, dataclasses, numbers and texts.
         """
+        from ..core.files.plain_json import dumps, plain  # with NumPy, which no help needs
+
         if self.json:
             _write(sys.stdout, dumps(value))
         elif not self._reported and not self.quiet:
