@@ -40,7 +40,7 @@ def test_what_friction_can_hold_comes_along_and_what_it_cannot_stays(cylinder: L
 def test_pieces_differ_from_their_description_as_is_declared() -> None:
     found = [lift_object(seed) for seed in range(0, 12 * len(KINDS), 2)]
     assert [one.kind for one in found[: len(KINDS)]] == list(KINDS)
-    assert {one.fill for one in found} == {0.0, 0.5, 0.9}
+    assert sorted({one.fill for one in found}) == pytest.approx([0.0, 0.5, 0.9])
     spread = float(np.std([np.log(one.friction) for one in found]))
     # 72 pieces: the standard error of a deviation is 8 %.
     assert spread == pytest.approx(0.15, rel=0.25)
@@ -54,6 +54,6 @@ def test_a_planned_grasp_is_lifted_and_figures_count_what_held() -> None:
     assert 0.9 < first["declared"] <= 1
     lost = first | {"success": False, "slip_m": 0.06, "declared": 0.9}
     held, error = grasp_evidence.figures([first | {"declared": 0.9}, lost])
-    assert held["ours"] == 0.5
+    assert held["ours"] == pytest.approx(0.5)
     assert error["ours"] == pytest.approx(0.4)
     assert "pot 0 slips" in held["note"]
