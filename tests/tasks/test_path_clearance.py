@@ -121,3 +121,24 @@ def test_an_arm_does_not_run_into_what_was_fused() -> None:
         arm.at = np.array([0.4, 0.0, 0.25])
         watched.move_linear(at(0.45, 0.3, 0.25), 0.15)
         assert arm.goal is not None
+
+
+def test_the_way_that_was_felt_may_be_gone_back_fast() -> None:
+    """A wall was seen at 20 cm where the probe, slowly, met nothing: it comes back the way it went, and no other."""
+    arm = right.Arm()
+    wall = square(0.1)
+    wall = SurfaceMesh(wall.vertices_m[:, [2, 1, 0]] + (0.45, 0.2, 0.1), wall.faces)
+    known = KnownObstacles((Capsule((0, 0, 0), (0, 0, 0.15), 0.01),), [wall])
+    with Supervisor(clock=lambda: arm.t_s) as guard:
+        watched = guard.arm(arm, known)
+        watched.pose()
+        arm.at = np.array([0.4, 0.2, 0.1])
+        watched.move_linear(at(0.5, 0.2, 0.1), 0.04)
+        arm.at = np.array([0.5, 0.2, 0.1])
+        with pytest.raises(DeviceError, match="approach from elsewhere"):
+            watched.move_linear(at(0.4, 0.18, 0.1), 0.15)
+        arm.at = np.array([0.4, 0.2, 0.1])
+        watched.move_linear(at(0.5, 0.2, 0.1), 0.04)
+        arm.at = np.array([0.5, 0.2, 0.1])
+        watched.move_linear(at(0.4, 0.2, 0.1), 0.15)
+        assert arm.goal is not None

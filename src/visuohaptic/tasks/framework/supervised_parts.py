@@ -74,7 +74,8 @@ class Supervisor(SupervisorCore):
             With its tip.
         obstacles
             What was fused and mapped: motions that are faster than ``max_contact_m_s`` are refused where they come
-            too near to it. Slower ones may touch, under the force limit.
+            too near to it. Slower ones may touch, under the force limit, and be gone back fast: where the tip has
+            just felt its way nothing stands, whatever was seen there.
         """
         require_members(arm, ProbeArm, "Supervisor", "arm")
         return _SupervisedArm(self, arm, obstacles)
@@ -227,6 +228,11 @@ def _pose(state: BaseState) -> tuple[float, float, float]:
     return state.x_m, state.y_m, state.heading_rad
 
 
+def _apart_m(first: Pose, second: Pose) -> float:
+    """Distance of two poses of the tip [m]."""
+    return float(np.linalg.norm(first.translation_m - second.translation_m))
+
+
 def _leap(name: str, way_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
     """What a state says that no motion within the limits can do; empty where it may be so."""
     limits = guard.limits
@@ -242,6 +248,7 @@ class _SupervisedArm(ProbeArm):
     def __init__(self, guard: SupervisorCore, device: ProbeArm, obstacles: KnownObstacles | None) -> None:
         self._guard, self._device, self._obstacles = guard, device, obstacles
         self._target, self._speed_m_s = Pose.identity(), 0.0
+        self._felt_from: Pose | None = None  #: where the last motion began, if it was slow enough to touch
         self._tip_m, self._t_s = np.full(3, math.nan), math.nan
         self._frozen = False
         guard.register(self)
@@ -256,16 +263,28 @@ class _SupervisedArm(ProbeArm):
                 f"move_linear: found a target at {np.round(tip, 3).tolist()} m, expected {near:g} to {far:g} m from "
                 f"the base and within {limits.min_tip_m} to {limits.max_tip_m} m; move the object or the base"
             )
-        if self._obstacles is not None and speed_m_s > limits.max_contact_m_s:
-            path = self._obstacles.along(self._device.pose()[1], T_base_tip)
-            if not path.free:
-                raise DeviceError(
-                    f"move_linear: the tool comes as near as {path}; approach from elsewhere, or slower"
-                )
+        if self._obstacles is not None:
+            self._keep_clear(self._obstacles, T_base_tip, speed_m_s)
         # Another target is another attempt.
         self._frozen &= bool(np.array_equal(tip, self._target.translation_m))
         self._target, self._speed_m_s = T_base_tip, min(speed_m_s, limits.max_tip_speed_m_s)
         self._guard.request(self)
+
+    def _keep_clear(self, obstacles: KnownObstacles, T_base_tip: Pose, speed_m_s: float) -> None:
+        """Refuse a fast motion past what is known, other than back on the straight way that was just felt."""
+        here, felt_from = self._device.pose()[1], self._felt_from
+        if speed_m_s <= self._guard.limits.max_contact_m_s:
+            if felt_from is None or not np.array_equal(T_base_tip.translation_m, self._target.translation_m):
+                self._felt_from = here
+            return
+        if felt_from is not None and _apart_m(T_base_tip, felt_from) < obstacles.resolution_m:
+            return
+        self._felt_from = None
+        path = obstacles.along(here, T_base_tip)
+        if not path.free:
+            raise DeviceError(
+                f"move_linear: the tool comes as near as {path}; approach from elsewhere, or slower"
+            )
 
     def stop(self) -> None:
         """Hold the present pose."""
