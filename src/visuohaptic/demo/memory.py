@@ -33,7 +33,6 @@ from ..core.objects import (
     VisuoHapticObject,
 )
 from ..core.resources import Closing
-from ..database.database import open_database
 from ..io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
@@ -92,6 +91,8 @@ class MissionMemory(Closing):
     """
 
     def __init__(self, location: Path | str, kitchen: str) -> None:
+        from ..database.database import open_database  # an extra, which a visit without memory does not need
+
         self._database = open_database(location)
         self.kitchen = kitchen
 

@@ -16,7 +16,10 @@ PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 
 def needs(args: argparse.Namespace) -> set[str]:
     """Modules beyond the core on its way: none for the recorded mission."""
-    return set() if args.quick else {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"}
+    if args.quick:
+        return set()
+    remembers = {"pyarrow", "sqlalchemy"} if args.memory else set()
+    return {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"} | remembers
 
 
 EPILOG = """\
