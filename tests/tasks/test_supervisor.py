@@ -93,6 +93,18 @@ def test_a_reading_that_is_not_fresh_holds_the_platform_within_200_ms(name):
         assert not base.velocity.any()
 
 
+def test_a_platform_whose_speed_dies_away_stands_and_is_not_frozen():
+    """A simulated wheel is damped and never says 0: 4e-20 m/s moves no pose."""
+    base = Rolling()
+    with Supervisor(clock=lambda: base.now) as guard:
+        guard.watched = guard.base(base)
+        driven(base, guard, 1.0)
+        last = base.state()
+        base.lie = lambda state: type(state)(state.t_s, last.x_m, last.y_m, last.heading_rad, 4e-20, -1e-40)
+        assert driven(base, guard, 2.0) == pytest.approx(2.0)
+        assert not guard.holds
+
+
 @pytest.mark.parametrize("jump_s", [10.0, -10.0, 0.7, -0.7])
 def test_a_clock_that_jumps_stops_it_for_good(jump_s):
     base = Rolling()

@@ -30,6 +30,8 @@ __all__ = ["Supervisor"]
 ReadingT = TypeVar("ReadingT")
 #: A part that is to move, is farther than this from its target, and stands to the last digit, is frozen or held [m].
 STANDING_M = 1e-3
+#: Motion between two readings that any pose shows [m or rad]: its last digit is 1e-11 m within 10 km.
+ROUNDING_M = 1e-9
 
 
 class Supervisor(SupervisorCore):
@@ -203,8 +205,9 @@ class _SupervisedBase(MobileBase):
             jumped = _leap(
                 self.name, way_m, state.t_s - last.t_s, self._guard.limits.max_speed_m_s, self._guard
             )
-        # What says that it moves has another pose each time.
-        frozen = same and (state.speed_m_s != 0.0 or state.turn_rate_rad_s != 0.0)
+        # What says that it moves has another pose each time; a speed that has died away says that it stands.
+        rate = max(abs(state.speed_m_s), abs(state.turn_rate_rad_s))
+        frozen = same and last is not None and rate * (state.t_s - last.t_s) > ROUNDING_M
         self._guard.note(self.name, state.t_s, frozen=frozen, jumped=jumped)
         return state
 
