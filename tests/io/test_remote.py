@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import queue
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ from visuohaptic.core import DeviceError, InputError, MapPose
 from visuohaptic.core.camera import Camera, Frame, Pose
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.remote import RemoteRobot, start_robot
+from visuohaptic.io.remote.server import serve_robot
 from visuohaptic.io.remote.wire import pack, unpack
 from visuohaptic.simulation.floor import FloorObject
 from visuohaptic.tasks.manipulation import Hand, Place, SqueezeSettings, squeeze
@@ -136,3 +140,22 @@ def test_values_cross_as_they_are_and_truth_does_not() -> None:
 def test_what_is_no_message_is_refused(message: bytes) -> None:
     with pytest.raises(DeviceError, match="that are no message"):
         unpack(message)
+
+
+def test_after_an_answer_that_does_not_come_nothing_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reply that comes late must not be taken for that of the next call."""
+    key, found = b"k" * 32, queue.Queue[tuple[str, int]]()
+    parts = {"wait": lambda duration_s: time.sleep(duration_s) or duration_s}
+    serving = threading.Thread(target=serve_robot, args=(parts,), kwargs={"key": key, "ready": found.put})
+    serving.start()
+    robot = RemoteRobot(found.get(timeout=10.0), key)
+    try:
+        monkeypatch.setattr("visuohaptic.io.remote.client.PATIENCE_S", 0.1)
+        with pytest.raises(DeviceError, match="not answered"):
+            robot.call("wait", "wait", 0.6)
+        time.sleep(0.8)
+        with pytest.raises(DeviceError, match="gone"):
+            robot.call("wait", "wait", 0.0)
+    finally:
+        robot.close()
+        serving.join(10.0)

@@ -106,6 +106,8 @@ class RemoteRobot(Closing):
     def _receive(self) -> Any:
         try:
             if not self._connection.poll(PATIENCE_S):
+                # A late reply would be taken for that of the next call.
+                self._connection.close()
                 raise DeviceError(f"the robot has not answered for {PATIENCE_S:g} s")
             return unpack(self._connection.recv_bytes(MAX_MESSAGE_BYTES))
         except (OSError, EOFError) as problem:
@@ -215,6 +217,8 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
     )
     assert process.stdin is not None
     assert process.stdout is not None
+    patience = threading.Timer(PATIENCE_S, process.kill)
+    patience.start()
     try:
         # Not an argument: the list of processes is public.
         process.stdin.write(key.hex() + "\n")
@@ -223,7 +227,11 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
     except (OSError, ValueError) as problem:
         process.kill()
         process.wait()
-        raise DeviceError(f"{target} did not serve a robot; see its messages") from problem
+        raise DeviceError(
+            f"{target} did not serve a robot within {PATIENCE_S:g} s; see its messages"
+        ) from problem
+    finally:
+        patience.cancel()
     return RemoteRobot((str(host), int(port)), key, process)
 
 
