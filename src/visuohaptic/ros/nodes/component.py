@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -136,6 +137,11 @@ class Component(Closing):
 
     def __init__(self, host: Host, parameters: Any) -> None:
         self.host, self.parameters = host, parameters
+        self.configure()
+
+    @abstractmethod
+    def configure(self) -> None:
+        """Open topics and services, and read the files that the parameters name."""
 
     def activate(self) -> None:
         """Begin to measure, answer or move."""

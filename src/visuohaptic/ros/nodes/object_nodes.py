@@ -24,7 +24,7 @@ from ...recognition.data.curve_file import read_curves
 from ...recognition.data.readings import TouchNoise
 from ...recognition.touch.belief import doubted, update_belief
 from ..wire.graph import Qos
-from .component import Component, Host, Status
+from .component import Component, Status
 from .parameters import NodeParameters
 
 __all__ = ["ClassifyNode", "ClassifyParameters", "GraspNode", "GraspParameters"]
@@ -44,21 +44,13 @@ class ClassifyParameters(NodeParameters):
 
 
 class ClassifyNode(Component):
-    """``~/classify`` reads the squeezes as they are now, and publishes the belief on ``~/belief``.
-
-    Parameters
-    ----------
-    host
-        Node, services, failure.
-    parameters
-        As configured.
-    """
+    """``~/classify`` reads the squeezes as they are now, and publishes the belief on ``~/belief``."""
 
     summary = "recognition by squeezing: service classify, probabilities of the classes out"
     parameter_model = ClassifyParameters
 
-    def __init__(self, host: Host, parameters: ClassifyParameters) -> None:
-        super().__init__(host, parameters)
+    def configure(self) -> None:
+        host, parameters = self.host, self.parameters
         self._classifier = load_classifier(Path(parameters.tree))
         self._noise = TouchNoise(parameters.force_noise_N, parameters.deformation_noise_m)
         self._told = Status(True, "not asked yet")
@@ -102,21 +94,13 @@ class GraspParameters(NodeParameters):
 
 
 class GraspNode(Component):
-    """``~/plan_grasp`` and ``~/squeeze`` of one container; the best grasp's pose is latched on ``~/grasp``.
-
-    Parameters
-    ----------
-    host
-        Node, services, failure.
-    parameters
-        As configured.
-    """
+    """``~/plan_grasp`` and ``~/squeeze`` of one container; the best grasp's pose is latched on ``~/grasp``."""
 
     summary = "grasps of deformable containers: services plan_grasp and squeeze, PoseStamped out"
     parameter_model = GraspParameters
 
-    def __init__(self, host: Host, parameters: GraspParameters) -> None:
-        super().__init__(host, parameters)
+    def configure(self) -> None:
+        host, parameters = self.host, self.parameters
         wall = WallProperties(parameters.material or None, parameters.thickness_m or None)
         self._object = load_object(parameters.object, wall=wall)
         self._pose = host.node.advertise(

@@ -23,7 +23,7 @@ from ...navigation.problem.planning_problem import PlanningProblem
 from ..markers import arrow
 from ..transports.topic_node import Received
 from ..wire.graph import Qos
-from .component import Component, Host, Status
+from .component import Component, Status
 from .parameters import NodeParameters
 
 __all__ = ["PlanNode", "PlanParameters"]
@@ -43,21 +43,13 @@ class PlanParameters(NodeParameters):
 
 
 class PlanNode(Component):
-    """Plans when a goal comes, and when ``~/plan`` is called; the newest goal replaces the one before.
-
-    Parameters
-    ----------
-    host
-        Node, services, failure.
-    parameters
-        As configured.
-    """
+    """Plans when a goal comes, and when ``~/plan`` is called; the newest goal replaces the one before."""
 
     summary = "navigation among movable objects: OccupancyGrid and goal in, Path, markers and tasks out"
     parameter_model = PlanParameters
 
-    def __init__(self, host: Host, parameters: PlanParameters) -> None:
-        super().__init__(host, parameters)
+    def configure(self) -> None:
+        host, parameters = self.host, self.parameters
         self._robot = load_robot(Path(parameters.robot))
         path = Path(parameters.objects) if parameters.objects else None
         self._objects = () if path is None else load_objects(path)

@@ -15,7 +15,7 @@ from ...sensing.readers.sensor_reader import SensorReader
 from ..bridge import check_sensor
 from ..bridge_config import SensorSection, sensor_kind
 from ..channel import SensorChannel
-from .component import Component, Host, Status
+from .component import Component, Status
 from .parameters import NodeParameters
 
 __all__ = ["BeamNode", "FoamNode", "ImageNode", "ImageParameters", "SceneNode", "SensorParameters"]
@@ -45,18 +45,10 @@ class SensorParameters(ImageParameters):
 
 
 class ImageNode(Component):
-    """A sensor that reads a camera's topic in a thread of its own; nodes say which.
+    """A sensor that reads a camera's topic in a thread of its own; nodes say which."""
 
-    Parameters
-    ----------
-    host
-        Node, services, failure.
-    parameters
-        As configured.
-    """
-
-    def __init__(self, host: Host, parameters: Any) -> None:
-        super().__init__(host, parameters)
+    def configure(self) -> None:
+        host, parameters = self.host, self.parameters
         section = SensorSection(
             name=host.node.name,
             config=getattr(parameters, "config", ""),

@@ -23,7 +23,7 @@ from ..frames import info_topic
 from ..markers import text_marker
 from ..transports.topic_node import Received
 from ..wire.graph import Qos
-from .component import Component, Host, Status
+from .component import Component, Status
 from .parameters import NodeParameters
 
 __all__ = ["TransparencyParameters", "TransparentPartsNode"]
@@ -44,21 +44,13 @@ class TransparencyParameters(NodeParameters):
 
 
 class TransparentPartsNode(Component):
-    """Keeps views while it is active; ``~/complete`` looks for what is transparent in them.
-
-    Parameters
-    ----------
-    host
-        Node, services, failure.
-    parameters
-        As configured.
-    """
+    """Keeps views while it is active; ``~/complete`` looks for what is transparent in them."""
 
     summary = "transparent objects: depth images and poses in, service complete, PointCloud2 and markers out"
     parameter_model = TransparencyParameters
 
-    def __init__(self, host: Host, parameters: TransparencyParameters) -> None:
-        super().__init__(host, parameters)
+    def configure(self) -> None:
+        host, parameters = self.host, self.parameters
         self._noise = sensor_noise(parameters.sensor)
         self._views: deque[DepthFrame] = deque(maxlen=parameters.max_views)
         self._poses: deque[tuple[float, str, Pose]] = deque(maxlen=200)

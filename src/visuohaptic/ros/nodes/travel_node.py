@@ -21,7 +21,7 @@ from ..latest import LatestMessage
 from ..robots.mobile_base import RosBase
 from ..transports.topic_node import Received, TopicNode
 from ..wire.graph import Qos
-from .component import Component, Host, Status
+from .component import Component, Status
 from .parameters import NodeParameters
 
 __all__ = ["TravelNode", "TravelParameters"]
@@ -110,21 +110,13 @@ class _Senses:
 
 
 class TravelNode(Component):
-    """Drives to goals of the action or of the topic, pushing what is cheaper to push than to go round.
-
-    Parameters
-    ----------
-    host
-        Node, services, failure.
-    parameters
-        As configured.
-    """
+    """Drives to goals of the action or of the topic, pushing what is cheaper to push than to go round."""
 
     summary = "drives to a goal among movable objects: NavigateToPose action and goal topic in, cmd_vel out"
     parameter_model = TravelParameters
 
-    def __init__(self, host: Host, parameters: TravelParameters) -> None:
-        super().__init__(host, parameters)
+    def configure(self) -> None:
+        host, parameters = self.host, self.parameters
         node = host.node
         self._robot = load_robot(Path(parameters.robot))
         path = Path(parameters.objects) if parameters.objects else None
