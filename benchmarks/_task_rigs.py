@@ -7,6 +7,7 @@ change is only what the robot is told; a bump moves the world.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -162,7 +163,7 @@ class Record:
         return longest
 
 
-class Rig:
+class Rig(ABC):
     """A task, its world, and what is true of it."""
 
     name = ""
@@ -171,18 +172,21 @@ class Rig:
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
 
+    @abstractmethod
     def now_s(self) -> float:
-        raise NotImplementedError
+        """Time of the world [s]."""
 
+    @abstractmethod
     def tick(self) -> tuple[float, bool]:
         """True force on the robot [N], and whether it moves."""
-        raise NotImplementedError
 
+    @abstractmethod
     def bump(self) -> None:
-        raise NotImplementedError
+        """Somebody pushes it aside."""
 
+    @abstractmethod
     def attempt(self, guard: Supervisor, fault: Fault, record: Record) -> Claim:
-        raise NotImplementedError
+        """Do the task under the supervisor, with the fault in between."""
 
     def watch(self, guard: Supervisor, fault: Fault, record: Record) -> None:
         """What happens as the world's time passes: the supervisor's check, and the record."""
