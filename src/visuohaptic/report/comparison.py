@@ -16,6 +16,8 @@ __all__ = ["ForceComparison", "ForceRecord", "compare_forces", "write_comparison
 
 #: Half width of the interval that holds 90 % of a normal variable, in standard deviations.
 _BAND_90 = 1.6449
+#: Offsets of two clocks that are tried: an hour in half frames of 30 Hz, some seconds of computing.
+MAX_STEPS = 250_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +191,13 @@ def _clock_offset(
     good = run.valid & np.isfinite(run.force_N)
     t_s, force_N = run.t_s[good], run.force_N[good]
     step_s = 0.5 * float(np.median(np.diff(run.t_s))) if len(run.t_s) > 1 else max_offset_s
-    count = int(np.ceil(max_offset_s / max(step_s, 1e-4)))
+    steps = max_offset_s / max(step_s, 1e-4)
+    if not 0 < steps <= MAX_STEPS:
+        raise InputError(
+            "max_offset_s",
+            f"found {max_offset_s:g} s, expected more than 0 and at most {MAX_STEPS * step_s:g} s",
+        )
+    count = int(np.ceil(steps))
     offsets = step_s * np.arange(-count, count + 1)
     mean_square = np.full(len(offsets), np.inf)
     for k, offset in enumerate(offsets):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,13 +36,13 @@ def add_reference(parser: argparse.ArgumentParser, reference: str) -> None:
     )
 
 
-def checked_reference(args: Any, path: Path | None) -> ForceRecord | None:
+def checked_reference(args: Any, path: Path) -> ForceRecord:
     """The reference, read before anything is measured.
 
     Parameters
     ----------
     args
-        With ``page`` and ``max_offset``.
+        With ``page``, ``offset`` and ``max_offset``.
     path
         Of the reference.
 
@@ -52,14 +53,10 @@ def checked_reference(args: Any, path: Path | None) -> ForceRecord | None:
     """
     import numpy as np
 
-    if args.page and path is None:
-        raise InputError("--page", "found without --against, expected what to compare with")
     if args.page and args.page.suffix.lower() not in (".html", ".htm"):
         raise InputError(args.page, f"found suffix {args.page.suffix!r}, expected .html")
-    if not args.max_offset > 0:
-        raise InputError("--max-offset", f"found {args.max_offset:g}, expected more than 0 s")
-    if path is None:
-        return None
+    if args.offset is not None and not math.isfinite(args.offset):
+        raise InputError("--offset", f"found {args.offset:g}, expected a finite time")
     from ....io.sinks.table_reader import read_reference_table
     from ....report.comparison import ForceRecord
 
@@ -68,7 +65,7 @@ def checked_reference(args: Any, path: Path | None) -> ForceRecord | None:
     return ForceRecord(path.name, columns["t_s"], columns["force_N"], columns["sigma_N"], known)
 
 
-def reported(args: Any, run: ForceRecord, path: Path) -> dict[str, Any]:
+def reported(args: Any, run: ForceRecord, reference: ForceRecord) -> dict[str, Any]:
     """Compare, say it, write the page; the mapping is what ``--json`` prints.
 
     Parameters
@@ -77,20 +74,18 @@ def reported(args: Any, run: ForceRecord, path: Path) -> dict[str, Any]:
         With ``page``, ``offset``, ``max_offset`` and ``report``.
     run
         What was measured.
-    path
-        Of the reference.
+    reference
+        From :func:`checked_reference`.
     """
     from ....report.comparison import compare_forces, write_comparison
 
-    reference = checked_reference(args, path)
-    assert reference is not None
     found = compare_forces(run, reference, offset_s=args.offset, max_offset_s=args.max_offset)
     for line in found.lines():
         args.report(line)
     if args.page:
         args.report(f"page written to {write_comparison(found, args.page)}")
     return {
-        "reference": str(path),
+        "reference": reference.name,
         "compared": found.compared,
         "read": found.read,
         "offset_s": found.offset_s,

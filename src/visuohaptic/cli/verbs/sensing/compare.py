@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ._reference import add_reference, reported
+from ._reference import add_reference, checked_reference, reported
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -33,9 +33,10 @@ def run(args: Any) -> dict[str, Any]:
     from ....io.sinks.table_reader import read_force_table
     from ....report.comparison import ForceRecord
 
+    reference = checked_reference(args, args.reference)
     table = read_force_table(args.table)
     record = ForceRecord(
         args.table.name, table.t_s, table.force_N, table.force_sigma_N, table.valid,
         tuple(reason.value for reason in table.reason),
     )  # fmt: skip
-    return {"run": str(args.table), **reported(args, record, args.reference)}
+    return {"run": str(args.table), **reported(args, record, reference)}

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ....core.errors import InputError
 from ..._sensor_run import (
     SensorRun,
     add_part,
@@ -82,10 +83,12 @@ def run(args: Any) -> dict[str, Any]:
     from ....sensing.foam.finger import load_foam_sensor
 
     zero_frames(args)
-    checked_reference(args, args.against)
+    if args.page and args.against is None:
+        raise InputError("--page", "found without --against, expected what to compare with")
+    reference = None if args.against is None else checked_reference(args, args.against)
     sensor = load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:
-        return _zero(args, sensor, source) if args.zero else _measure(args, sensor, source)
+        return _zero(args, sensor, source) if args.zero else _measure(args, sensor, source, reference)
 
 
 def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
@@ -104,7 +107,9 @@ def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
     }
 
 
-def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
+def _measure(
+    args: Any, sensor: FoamSensor, source: FrameSource, reference: ForceRecord | None
+) -> dict[str, Any]:
     from ....core.robots import BaseState
     from ....sensing.foam.finger import FingerSensor
 
@@ -123,7 +128,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
             max_profile = profile
         if finger is not None and finger.finger.valid:
             positions.append(finger.finger.position_m)
-        if args.plot or args.against:
+        if args.plot or reference is not None:
             readings.append(reading)
 
     done = run_sensor(args, reader, shown_frames(args, source, "measuring"), force_outputs(), note)
@@ -131,8 +136,8 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
         _plot(args.plot, readings)
         done.out.append(str(args.plot))
     result = _summary(args, done, max_profile)
-    if args.against:
-        result["against"] = reported(args, _record(args, readings), args.against)
+    if reference is not None:
+        result["against"] = reported(args, _record(args, readings), reference)
     if finger is not None:
         result["finger"] = _stroke(args, positions)
     return result
