@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import importlib
 import json
 import subprocess
@@ -125,15 +124,6 @@ def test_the_work_is_shared_by_whole_packages():
     # The largest is first, so that it is not left alone at the end.
     first, *others = parts.values()
     assert len(first) > sorted(map(len, others))[len(others) // 2]
-
-
-def test_the_collector_rests_meanwhile(one_line, monkeypatch):
-    was_on = []
-    monkeypatch.setattr(warmup.importlib, "import_module", lambda name: was_on.append(gc.isenabled()))
-    with pytest.raises(AttributeError):
-        warmup.compile_lines(warmup.SIGNATURES.read_text().splitlines())
-    assert was_on == [False]
-    assert gc.isenabled()
 
 
 @pytest.mark.slow

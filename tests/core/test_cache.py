@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numba.core import caching, compiler, dispatcher
+from numba.core.errors import TypingError
 from numba.core.event import install_recorder
 
 from visuohaptic.core import KernelCache, cache_folder, code_digest, kernel, kernels, remove_stale
@@ -283,6 +284,48 @@ def test_the_digest_has_every_ingredient():
     assert None not in digests
     assert len(set(digests)) == len(digests)
     assert made() == digests[0]
+
+
+def test_the_collector_rests_while_kernels_are_compiled(monkeypatch):
+    monkeypatch.setattr(kernels.gc, "disable", lambda: states.append("rests"))
+    monkeypatch.setattr(kernels.gc, "enable", lambda: states.append("collects"))
+    states: list[str] = []
+
+    @kernel
+    def inner(x):
+        return x + "text"
+
+    @kernel
+    def outer(x):
+        return inner(x)
+
+    try:
+        with pytest.raises(TypingError):
+            outer(1)
+    finally:
+        for one in (inner, outer):
+            kernels.KERNELS.remove(one)
+    assert states == ["rests", "collects"]  # once for both, and also where the code is wrong
+
+
+def test_a_value_in_the_source_is_not_compiled_for_alone(folder):
+    @kernel
+    def callee(x):
+        return x + 1
+
+    @kernel
+    def caller(n):
+        total = 0
+        for _ in range(n):
+            total = callee(total)
+        return total + callee(7)
+
+    try:
+        assert caller(5) == 13
+        assert len(callee.overloads) == 1
+    finally:
+        for one in (callee, caller):
+            kernels.KERNELS.remove(one)
 
 
 def test_a_signature_is_refused():

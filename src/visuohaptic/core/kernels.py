@@ -22,6 +22,7 @@ begin with a checksum. They hold object code and are trusted like the installati
 from __future__ import annotations
 
 import functools
+import gc
 import hashlib
 import logging
 import os
@@ -41,10 +42,11 @@ import numpy as np
 from numba.core import serialize, sigutils
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.event import Listener, register
 from numba.core.registry import cpu_target
 from numba.core.types import Array, Boolean, Number, Type
 from numba.core.types.containers import BaseTuple
-from numba.core.types.misc import NoneType
+from numba.core.types.misc import NoneType, unliteral
 
 from .kernel_code import code_digest, kernel_name, text_digest
 
@@ -124,10 +126,39 @@ def kernel(
         )(function)
         if dispatcher is not function:  # it is with NUMBA_DISABLE_JIT
             dispatcher._cache = KernelCache(dispatcher)
+            dispatcher.get_call_template = functools.partial(_call_template, dispatcher.get_call_template)
             KERNELS.append(dispatcher)
         return dispatcher
 
     return compiled if function is None else compiled(function)
+
+
+def _call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
+    """Numba's types of a call from another kernel, of which the values are no part.
+
+    Numba sees ``0`` in a variable's first assignment as a type of its own, and would compile the callee for it alone.
+    """
+    return typed(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in kws.items()})
+
+
+@Listener.register
+class _RestingCollector:
+    """Keeps the garbage collector from walking through the millions of objects of the compiler at work."""
+
+    def __init__(self) -> None:
+        self._depth, self._collecting = 0, False
+
+    def notify(self, event: Any) -> None:
+        """A kernel begins to be compiled, perhaps because another one calls it, or it is, or has failed."""
+        if event.is_start and self._depth == 0:
+            self._collecting = gc.isenabled()
+            gc.disable()
+        self._depth += 1 if event.is_start else -1
+        if self._depth == 0 and self._collecting:
+            gc.enable()
+
+
+register("numba:compile", _RestingCollector())  # numba compiles in one thread at a time
 
 
 class KernelCache:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import importlib
 import time
 from collections.abc import Sequence
@@ -94,27 +93,19 @@ def _by_package(lines: Sequence[str]) -> dict[str, list[str]]:
 def compile_lines(lines: Sequence[str]) -> float:
     """Compile or load signatures; returns the CPU time [s].
 
-    The garbage collector rests meanwhile: it would walk through millions of objects of the compiler.
-
     Parameters
     ----------
     lines
         Of the list of signatures.
     """
-    collecting = gc.isenabled()
-    gc.disable()
     started_s = time.process_time()
-    try:
-        for line in lines:
-            name, _, arguments = line.partition(" ")
-            module, _, function = name.partition(":")
-            kernel = getattr(importlib.import_module(module), function)
-            if hasattr(kernel, "compile"):  # it has not with NUMBA_DISABLE_JIT
-                kernel.compile(arguments)
-        return time.process_time() - started_s
-    finally:
-        if collecting:
-            gc.enable()
+    for line in lines:
+        name, _, arguments = line.partition(" ")
+        module, _, function = name.partition(":")
+        kernel = getattr(importlib.import_module(module), function)
+        if hasattr(kernel, "compile"):  # it has not with NUMBA_DISABLE_JIT
+            kernel.compile(arguments)
+    return time.process_time() - started_s
 
 
 def _remove_stale() -> int:
