@@ -55,7 +55,9 @@ tr:last-child td { border-bottom: 0; }
 pre { overflow-x: auto; background: var(--card); border: 1px solid var(--line); border-radius: 10px;
   padding: .8rem 1rem; font-size: .87rem; line-height: 1.45; }
 footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
-@media print { body { background: #fff; } figure, .scroll { break-inside: avoid; } }
+@media print { body { background: #fff; font-size: 10.5pt; } main { padding: 0; } figure, tr { break-inside: avoid; }
+  h2, h2 + p { break-after: avoid; } thead { display: table-header-group; } .scroll, pre { overflow: visible; }
+  figure img, figure svg { max-height: 16cm; width: auto; max-width: 100%; margin: 0 auto; } }
 """
 
 #: The browser itself refuses to load anything for this page.
