@@ -33,7 +33,7 @@ def measured() -> dict[str, float]:
         with open_database(folder / "shared") as shared:
             shared.add_many(make_object(number) for number in range(SAMPLE))
             index = index_of(shared, "stiffness")
-            memory = (index._vectors.nbytes + index._bytes.nbytes) / SAMPLE
+            memory = index.bytes / SAMPLE
             disk = (
                 sum(path.stat().st_size for path in (folder / "shared").rglob("*") if path.is_file()) / SAMPLE
             )

@@ -20,9 +20,9 @@ from visuohaptic.core import KERNELS
 
 def run_objects() -> None:
     """One search of two vectors, through the door that everybody takes."""
-    from visuohaptic.database import ByteIndex
+    from visuohaptic.database import FeatureIndex
 
-    ByteIndex(["a", "b"], np.eye(2)).nearest(np.zeros(2))
+    FeatureIndex(["a", "b"], np.eye(2)).nearest(np.zeros(2))
 
 
 def run_tracking() -> None:

@@ -19,9 +19,8 @@ from benchmarks.objects_faults import make_object
 from benchmarks import objects_faults
 from visuohaptic.core import DatabaseError, Estimate, Evidence, InputError, Sighting, VisuoHapticObject, cards
 from visuohaptic.database import (
-    ByteIndex,
+    FeatureIndex,
     ObjectDatabase,
-    PlainIndex,
     add_evidence,
     export_object,
     import_object,
@@ -205,22 +204,24 @@ def test_plain_files(tmp_path: Path) -> None:
         import_object(folder)
 
 
-@pytest.mark.parametrize("known_fraction", [1.0, 0.2])
-def test_search_is_exact(known_fraction: float) -> None:
+@pytest.mark.parametrize(("scale", "known_fraction"), [(1.0, 1.0), (1.0, 0.2), (1e5, 0.6)])
+def test_search_is_exact(scale: float, known_fraction: float) -> None:
+    """As a scan of all, over more than one block of rows and sums of 16 features."""
     rng = np.random.default_rng(0)
-    vectors = rng.standard_t(2, size=(3000, 40))  # heavy tails: many are clipped
+    vectors = scale * rng.standard_t(2, size=(9000, 40))  # heavy tails: many are clipped
     vectors[7] = vectors[8]
     ids = [str(i) for i in range(len(vectors))]
-    fast, plain = ByteIndex(ids, vectors), PlainIndex(ids, vectors)
+    index = FeatureIndex(ids, vectors)
     for _ in range(20):
-        query = rng.standard_t(2, size=40)
+        query = scale * rng.standard_t(2, size=40)
         query[rng.random(40) > known_fraction] = np.nan
         query[0] = 0.0
-        found = fast.nearest(query, 7)
-        assert found == plain.nearest(query, 7)
-        by_hand = np.sort(np.sqrt(np.nansum((vectors - query) ** 2, axis=1)))[:7]
-        np.testing.assert_allclose([m.distance for m in found], by_hand, rtol=1e-12)
-    assert [m.id for m in fast.nearest(vectors[7], 2)] == ["7", "8"]
+        found = index.nearest(query, 7)
+        scan = np.sqrt(np.nansum((vectors - query) ** 2, axis=1))
+        assert [m.id for m in found] == [ids[i] for i in np.argsort(scan, kind="stable")[:7]]
+        np.testing.assert_allclose([m.distance for m in found], np.sort(scan)[:7], rtol=1e-12)
+    assert [m.id for m in index.nearest(vectors[7], 2)] == ["7", "8"]
+    assert len(index.nearest(vectors[7], 9999)) == 9000
 
 
 def test_search_in_a_database(tmp_path: Path) -> None:

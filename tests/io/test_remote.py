@@ -8,7 +8,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -142,20 +145,48 @@ def test_what_is_no_message_is_refused(message: bytes) -> None:
         unpack(message)
 
 
-def test_after_an_answer_that_does_not_come_nothing_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reply that comes late must not be taken for that of the next call."""
+@contextmanager
+def served(parts: dict[str, Any]) -> Iterator[RemoteRobot]:
+    """A robot of these parts in a thread, and who commands it."""
     key, found = b"k" * 32, queue.Queue[tuple[str, int]]()
-    parts = {"wait": lambda duration_s: time.sleep(duration_s) or duration_s}
     serving = threading.Thread(target=serve_robot, args=(parts,), kwargs={"key": key, "ready": found.put})
     serving.start()
     robot = RemoteRobot(found.get(timeout=10.0), key)
     try:
+        yield robot
+    finally:
+        robot.close()
+        serving.join(10.0)
+
+
+@pytest.mark.parametrize(
+    "failure", [OSError(5, "Input/output error"), EOFError("cable"), KeyError("joint_3")]
+)
+def test_a_driver_that_fails_is_an_error_of_the_device_and_the_rest_goes_on(failure: Exception) -> None:
+    """Also with the errors that a connection which is gone raises: they are the driver's own here."""
+    stops: list[None] = []
+
+    class Base:
+        def state(self) -> None:
+            raise failure
+
+        def stop(self) -> None:
+            stops.append(None)
+
+    with served({"base": Base(), "weigh": lambda frame: 2.5}) as robot:
+        with pytest.raises(DeviceError, match=f"{type(failure).__name__}: .*{failure.args[-1]}"):
+            robot.base.state()
+        assert robot.weigh(Frame(np.zeros((2, 2), np.uint8), 0.0, 0)) == pytest.approx(2.5)
+        robot.base.stop()
+        assert len(stops) == 1
+
+
+def test_after_an_answer_that_does_not_come_nothing_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reply that comes late must not be taken for that of the next call."""
+    with served({"wait": lambda duration_s: time.sleep(duration_s) or duration_s}) as robot:
         monkeypatch.setattr("visuohaptic.io.remote.client.PATIENCE_S", 0.1)
         with pytest.raises(DeviceError, match="not answered"):
             robot.call("wait", "wait", 0.6)
         time.sleep(0.8)
         with pytest.raises(DeviceError, match="gone"):
             robot.call("wait", "wait", 0.0)
-    finally:
-        robot.close()
-        serving.join(10.0)

@@ -40,10 +40,8 @@ from .schema import migrate as migrate
 from .schema import object_ as object_
 from .schema import peer as peer
 from .schema import shard as shard
-from .search import ByteIndex as ByteIndex
 from .search import FeatureIndex as FeatureIndex
 from .search import Match as Match
-from .search import PlainIndex as PlainIndex
 from .search import index_of as index_of
 from .shards import ShardFolder as ShardFolder
 from .shards import file_sha256 as file_sha256

@@ -1,4 +1,4 @@
-"""Distances between bytes: the fast part of the search."""
+"""Distances between vectors, rounded ones and exact ones: the fast part of the search."""
 
 from __future__ import annotations
 
@@ -6,30 +6,128 @@ import numpy as np
 
 from ..core.kernels import kernel
 
-__all__ = ["byte_distances"]
+__all__ = ["coarse_distances", "exact_distances", "smallest", "within"]
 
 
 @kernel(boundscheck=False)
-def byte_distances(rows, query, known, out):
-    """Squared distances of int8 rows (m, n) to an int16 query (n) into int32 ``out`` (m), where ``known`` is 1.
+def _add_four(codes, features, query, j, sums):
+    """Four features at a time: the sums are read and written once, and memory is asked for in four places."""
+    one, two = codes[features[j]], codes[features[j + 1]]
+    three, four = codes[features[j + 2]], codes[features[j + 3]]
+    p, q, r, s = query[j], query[j + 1], query[j + 2], query[j + 3]
+    for i in range(sums.shape[0]):
+        w = np.int16(np.int16(one[i]) - p)
+        x = np.int16(np.int16(two[i]) - q)
+        y = np.int16(np.int16(three[i]) - r)
+        z = np.int16(np.int16(four[i]) - s)
+        both = np.int16(np.int16(w * w) + np.int16(x * x))
+        sums[i] = np.int16(sums[i] + np.int16(both + np.int16(np.int16(y * y) + np.int16(z * z))))
 
-    All in 32 bits: wider numbers would halve what the processor does at a time. n <= 8000 cannot overflow.
+
+@kernel(boundscheck=False)
+def coarse_distances(codes, features, query, squared):
+    """Squared distances of all rounded rows to a rounded query, in steps.
 
     Parameters
     ----------
-    rows
-        Quantised vectors, int8, shape (m, n).
+    codes
+        Blocks of rows, feature by feature, 0 to 63, uint8, shape (b, n, h).
+    features
+        Those that the query knows, int64, shape (k,) with k a multiple of 4.
     query
-        Quantised query, int16, shape (n,).
-    known
-        1 where the query is known, else 0, int16, shape (n,).
-    out
-        Squared distances, int32, shape (m,); written.
+        Their values, 0 to 63, int16, shape (k,).
+    squared
+        Squared distances, int32, shape (b, h); written.
     """
-    n = query.shape[0]
-    for i in range(rows.shape[0]):
-        total = np.int32(0)
-        for j in range(n):
-            d = np.int32((np.int32(rows[i, j]) - np.int32(query[j])) * np.int32(known[j]))
-            total = np.int32(total + np.int32(d * d))
-        out[i] = total
+    h = codes.shape[2]
+    sums = np.zeros(h, np.int16)
+    for block in range(codes.shape[0]):
+        rows, out = codes[block], squared[block]
+        for i in range(h):
+            out[i] = np.int32(0)
+        for start in range(
+            0, len(features), 16
+        ):  # as many squares of at most 63 fit into 16 bits without a sign
+            for i in range(h):
+                sums[i] = np.int16(0)
+            for j in range(start, min(start + 16, len(features)), 4):
+                _add_four(rows, features, query, j, sums)
+            for i in range(h):
+                out[i] = np.int32(out[i] + np.int32(np.uint16(sums[i])))
+
+
+@kernel(boundscheck=False)
+def smallest(values, found):
+    """Places of the smallest values, ascending.
+
+    Parameters
+    ----------
+    values
+        Numbers, int32, shape (m,).
+    found
+        Places, int64, shape (k,) with k <= m; written.
+    """
+    count = 0
+    for i in range(values.shape[0]):
+        if count < found.shape[0] or values[i] < values[found[count - 1]]:
+            count = min(count + 1, found.shape[0])
+            j = count - 1
+            while j > 0 and values[found[j - 1]] > values[i]:
+                found[j] = found[j - 1]
+                j -= 1
+            found[j] = i
+
+
+@kernel(boundscheck=False)
+def within(squared, error, reach, found):
+    """Places where the root of a squared distance is not beyond ``reach`` and the row's own error.
+
+    Parameters
+    ----------
+    squared
+        Int32, shape (m,).
+    error
+        Of each row, float32, shape (m,).
+    reach
+        In the unit of both, float.
+    found
+        Places, int64, shape (m,); written.
+
+    Returns
+    -------
+    int
+        How many were found.
+    """
+    count = 0
+    for i in range(squared.shape[0]):
+        limit = error[i] + reach
+        if squared[i] <= limit * limit:
+            found[count] = i
+            count += 1
+    return count
+
+
+@kernel(boundscheck=False)
+def exact_distances(vectors, rows, features, query, out):
+    """Euclidean distances of some rows to a query.
+
+    Parameters
+    ----------
+    vectors
+        All vectors, float64, shape (m, n).
+    rows
+        Which, int64, shape (r,).
+    features
+        Those that the query knows, int64, shape (k,).
+    query
+        Their values, float64, shape (k,).
+    out
+        Distances, float64, shape (r,); written.
+    """
+    for i in range(len(rows)):
+        row = vectors[rows[i]]
+        total = 0.0
+        for j in range(len(features)):
+            d = row[features[j]] - query[j]
+            total += d * d
+        out[i] = np.sqrt(total)

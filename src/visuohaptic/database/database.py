@@ -178,15 +178,13 @@ class ObjectDatabase(Closing):
         with self.connections.reading() as connection:
             return summaries(connection, visual_class, name)
 
-    def features(self, kind: str, *, since: int = 0) -> tuple[Sequence[str], Float[np.ndarray, "m n"], int]:
+    def features(self, kind: str) -> tuple[Sequence[str], Float[np.ndarray, "m n"]]:
         """Feature vectors of one kind of all objects.
 
         Parameters
         ----------
         kind
             Kind of the features, the key in :attr:`.VisuoHapticObject.features`.
-        since
-            Only vectors written after the change of this number.
 
         Returns
         -------
@@ -194,12 +192,9 @@ class ObjectDatabase(Closing):
             Ids of the m objects.
         vectors
             Feature vectors, shape (m, n).
-        change
-            Number of the last change.
         """
         with self.connections.reading() as connection:
-            last = last_change(connection)  # first: what is written meanwhile is read again next time
-            return *feature_vectors(connection, kind, since, self.where), last
+            return feature_vectors(connection, kind, self.where)
 
     def changed(self, since: int) -> tuple[dict[str, int], int]:
         """Objects written or deleted after a change.

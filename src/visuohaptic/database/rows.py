@@ -148,7 +148,7 @@ def summaries(connection: Connection, visual_class: str | None, name: str | None
 
 
 def feature_vectors(
-    connection: Connection, kind: str, since: int, where: str
+    connection: Connection, kind: str, where: str
 ) -> tuple[Sequence[str], Float[np.ndarray, "m n"]]:
     """Ids and feature vectors of one kind, by id.
 
@@ -158,8 +158,6 @@ def feature_vectors(
         Open connection of the database.
     kind
         Kind of the features.
-    since
-        Only vectors written after the change of this number.
     where
         The database, for messages.
 
@@ -168,20 +166,23 @@ def feature_vectors(
     InputError
         The vectors differ in length.
     """
-    rows = connection.execute(
+    rows = connection.execution_options(yield_per=4096).execute(
         select(feature.c.object_id, feature.c.data)
-        .where(feature.c.kind == kind, feature.c.change > since)
+        .where(feature.c.kind == kind)
         .order_by(feature.c.object_id)
-    ).all()
-    lengths = {len(row.data) for row in rows}
+    )
+    ids: list[str] = []
+    data, lengths = bytearray(), set()  # one copy: a million vectors are gigabytes
+    for row in rows:
+        ids.append(row.object_id)
+        data += row.data
+        lengths.add(len(row.data))
     if len(lengths) > 1:
         raise InputError(
             where,
             f"found features {kind!r} of {sorted(n // 8 for n in lengths)} numbers, expected one length",
         )
-    ids = [row.object_id for row in rows]
-    flat = np.frombuffer(b"".join(row.data for row in rows), "<f8")
-    return ids, flat.reshape(len(ids), -1) if ids else flat.reshape(0, 0)
+    return ids, np.frombuffer(data, "<f8").reshape(len(ids), -1 if ids else 0)
 
 
 def fetch(

@@ -1,18 +1,18 @@
 """The nearest feature vectors, exactly.
 
-Every vector is kept twice: as it is, and rounded to one byte a feature. With x̂ for the rounded x, and q̂ for the
+Every vector is kept twice: as it is, and rounded to 64 levels a feature. With x̂ for the rounded x, and q̂ for the
 rounded query, the triangle inequality gives
 
-    |q̂ - x̂| - |q - q̂| - |x - x̂|  <=  |q - x|  <=  |q̂ - x̂| + |q - q̂| + |x - x̂|,
+    |q̂ - x̂| - |q - q̂| - |x - x̂|  <=  |q - x|,
 
-so the bytes decide on almost all vectors, and only those that may be among the k nearest are compared in full.
+so only those vectors are compared in full whose left side is not beyond a distance within which k vectors are known
+to be: that of the k vectors whose rounded ones are nearest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -20,10 +20,14 @@ from jaxtyping import Float
 from ..core.errors import InputError
 from .database import ObjectDatabase
 
-__all__ = ["ByteIndex", "FeatureIndex", "Match", "PlainIndex", "index_of"]
+__all__ = ["FeatureIndex", "Match", "index_of"]
 
-#: Vectors may have so many features before the byte distances overflow.
-MAX_FEATURES = 8000
+#: Levels of a rounded feature: squares of 16 differences fit into 16 bits (:func:`coarse_distances`).
+_LEVELS = 64
+#: Vectors may have so many features before the sums of squares overflow 32 bits.
+MAX_FEATURES = (2**31 - 1) // (_LEVELS - 1) ** 2
+#: Rows of a block, whose sums in 16 bits are half of the fastest cache (32 KB).
+_BLOCK = 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +38,49 @@ class Match:
     distance: float  #: Euclidean, over the features that the query knows
 
 
-class FeatureIndex(Protocol):
-    """What a search offers, whatever is below it."""
+class FeatureIndex:
+    """Exact search through 10^6 vectors in milliseconds; memory for 9 bytes a feature.
+
+    Parameters
+    ----------
+    ids
+        One for each vector.
+    vectors
+        Finite numbers, shape (m, n).
+
+    Raises
+    ------
+    InputError
+        The vectors are not finite, not one for each id, or too long.
+    """
+
+    def __init__(self, ids: Sequence[str], vectors: Float[np.ndarray, "m n"]) -> None:
+        self._ids, self._vectors = list(ids), _checked(ids, vectors)
+        m, n = self._vectors.shape
+        sample = self._vectors[:: max(1, m // 1000)]
+        self._centre = np.median(sample, axis=0) if m else np.zeros(n)
+        self._step = _best_step(sample - self._centre)
+        rows = max(1, min(_BLOCK, m))
+        blocks = -(-m // rows)
+        self._codes = np.zeros((blocks, n + 1, rows), np.uint8)  # and a feature that is 0 everywhere
+        self._error = np.zeros(m, np.float32)  # in steps, as the sums are
+        for block in range(blocks):
+            part = slice(block * rows, (block + 1) * rows)
+            code, error = _rounded(self._vectors[part] - self._centre, self._step)
+            self._codes[block, :n, : len(code)] = code.T
+            self._error[part] = error / self._step
+        self._squared = np.empty((blocks, rows), np.int32)
+
+    def __len__(self) -> int:
+        return len(self._ids)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the vectors and of what the search adds to them."""
+        return sum(array.nbytes for array in (self._vectors, self._codes, self._error, self._squared))
 
     def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """The nearest vectors, nearest first.
+        """The nearest vectors, nearest first; at equal distances in the order of the ids.
 
         Parameters
         ----------
@@ -46,87 +88,43 @@ class FeatureIndex(Protocol):
             Feature vector, shape (n,); NaN where it is not known.
         count
             How many.
+
+        Raises
+        ------
+        InputError
+            The query has another length or no number, or ``count`` is less than 1.
         """
-
-
-class PlainIndex(FeatureIndex):
-    """Every vector compared in full: the reference, and good enough for some thousands.
-
-    Parameters
-    ----------
-    ids
-        Id of each vector.
-    vectors
-        Finite numbers, shape (m, n).
-    """
-
-    def __init__(self, ids: Sequence[str], vectors: Float[np.ndarray, "m n"]) -> None:
-        self._ids, self._vectors = list(ids), _checked(ids, vectors)
-
-    def __len__(self) -> int:
-        return len(self._ids)
-
-    def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """The nearest vectors, nearest first; see :class:`FeatureIndex`."""
-        q, known = _query(query, self._vectors.shape[1], count)
-        if not self._ids:
-            return []
-        return _best(self._ids, self._vectors, np.arange(len(self._ids)), q, known, count)
-
-
-class ByteIndex(FeatureIndex):
-    """Exact search through 10^5 vectors in milliseconds; memory for 9 bytes a feature.
-
-    Parameters
-    ----------
-    ids
-        One for each vector.
-    vectors
-        Finite numbers.
-    """
-
-    def __init__(self, ids: Sequence[str], vectors: Float[np.ndarray, "m n"]) -> None:
-        self._ids, self._vectors = list(ids), _checked(ids, vectors)
-        m, n = self._vectors.shape
-        if n > MAX_FEATURES:
-            raise InputError("ByteIndex", f"found {n} features, expected at most {MAX_FEATURES}")
-        self._centre = np.median(self._vectors, axis=0) if m else np.zeros(n)
-        # Rare large values are clipped, which costs their rows precision and no one else.
-        width = float(np.quantile(np.abs(self._vectors - self._centre), 0.9999)) if m and n else 0.0
-        self._step = width / 127 if width > 0 else 1.0
-        self._bytes = np.empty((m, n), np.int8)
-        self._error = np.empty(m)
-        for start in range(0, m, 4096):
-            part = slice(start, start + 4096)
-            offset = self._vectors[part] - self._centre
-            self._bytes[part] = np.clip(np.rint(offset / self._step), -127, 127)
-            self._error[part] = np.linalg.norm(offset - self._bytes[part] * self._step, axis=1)
-        self._squared = np.empty(m, np.int32)
-
-    def __len__(self) -> int:
-        return len(self._ids)
-
-    def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """The nearest vectors, nearest first; see :class:`FeatureIndex`."""
-        q, known = _query(query, self._vectors.shape[1], count)
+        q = _query(query, self._vectors.shape[1], count)
         m = len(self._ids)
         if m == 0:
             return []
-        count = min(count, m)
-        from ._search_kernels import byte_distances
+        from ._search_kernels import coarse_distances, smallest, within
 
-        offset = np.where(known, q - self._centre, 0.0)
-        rounded = np.clip(np.rint(offset / self._step), -381, 381).astype(np.int16)
-        slack = self._error + np.linalg.norm(offset - rounded * self._step)
-        byte_distances(self._bytes, rounded, known.astype(np.int16), self._squared)
-        about = np.sqrt(self._squared) * self._step
-        reach = np.partition(about + slack, count - 1)[count - 1]
-        # A little more, for the rounding of these sums themselves.
-        near = np.flatnonzero(about - slack <= reach * (1 + 1e-9) + 1e-12)
-        return _best(self._ids, self._vectors, near, q, known, count)
+        known = np.flatnonzero(~np.isnan(q))
+        code, error = _rounded(q[None, known] - self._centre[known], self._step)
+        fours = -len(known) % 4
+        padded = np.pad(known, (0, fours), constant_values=len(q))
+        coarse_distances(self._codes, padded, np.pad(code[0].astype(np.int16), (0, fours)), self._squared)
+        squared = self._squared.ravel()[:m]
+        first = np.empty(min(count, m), np.int64)
+        smallest(squared, first)
+        reach = (self._distances(first, known, q).max() + float(error[0])) / self._step
+        near = np.empty(m, np.int64)
+        # A little more, for the rounding of these sums themselves and of errors in 32 bits.
+        near = near[: within(squared, self._error, reach * (1 + 1e-6) + 1e-5, near)]
+        distance = self._distances(near, known, q)
+        order = np.lexsort((near, distance))[:count]
+        return [Match(self._ids[near[i]], float(distance[i])) for i in order]
+
+    def _distances(self, rows: np.ndarray, known: np.ndarray, q: np.ndarray) -> Float[np.ndarray, "rows"]:
+        from ._search_kernels import exact_distances
+
+        out = np.empty(len(rows))
+        exact_distances(self._vectors, rows, known, q[known], out)
+        return out
 
 
-def index_of(database: ObjectDatabase, kind: str) -> ByteIndex:
+def index_of(database: ObjectDatabase, kind: str) -> FeatureIndex:
     """Index over the features of one kind of all objects in a database.
 
     Parameters
@@ -136,44 +134,43 @@ def index_of(database: ObjectDatabase, kind: str) -> ByteIndex:
     kind
         Kind of the features, the key in :attr:`.VisuoHapticObject.features`.
     """
-    ids, vectors, _ = database.features(kind)
-    return ByteIndex(ids, vectors)
+    return FeatureIndex(*database.features(kind))
 
 
-def _best(
-    ids: Sequence[str],
-    vectors: Float[np.ndarray, "m n"],
-    near: np.ndarray,
-    q: Float[np.ndarray, "n"],
-    known: np.ndarray,
-    count: int,
-) -> list[Match]:
-    distance = np.empty(len(near))
-    for start in range(0, len(near), 4096):  # in blocks that stay in the cache
-        part = near[start : start + 4096]
-        distance[start : start + 4096] = np.linalg.norm(
-            np.where(known, vectors[part] - np.where(known, q, 0.0), 0.0), axis=1
-        )
-    if count < len(near):
-        limit = np.partition(distance, count - 1)[count - 1]
-        keep = distance <= limit
-        near, distance = near[keep], distance[keep]
-    # At equal distances by place, so that the answer is always the same.
-    order = np.lexsort((near, distance))[:count]
-    return [Match(ids[near[i]], float(distance[i])) for i in order]
+def _rounded(offset: Float[np.ndarray, "rows n"], step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Levels of offsets from the centre, and the distance between each row and its rounded one."""
+    middle = (_LEVELS - 1) / 2
+    code = np.clip(np.rint(offset / step + middle), 0, _LEVELS - 1)
+    return code.astype(np.uint8), np.linalg.norm(offset - (code - middle) * step, axis=1)
+
+
+def _best_step(offset: Float[np.ndarray, "rows n"]) -> float:
+    """Width of the levels with which least is lost: too narrow ones clip, too wide ones are coarse."""
+    widest = float(np.abs(offset).max(initial=0.0))
+    if widest == 0.0:
+        return 1.0
+    # From where nothing is clipped down to where all but the rarest would be.
+    steps = 2 * widest / (_LEVELS - 1) * 2.0 ** -np.arange(0, 16, 0.25)
+    return float(steps[np.argmin([_rounded(offset, step)[1].mean() for step in steps])])
 
 
 def _checked(ids: Sequence[str], vectors: np.ndarray) -> Float[np.ndarray, "m n"]:
     vectors = np.ascontiguousarray(vectors, dtype=float)
-    if vectors.ndim != 2 or len(vectors) != len(ids) or not np.isfinite(vectors).all():
+    if (
+        vectors.ndim != 2
+        or len(vectors) != len(ids)
+        or vectors.shape[1] > MAX_FEATURES
+        or not np.isfinite(vectors).all()
+    ):
         raise InputError(
             "vectors",
-            f"found shape {vectors.shape} for {len(ids)} ids, expected one row of finite numbers for each",
+            f"found shape {vectors.shape} for {len(ids)} ids, expected one row of at most {MAX_FEATURES} "
+            "finite numbers for each",
         )
     return vectors
 
 
-def _query(query: np.ndarray, n: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _query(query: np.ndarray, n: int, count: int) -> Float[np.ndarray, "n"]:
     q = np.asarray(query, dtype=float)
     if (q.shape != (n,) and n) or np.isinf(q).any() or (n and np.isnan(q).all()):
         raise InputError(
@@ -181,4 +178,4 @@ def _query(query: np.ndarray, n: int, count: int) -> tuple[np.ndarray, np.ndarra
         )
     if count < 1:
         raise InputError("count", f"found {count}, expected 1 or more")
-    return q, ~np.isnan(q)
+    return q

@@ -6,8 +6,11 @@ from .channel import SensorChannel as SensorChannel
 from .channel import SensorReport as SensorReport
 from .frames import TopicFrames as TopicFrames
 from .latest import LatestMessage as LatestMessage
+from .markers import LINES as LINES
+from .markers import POINTS as POINTS
 from .markers import arrow as arrow
 from .markers import contact_markers as contact_markers
+from .markers import points_marker as points_marker
 from .markers import text_marker as text_marker
 from .robots.gripper import RosGripper as RosGripper
 from .robots.mobile_base import RosBase as RosBase

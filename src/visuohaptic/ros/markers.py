@@ -11,9 +11,9 @@ from jaxtyping import Float
 from ..core.measurement import ForceProfile
 from ..io.ros.ros_messages import header
 
-__all__ = ["arrow", "contact_markers", "text_marker"]
+__all__ = ["LINES", "POINTS", "arrow", "contact_markers", "points_marker", "text_marker"]
 
-_ARROW, _TEXT = 0, 9
+_ARROW, LINES, POINTS, _TEXT = 0, 5, 8, 9
 _ADD, _DELETE_ALL = 0, 3
 _COLOUR = (0.85, 0.37, 0.01, 1.0)
 
@@ -74,6 +74,31 @@ def arrow(
     marker = _marker(t_s, frame, name, number, _ADD)
     marker["scale"] = {"x": width_m, "y": 2.0 * width_m, "z": 0.0}
     marker["points"] = [dict(zip("xyz", map(float, point), strict=True)) for point in points_m]
+    return marker
+
+
+def points_marker(
+    t_s: float, frame: str, name: str, kind: int, points_m: Sequence[Sequence[float]], *, size_m: float
+) -> dict[str, Any]:
+    """``visualization_msgs/Marker``: points, or lines from each first to each second one.
+
+    Parameters
+    ----------
+    t_s
+        Stamp [s].
+    frame
+        Frame of coordinates of the points.
+    name
+        Namespace of the marker.
+    kind
+        :data:`POINTS` or :data:`LINES`.
+    points_m
+        x, y, z of each [m].
+    size_m
+        Width of a point or line [m].
+    """
+    marker = arrow(t_s, frame, name, 0, points_m)
+    marker["type"], marker["scale"] = kind, {"x": size_m, "y": size_m, "z": 0.0}
     return marker
 
 

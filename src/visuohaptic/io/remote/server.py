@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -15,6 +16,8 @@ from ...core.robots import ROBOT_CONTRACT
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteTouch, pack, unpack
 
 __all__ = ["serve_robot"]
+
+_log = logging.getLogger(__name__)
 
 
 def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[str, int]], None]) -> None:
@@ -48,16 +51,21 @@ def _answer(served: _Served, connection: Connection[Any, Any]) -> None:
     try:
         connection.send_bytes(pack({"contract": ROBOT_CONTRACT, "parts": tuple(served.parts)}))
         while True:
-            try:
-                reply = {"value": served.call(unpack(connection.recv_bytes(MAX_MESSAGE_BYTES)))}
-                message = pack(reply)
-            except VisuohapticError as problem:
-                message = pack({"error": type(problem).__name__, "text": str(problem)})
-            connection.send_bytes(message)
+            connection.send_bytes(_reply(served, connection.recv_bytes(MAX_MESSAGE_BYTES)))
     except (EOFError, OSError):
         pass  # the client has left
     finally:
         served.stop()
+
+
+def _reply(served: _Served, message: bytes) -> bytes:
+    try:
+        return pack({"value": served.call(unpack(message))})
+    except VisuohapticError as problem:
+        return pack({"error": type(problem).__name__, "text": str(problem)})
+    except Exception as problem:  # noqa: BLE001 - drivers' errors have no common base; what moves must stay stoppable
+        _log.exception("a part of the robot has failed")
+        return pack({"error": "DeviceError", "text": f"{type(problem).__name__}: {problem}"})
 
 
 class _Served:

@@ -6,6 +6,13 @@ from .component import Status as Status
 from .launch import read_launch as read_launch
 from .launch import run_launch as run_launch
 from .lifecycle import LifecycleProcess as LifecycleProcess
+from .map_nodes import LATCHED as LATCHED
+from .map_nodes import LayersNode as LayersNode
+from .map_nodes import LayersParameters as LayersParameters
+from .map_nodes import MapNode as MapNode
+from .map_nodes import MapParameters as MapParameters
+from .map_nodes import felt_obstacles as felt_obstacles
+from .map_nodes import objects_text as objects_text
 from .object_nodes import ClassifyNode as ClassifyNode
 from .object_nodes import ClassifyParameters as ClassifyParameters
 from .object_nodes import GraspNode as GraspNode

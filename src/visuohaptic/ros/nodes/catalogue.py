@@ -18,6 +18,7 @@ NODES: Mapping[str, tuple[str, str]] = {
     "template": ("template_node", "TemplateNode"),
     "transparency": ("transparency_node", "TransparentPartsNode"),
     "plan": ("plan_node", "PlanNode"),
+    "layers": ("map_nodes", "LayersNode"),
     "travel": ("travel_node", "TravelNode"),
     "classify": ("object_nodes", "ClassifyNode"),
     "grasp": ("object_nodes", "GraspNode"),

@@ -4,37 +4,30 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from ...core.camera.pose import Pose
-from ...core.errors import DeviceError, VisuohapticError
+from ...core.errors import DeviceError
 from ...core.files.plain_json import dumps
-from ...io.maps.occupancy_map import OccupancyMap
 from ...io.ros import ros_messages as messages
 from ...navigation.planning.policies import make_plan
 from ...navigation.planning.search.push_states import SearchLimits
-from ...navigation.problem.objects_file import load_objects, load_passages, load_robot
 from ...navigation.problem.path_plan import Plan
 from ...navigation.problem.planning_problem import PlanningProblem
 from ..markers import arrow
 from ..transports.topic_node import Received
-from ..wire.graph import Qos
-from .component import Component, Status
-from .parameters import NodeParameters
+from .component import Status
+from .map_nodes import LATCHED, MapNode, MapParameters
 
 __all__ = ["PlanNode", "PlanParameters"]
 
 
-class PlanParameters(NodeParameters):
+class PlanParameters(MapParameters):
     """Of the node plan."""
 
-    robot: str = Field("", min_length=1, description="robot.yaml: radius, speeds, pushing force")
-    objects: str = Field("", description="objects.yaml: movable objects and passages; empty for none")
-    map: str = Field("map", description="topic of nav_msgs/OccupancyGrid, latched")
     pose: str = Field(
         "amcl_pose", description="topic of geometry_msgs/PoseWithCovarianceStamped in the map frame"
     )
@@ -42,55 +35,35 @@ class PlanParameters(NodeParameters):
     budget_s: float = Field(2.0, ge=0.01, le=600.0, description="wall time of a search [s]")
 
 
-class PlanNode(Component):
+class PlanNode(MapNode):
     """Plans when a goal comes, and when ``~/plan`` is called; the newest goal replaces the one before."""
 
     summary = "navigation among movable objects: OccupancyGrid and goal in, Path, markers and tasks out"
     parameter_model = PlanParameters
 
     def configure(self) -> None:
-        host, parameters = self.host, self.parameters
-        self._robot = load_robot(Path(parameters.robot))
-        path = Path(parameters.objects) if parameters.objects else None
-        self._objects = () if path is None else load_objects(path)
-        self._passages = () if path is None else load_passages(path)
+        super().configure()
+        parameters, node = self.parameters, self.host.node
         self._newest: dict[str, Any] = {}
-        self._told = Status(True, "no goal yet")
         self._lock = threading.Lock()
-        node, latched = host.node, Qos(latched=True, depth=1)
-        self._path = node.advertise("plan", "nav_msgs/msg/Path", latched)
-        self._markers = node.advertise("plan/pushes", "visualization_msgs/msg/MarkerArray", latched)
-        self._tasks = node.advertise("plan/tasks", "std_msgs/msg/String", latched)
-        node.subscribe(parameters.map, "nav_msgs/msg/OccupancyGrid", self._take("map"), latched)
+        self._path = node.advertise("plan", "nav_msgs/msg/Path", LATCHED)
+        self._markers = node.advertise("plan/pushes", "visualization_msgs/msg/MarkerArray", LATCHED)
+        self._tasks = node.advertise("plan/tasks", "std_msgs/msg/String", LATCHED)
         pose = "geometry_msgs/msg/PoseWithCovarianceStamped"
-        node.subscribe(parameters.pose, pose, self._take("pose"), latched)
+        node.subscribe(parameters.pose, pose, self._take("pose"), LATCHED)
         node.subscribe(parameters.goal, "geometry_msgs/msg/PoseStamped", self._take("goal"))
-        host.offer("~/plan", self.plan)
-        self._goal = threading.Event()
-        self._end = threading.Event()
-        self._thread: threading.Thread | None = None
+        self.host.offer("~/plan", self.plan)
 
     def _take(self, name: str) -> Any:
         def take(received: Received) -> None:
             self._newest[name] = received.message
             if name == "goal":
-                self._goal.set()
+                self._due.set()
 
         return take
 
-    def activate(self) -> None:
-        self._end.clear()
-        self._thread = threading.Thread(target=self._run, name="planning", daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._end.is_set():
-            if self._goal.wait(0.1):
-                self._goal.clear()
-                try:
-                    self.plan()
-                except VisuohapticError as error:
-                    self._told = Status(False, str(error))
+    def work(self) -> None:
+        self.plan()
 
     def plan(self) -> Mapping[str, Any]:
         """Plan to the newest goal and publish it.
@@ -98,21 +71,20 @@ class PlanNode(Component):
         Raises
         ------
         DeviceError
-            Map, pose or goal have not come yet.
+            Map, pose or goal have not come yet, or the node was deactivated meanwhile.
         InputError
             Start or goal is not on free ground.
         """
         with self._lock:
-            if missing := [name for name in ("map", "pose", "goal") if name not in self._newest]:
+            end, newest = self._end, self._newest | ({} if self._map is None else {"map": self._map})
+            if missing := [name for name in ("map", "pose", "goal") if name not in newest]:
                 topics = ", ".join(self.host.node.resolve(getattr(self.parameters, name)) for name in missing)
                 raise DeviceError(f"nothing on {topics} yet; check that it is published")
-            message, start, goal = (self._newest[name] for name in ("map", "pose", "goal"))
-            grid = OccupancyMap.from_message(message, self.parameters.map)
-            problem = PlanningProblem(
-                grid, self._robot, _place(start.pose.pose), _place(goal.pose), self._objects, self._passages
-            )
+            start, goal = _place(newest["pose"].pose.pose), _place(newest["goal"].pose)
+            problem = PlanningProblem(self._grid(), self._robot, start, goal, self._objects, self._passages)
             found = make_plan(problem, limits=SearchLimits(self.parameters.budget_s))
-            self._publish(found, message.header.frame_id)
+            self.still(end)
+            self._publish(found, newest["map"].header.frame_id)
             words = {"cost_s": found.cost_s if found.reachable else "none", "pushes": len(found.pushes)}
             self._told = Status(found.reachable, found.answer if found.reachable else found.reason, words)
             return found.to_json()
@@ -129,17 +101,6 @@ class PlanNode(Component):
         ]
         self._markers.publish({"markers": pushes})
         self._tasks.publish({"data": dumps(found.to_json())})
-
-    def status(self) -> Status:
-        return self._told
-
-    def deactivate(self) -> None:
-        self._end.set()
-        if self._thread is not None:
-            self._thread.join()
-
-    def close(self) -> None:
-        self.deactivate()
 
 
 def _place(pose: Any) -> np.ndarray:

@@ -6,33 +6,26 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from ...core.errors import DeviceError, StaleFrameError, VisuohapticError
-from ...io.maps.occupancy_map import OccupancyMap
-from ...navigation.problem.objects_file import load_objects, load_passages, load_robot
 from ...navigation.problem.planning_problem import PlanningProblem
 from ...tasks.mobile.travel.navigate import Travel, travel
 from ..latest import LatestMessage
 from ..robots.mobile_base import RosBase
 from ..transports.topic_node import Received, TopicNode
-from ..wire.graph import Qos
-from .component import Component, Status
-from .parameters import NodeParameters
+from .component import Status
+from .map_nodes import LATCHED, MapNode, MapParameters, objects_text
 
 __all__ = ["TravelNode", "TravelParameters"]
 
 
-class TravelParameters(NodeParameters):
+class TravelParameters(MapParameters):
     """Of the node travel."""
 
-    robot: str = Field("", min_length=1, description="robot.yaml: radius, speeds, pushing force")
-    objects: str = Field("", description="objects.yaml: movable objects and passages; empty for none")
-    map: str = Field("map", description="topic of nav_msgs/OccupancyGrid, latched")
     pose: str = Field(
         "amcl_pose",
         description="topic of PoseWithCovarianceStamped in the map; empty: odometry is of the map",
@@ -66,11 +59,11 @@ class _Senses:
         stamped = "geometry_msgs/msg/PoseStamped"
         if chosen.pose:
             pose = "geometry_msgs/msg/PoseWithCovarianceStamped"
-            node.subscribe(chosen.pose, pose, self._locate, Qos(latched=True, depth=1))
+            node.subscribe(chosen.pose, pose, self._locate, LATCHED)
         wrench = "geometry_msgs/msg/WrenchStamped"
         self._wrench = LatestMessage(node, chosen.wrench, wrench, chosen.max_age_s)
         self._seen = {id: LatestMessage(node, f"{chosen.seen}/{id}", stamped, chosen.max_age_s) for id in ids}
-        self._turned: dict[str, float] = {}
+        self.turned: dict[str, float] = {}  #: heading of each object where it was first seen [rad]
         self.located = not chosen.pose
 
     def _locate(self, received: Received) -> None:
@@ -105,23 +98,19 @@ class _Senses:
             x, y, heading = _planar(self._seen[id].get(0.0).message.pose)
         except (KeyError, StaleFrameError):
             return None
-        begin = self._turned.setdefault(id, heading)
+        begin = self.turned.setdefault(id, heading)
         return x, y, math.remainder(heading - begin, 2.0 * math.pi)
 
 
-class TravelNode(Component):
+class TravelNode(MapNode):
     """Drives to goals of the action or of the topic, pushing what is cheaper to push than to go round."""
 
     summary = "drives to a goal among movable objects: NavigateToPose action and goal topic in, cmd_vel out"
     parameter_model = TravelParameters
 
     def configure(self) -> None:
-        host, parameters = self.host, self.parameters
-        node = host.node
-        self._robot = load_robot(Path(parameters.robot))
-        path = Path(parameters.objects) if parameters.objects else None
-        self._objects = () if path is None else load_objects(path)
-        self._passages = () if path is None else load_passages(path)
+        super().configure()
+        parameters, node = self.parameters, self.host.node
         self._base = RosBase(
             node,
             command=parameters.command,
@@ -132,32 +121,22 @@ class TravelNode(Component):
         )
         self._senses = _Senses(node, self._base, parameters, tuple(each.id for each in self._objects))
         self._senses.radius_m = self._robot.radius_m
-        map_type = "nav_msgs/msg/OccupancyGrid"
-        self._map: Any = None
-        node.subscribe(parameters.map, map_type, self._charted, Qos(latched=True, depth=1))
-        self._told = Status(True, "no goal yet")
+        self._known = node.advertise("objects", "std_msgs/msg/String", LATCHED)
         self._driving = threading.Lock()
         self._cancel = threading.Event()
-        self._thread: threading.Thread | None = None
-        node.subscribe(parameters.goal, "geometry_msgs/msg/PoseStamped", self._goal)
-        host.offer("~/cancel", self._take_back)
-        host.act(parameters.action, "nav2_msgs/action/NavigateToPose", self.navigate)
+        self._goal: Any = None
+        node.subscribe(parameters.goal, "geometry_msgs/msg/PoseStamped", self._take_goal)
+        self.host.offer("~/cancel", self._take_back)
+        self.host.act(parameters.action, "nav2_msgs/action/NavigateToPose", self.navigate)
 
-    def _charted(self, received: Received) -> None:
-        self._map = received.message
-
-    def _goal(self, received: Received) -> None:
+    def _take_goal(self, received: Received) -> None:
         if self.host.active.is_set() and not self._driving.locked():
             self._cancel.clear()
-            goal = received.message
-            self._thread = threading.Thread(target=self._follow, args=(goal,), name="travel", daemon=True)
-            self._thread.start()
+            self._goal = received.message
+            self._due.set()
 
-    def _follow(self, goal: Any) -> None:
-        try:
-            self.drive(_planar(goal.pose)[:2], lambda remaining_m: None, self._cancel.is_set)
-        except VisuohapticError as error:
-            self._told = Status(False, str(error))
+    def work(self) -> None:
+        self.drive(_planar(self._goal.pose)[:2], lambda remaining_m: None, self._cancel.is_set)
 
     def _take_back(self) -> Mapping[str, Any]:
         self._cancel.set()
@@ -216,10 +195,9 @@ class TravelNode(Component):
                 raise DeviceError(
                     f"nothing on {self.host.node.resolve(place)} yet; check that it is published"
                 )
-            grid = OccupancyMap.from_message(self._map, self.parameters.map)
             start = np.array(self._senses.pose()[:2])
             problem = PlanningProblem(
-                grid, self._robot, start, np.array(goal_m), self._objects, self._passages
+                self._grid(), self._robot, start, np.array(goal_m), self._objects, self._passages
             )
             self._told = Status(True, "driving")
             periods = iter(range(10**9))
@@ -233,22 +211,22 @@ class TravelNode(Component):
                 time.sleep(period_s)
 
             done = travel(problem, self._base, self._senses, wait)
+            # Where they were pushed to, and what was felt of them; they turn from there on.
+            self._objects = done.problem.objects
+            self._senses.turned.clear()
+            self._known.publish({"data": objects_text(self._objects)})
             counts = {"pushes": done.pushes, "plans": done.plans, "length_m": done.length_m}
             self._told = Status(done.arrived, done.outcome.value, counts)
             return done
         finally:
             self._driving.release()
 
-    def status(self) -> Status:
-        return self._told
-
     def deactivate(self) -> None:
         self._cancel.set()
-        if self._thread is not None:
-            self._thread.join()
+        super().deactivate()
 
     def close(self) -> None:
-        self.deactivate()
+        super().close()
         self._base.close()
 
 

@@ -1,0 +1,256 @@
+"""Nodes that work in a map: what they share, and the one that serves graph and masks of the map to others."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from abc import abstractmethod
+from collections.abc import Iterable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int8
+from pydantic import Field
+
+from ...core.codec import to_dict
+from ...core.errors import DeviceError, VisuohapticError
+from ...core.files import parse_yaml
+from ...core.files.plain_json import dumps
+from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
+from ...navigation.files.joint_geojson import save_joint_route_graph
+from ...navigation.graph.navigation_graph import build_graph
+from ...navigation.graph.regions import assign_regions
+from ...navigation.grid.cost_grid import SpeedLimits, grid_layers
+from ...navigation.planning.joint_builder import extend_graph
+from ...navigation.problem.node_types import nodes_of
+from ...navigation.problem.objects_file import load_objects, load_passages, load_robot, objects_from_data
+from ...navigation.problem.planning_problem import MovableObject
+from ...navigation.problem.push_costs import failure_probability, manipulability
+from ...navigation.problem.robot_model import RobotModel
+from ..markers import LINES, POINTS, points_marker
+from ..transports.topic_node import Received
+from ..wire.graph import Qos
+from .component import Component, Status
+from .parameters import NodeParameters
+
+__all__ = [
+    "LATCHED",
+    "LayersNode",
+    "LayersParameters",
+    "MapNode",
+    "MapParameters",
+    "felt_obstacles",
+    "objects_text",
+]
+
+_log = logging.getLogger(__name__)
+
+LATCHED = Qos(latched=True, depth=1)
+_GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
+#: A node that is deactivated waits so long for its thread [s]; the search of a travel ends within 6 s.
+WAIT_S = 8.0
+
+
+class MapParameters(NodeParameters):
+    """Of every node that works in a map."""
+
+    robot: str = Field("", min_length=1, description="robot.yaml: radius, speeds, pushing force")
+    objects: str = Field("", description="objects.yaml: movable objects and passages; empty for none")
+    map: str = Field("map", description="topic of nav_msgs/OccupancyGrid, latched")
+
+
+class MapNode(Component):
+    """Reads robot and objects, keeps the newest map, and does its work in a thread of its own when it is asked."""
+
+    def configure(self) -> None:
+        parameters = self.parameters
+        self._robot = load_robot(Path(parameters.robot))
+        path = Path(parameters.objects) if parameters.objects else None
+        self._objects = () if path is None else load_objects(path)
+        self._passages = () if path is None else load_passages(path)
+        self._map: Any = None
+        self._told = Status(True, "nothing asked yet")
+        self._due, self._end = threading.Event(), threading.Event()
+        self._thread: threading.Thread | None = None
+        self.host.node.subscribe(parameters.map, _GRID, self._charted, LATCHED)
+
+    def _charted(self, received: Received) -> None:
+        self._map = received.message
+
+    def _grid(self) -> OccupancyMap:
+        return OccupancyMap.from_message(self._map, self.parameters.map)
+
+    @abstractmethod
+    def work(self) -> None:
+        """What is asked for by setting ``_due``; an error of this library becomes the node's state."""
+
+    def activate(self) -> None:
+        self._end = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, args=(self._end,), name=self.host.node.name, daemon=True
+        )
+        self._thread.start()
+
+    def _run(self, end: threading.Event) -> None:
+        while not end.is_set():
+            if self._due.wait(0.1):
+                self._due.clear()
+                try:
+                    self.work()
+                except VisuohapticError as error:
+                    self._told = Status(False, str(error))
+                except Exception as error:  # noqa: BLE001 - raised in the caller's thread
+                    self.host.fail(error)
+
+    def still(self, end: threading.Event) -> None:
+        """Refuse a result of an activation that is over.
+
+        Parameters
+        ----------
+        end
+            ``_end`` when the work began.
+
+        Raises
+        ------
+        DeviceError
+            It was deactivated meanwhile.
+        """
+        if end.is_set():
+            raise DeviceError(f"the node {self.host.node.name} was deactivated meanwhile")
+
+    def deactivate(self) -> None:
+        self._end.set()
+        if self._thread is not None:
+            self._thread.join(WAIT_S)
+            if self._thread.is_alive():
+                _log.error("%s: still at work after %g s; its result is dropped", self._thread.name, WAIT_S)
+            self._thread = None
+
+    def status(self) -> Status:
+        return self._told
+
+    def close(self) -> None:
+        self.deactivate()
+
+
+class LayersParameters(MapParameters):
+    """Of the node layers."""
+
+    felt: str = Field("objects", description="topic of std_msgs/String: objects as touched since, JSON")
+    spacing_m: float = Field(
+        0.0, ge=0.0, le=100.0, description="between nodes of the graph [m]; 0: at junctions"
+    )
+
+
+class LayersNode(MapNode):
+    """Serves what Nav2 drives by, again with each map and whenever objects were touched."""
+
+    summary = (
+        "a map for Nav2: OccupancyGrid in, route graph (GeoJSON, markers), keep-out mask, felt obstacles out"
+    )
+    parameter_model = LayersParameters
+
+    def configure(self) -> None:
+        super().configure()
+        node = self.host.node
+        self._graph = node.advertise("route_graph", "std_msgs/msg/String", LATCHED)
+        self._drawn = node.advertise("route_graph/markers", _MARKERS, LATCHED)
+        self._mask = node.advertise("keepout_mask", _GRID, LATCHED)
+        self._felt = node.advertise("felt_obstacles", _GRID, LATCHED)
+        node.subscribe(self.parameters.felt, "std_msgs/msg/String", self._touched, LATCHED)
+
+    def _charted(self, received: Received) -> None:
+        super()._charted(received)
+        self._due.set()
+
+    def _touched(self, received: Received) -> None:
+        where = self.parameters.felt
+        self._objects = objects_from_data(parse_yaml(received.message.data, where), where=where)
+        if self._map is not None:
+            self._due.set()
+
+    def work(self) -> None:
+        """Build and publish the four; raises InputError where the map has no room for the robot."""
+        end, grid, objects, robot = self._end, self._grid(), self._objects, self._robot
+        layers = grid_layers(grid, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
+        graph = build_graph(layers, spacing_m=self.parameters.spacing_m or None)
+        joint = extend_graph(graph, assign_regions(layers, graph), robot, nodes_of(objects, self._passages))
+        frame = self._map.header.frame_id
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "route_graph.geojson"
+            save_joint_route_graph(path, joint, frame=frame)
+            text = path.read_text(encoding="utf-8")
+        felt = felt_obstacles(grid, objects, robot)
+        self.still(end)
+        t_s = self.host.node.now_s()
+        self._graph.publish({"data": text})
+        self._drawn.publish({"markers": _drawn(t_s, frame, json.loads(text)["features"], grid.resolution_m)})
+        for outlet, cells in ((self._felt, felt), (self._mask, np.where(felt == OCCUPIED, OCCUPIED, FREE))):
+            layer = OccupancyMap(cells.astype(np.int8), grid.resolution_m, grid.origin)
+            outlet.publish(layer.to_message(t_s, frame))
+        self._told = Status(True, "ok", {"nodes": graph.nodes, "objects": len(objects)})
+
+
+def felt_obstacles(
+    grid: OccupancyMap, objects: Iterable[MovableObject], robot: RobotModel
+) -> Int8[np.ndarray, "rows columns"]:
+    """What objects that were touched are to a robot that drives into them, on the cells of a map.
+
+    100 where an object cannot be pushed (fixed, falls, or heavier than the platform's force), 1 to 99 by the probability
+    that a push fails where it can, 0 elsewhere; objects that nobody has touched say nothing.
+
+    Parameters
+    ----------
+    grid
+        The map.
+    objects
+        Footprints with tags.
+    robot
+        Its pushing force.
+    """
+    from shapely import Polygon, distance, points
+
+    found = np.zeros(grid.shape, np.int8)
+    for item in objects:
+        if item.tag is None:
+            continue
+        risk = failure_probability(item.tag, 0.0, robot)
+        value = 1 + round(98 * risk) if manipulability(item.tag, robot).possible else OCCUPIED
+        corners = grid.cell_from_world(item.footprint_m)
+        low, high = np.clip([corners.min(axis=0) - 1, corners.max(axis=0) + 2], 0, found.shape)
+        cells = low + np.argwhere(np.ones(high - low, bool))
+        # Every cell that the object reaches into: its middle is at most half a diagonal away.
+        places = points(grid.world_from_cell(cells))
+        reached = cells[distance(Polygon(item.footprint_m), places) <= grid.resolution_m * np.sqrt(0.5)]
+        rows, columns = reached.T
+        found[rows, columns] = np.maximum(found[rows, columns], value)
+    return found
+
+
+def objects_text(objects: Iterable[MovableObject]) -> str:
+    """Objects as JSON with the fields of ``objects.yaml``.
+
+    Parameters
+    ----------
+    objects
+        As a travel has left them.
+    """
+    entries = []
+    for item in objects:
+        entry: dict[str, Any] = {"id": item.id, "footprint_m": item.footprint_m.tolist()}
+        entries.append(entry if item.tag is None else entry | {"haptic_tag": to_dict(item.tag)})
+    return dumps({"objects": entries})
+
+
+def _drawn(t_s: float, frame: str, features: list[Any], size_m: float) -> list[dict[str, Any]]:
+    """The nodes of a route graph, and its edges, each once."""
+    nodes = [[*f["geometry"]["coordinates"], 0.0] for f in features if "startid" not in f["properties"]]
+    edges = [f for f in features if f["properties"].get("startid", 1) < f["properties"].get("endid", 0)]
+    ends = [[*point, 0.0] for edge in edges for line in edge["geometry"]["coordinates"] for point in line]
+    return [
+        points_marker(t_s, frame, "nodes", POINTS, nodes, size_m=size_m),
+        points_marker(t_s, frame, "edges", LINES, ends, size_m=0.4 * size_m),
+    ]
