@@ -97,26 +97,22 @@ def run_beam() -> None:
 
 
 def run_graph() -> None:
-    """Build, ask and edit a small map."""
+    """Build a small map and ask it."""
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.files import route_pieces
-    from visuohaptic.navigation.graph import NavigationMap, plan_path, shortest_path
+    from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.graph._region_kernels import spread
     from visuohaptic.navigation.graph.regions import SQUARE, step_bounds
-    from visuohaptic.navigation.graph.tracing._line_kernels import gather_paths
-    from visuohaptic.navigation.grid import SpeedLimits
+    from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
     cells = np.zeros((60, 60), np.int8)
     cells[20:30, 20:30] = 100
-    live = NavigationMap(OccupancyMap(cells, 0.1), SpeedLimits(0.2), spacing_m=1.0)
-    shortest_path(live.graph, 0, live.graph.nodes - 1)
-    live.regions.path_to_node((5, 5))
-    route_pieces(live.graph, live.regions.layers)
-    plan_path(live.regions, np.array([1.0, 1.0]), np.array([5.0, 5.0]))
-    live.set_obstacle("box", np.array([[4.0, 1.0], [4.5, 1.0], [4.5, 1.5]]))
-    # Only where paths turn back is anything left to spread; paths are gathered after many edits.
-    layers, regions = live.regions.layers, live.regions
-    gather_paths(np.empty((0, 5), np.int32), np.empty(0, np.int32), 0, 0)
+    layers = grid_layers(OccupancyMap(cells, 0.1), SpeedLimits(0.2))
+    graph = build_graph(layers, spacing_m=1.0)
+    regions = assign_regions(layers, graph)
+    regions.path_to_node((5, 5))
+    route_pieces(graph, layers)
+    # Only where paths turn back is anything left to spread.
     queued = np.zeros(layers.step.size, np.uint8)
     nothing = np.empty(0, np.int32)
     spread(layers.step, regions.potential, regions.seed, nothing, *step_bounds(layers), SQUARE, queued)
