@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 
@@ -130,7 +131,7 @@ def run_mapper() -> None:
 
 
 def run_pushing() -> None:
-    """Plan a direct and a sideward push of a box in a small room."""
+    """Plan a direct push of a box in a small room."""
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
     from visuohaptic.reproduce.pushes import (
@@ -140,7 +141,6 @@ def run_pushing() -> None:
         PushedObject,
         goal_map,
         plan_direct_push,
-        plan_sideward_push,
     )
 
     cells = np.zeros((60, 60), np.int8)
@@ -148,7 +148,6 @@ def run_pushing() -> None:
     map = OccupancyMap(cells, 0.05)
     box = np.array([[1.4, 1.4], [1.6, 1.4], [1.6, 1.6], [1.4, 1.6]])
     plan_direct_push(map, PushedObject(box), settings=DirectPushSettings(samples=1))
-    plan_sideward_push(map, PushedObject(box), (0.5, 1.5), (2.5, 1.5))
     model = PushModel.patch(box - 1.5)
     costmap = LocalCostmap.around(map, box, 0.5)
     goal_map(costmap, FootprintSamples.of(box - 1.5, 0.17, 0.05), (1.5, 1.5, 0.0), 0.17)
@@ -160,7 +159,7 @@ def run_planning() -> None:
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
-    from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem
+    from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem, PushMode
     from visuohaptic.rigs import ROBOT, STOOL, rooms, with_objects
 
     walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])
@@ -170,6 +169,7 @@ def run_planning() -> None:
     problem = PlanningProblem(map, ROBOT, np.array([0.7, 1.4]), np.array([3.4, 1.4]), (item,))
     make_plan(problem)
     plan_off_centre_pushes(problem, make_plan)
+    make_plan(replace(problem, objects=(replace(item, push=PushMode.SIDEWARD),)))
     layers = grid_layers(map, SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)
     extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)])
