@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
+from visuohaptic.navigation.pushing import PushModel, PushMonitor, line_path, simulate_push
 from visuohaptic.navigation.pushing.quasi_static import remaining_m
-from visuohaptic.reproduce.pushes import PushMonitor
 from visuohaptic.simulation.floor import FloorBody, FloorPush
 
 RADIUS_M = 0.17

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 
@@ -97,26 +98,22 @@ def run_beam() -> None:
 
 
 def run_graph() -> None:
-    """Build, ask and edit a small map."""
+    """Build a small map and ask it."""
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.files import route_pieces
-    from visuohaptic.navigation.graph import NavigationMap, plan_path, shortest_path
+    from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.graph._region_kernels import spread
     from visuohaptic.navigation.graph.regions import SQUARE, step_bounds
-    from visuohaptic.navigation.graph.tracing._line_kernels import gather_paths
-    from visuohaptic.navigation.grid import SpeedLimits
+    from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
     cells = np.zeros((60, 60), np.int8)
     cells[20:30, 20:30] = 100
-    live = NavigationMap(OccupancyMap(cells, 0.1), SpeedLimits(0.2), spacing_m=1.0)
-    shortest_path(live.graph, 0, live.graph.nodes - 1)
-    live.regions.path_to_node((5, 5))
-    route_pieces(live.graph, live.regions.layers)
-    plan_path(live.regions, np.array([1.0, 1.0]), np.array([5.0, 5.0]))
-    live.set_obstacle("box", np.array([[4.0, 1.0], [4.5, 1.0], [4.5, 1.5]]))
-    # Only where paths turn back is anything left to spread; paths are gathered after many edits.
-    layers, regions = live.regions.layers, live.regions
-    gather_paths(np.empty((0, 5), np.int32), np.empty(0, np.int32), 0, 0)
+    layers = grid_layers(OccupancyMap(cells, 0.1), SpeedLimits(0.2))
+    graph = build_graph(layers, spacing_m=1.0)
+    regions = assign_regions(layers, graph)
+    regions.path_to_node((5, 5))
+    route_pieces(graph, layers)
+    # Only where paths turn back is anything left to spread.
     queued = np.zeros(layers.step.size, np.uint8)
     nothing = np.empty(0, np.int32)
     spread(layers.step, regions.potential, regions.seed, nothing, *step_bounds(layers), SQUARE, queued)
@@ -134,7 +131,7 @@ def run_mapper() -> None:
 
 
 def run_pushing() -> None:
-    """Plan a direct and a sideward push of a box in a small room."""
+    """Plan a direct push of a box in a small room."""
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
     from visuohaptic.reproduce.pushes import (
@@ -144,7 +141,6 @@ def run_pushing() -> None:
         PushedObject,
         goal_map,
         plan_direct_push,
-        plan_sideward_push,
     )
 
     cells = np.zeros((60, 60), np.int8)
@@ -152,7 +148,6 @@ def run_pushing() -> None:
     map = OccupancyMap(cells, 0.05)
     box = np.array([[1.4, 1.4], [1.6, 1.4], [1.6, 1.6], [1.4, 1.6]])
     plan_direct_push(map, PushedObject(box), settings=DirectPushSettings(samples=1))
-    plan_sideward_push(map, PushedObject(box), (0.5, 1.5), (2.5, 1.5))
     model = PushModel.patch(box - 1.5)
     costmap = LocalCostmap.around(map, box, 0.5)
     goal_map(costmap, FootprintSamples.of(box - 1.5, 0.17, 0.05), (1.5, 1.5, 0.0), 0.17)
@@ -164,7 +159,7 @@ def run_planning() -> None:
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
-    from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem
+    from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem, PushMode
     from visuohaptic.rigs import ROBOT, STOOL, rooms, with_objects
 
     walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])
@@ -174,6 +169,7 @@ def run_planning() -> None:
     problem = PlanningProblem(map, ROBOT, np.array([0.7, 1.4]), np.array([3.4, 1.4]), (item,))
     make_plan(problem)
     plan_off_centre_pushes(problem, make_plan)
+    make_plan(replace(problem, objects=(replace(item, push=PushMode.SIDEWARD),)))
     layers = grid_layers(map, SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)
     extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)])

@@ -13,7 +13,18 @@ from visuohaptic.navigation.files import load_graph, load_route_graph, save_grap
 from visuohaptic.navigation.graph import build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
-from .test_incremental import GRAPH_FIELDS
+GRAPH_FIELDS = (
+    "node_cells",
+    "node_m",
+    "edges",
+    "edge_cost_s",
+    "edge_length_m",
+    "edge_clearance_m",
+    "path_start",
+    "path_cells",
+    "component",
+    "components",
+)
 
 
 @pytest.fixture(scope="module")

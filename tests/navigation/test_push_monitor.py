@@ -7,8 +7,7 @@ import pytest
 from benchmarks._push_loop import closed_loop
 
 from visuohaptic.core import InputError
-from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
-from visuohaptic.reproduce.pushes import PushMonitor
+from visuohaptic.navigation.pushing import PushModel, PushMonitor, line_path, simulate_push
 
 RADIUS_M = 0.17
 BOX = 0.16 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, tag, with_objects
 
-from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushMode
 from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld
 from visuohaptic.tasks.mobile.travel import (
     TravelOutcome,
@@ -129,3 +129,22 @@ def test_a_wall_that_the_map_does_not_have_is_entered_by_touch():
     done = go(problem, world, FloorSenses(world, np.random.default_rng(0)))
     assert any(record.values.get("new") for record in done.records)
     assert done.arrived
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02)])
+def test_what_is_to_be_brushed_aside_is_driven_past(offset):
+    """A corridor of 0.7 m with a bay; the mass off its centre by more than a tenth of the box."""
+    walls = rooms(6.0, 3.0, [(0.0, 0.0, 6.0, 1.1), (0.0, 1.8, 3.0, 3.0), (4.0, 1.8, 6.0, 3.0)])
+    crate = MovableObject("crate", box(2.9, 1.45, 0.3), tag(explored=3), push=PushMode.SIDEWARD)
+    problem, world, senses = scene(
+        [crate], [2.0], walls=walls, start=(1.0, 1.45), goal=(5.2, 1.45), offset=offset
+    )
+    done = go(problem, world, senses)
+    assert done.arrived
+    assert np.hypot(*(world.pose_m()[:2] - problem.goal_m)) < 0.06
+    brushed = [record for record in done.records if record.event == "brushed"]
+    assert brushed[-1].values["end"] == "done"
+    assert not [record for record in done.records if record.event == "pushed"]
+    # Aside: the crate stands in the bay or beside the corridor's axis, and the robot has passed it.
+    assert world.item_pose_m("crate")[1] > 1.45
+    assert done.problem.objects[0].tag.explored > 3

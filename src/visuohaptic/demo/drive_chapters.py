@@ -148,7 +148,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
             *parts,
         )
     known.arrived = True
-    pushed = sorted({record.object for record in found.records if record.event == "pushed"})
+    pushed = sorted({record.object for record in found.records if record.event in ("pushed", "brushed")})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
     mission.spent(found.duration_s, found.pushes)
     for name, memory_name in mission.remembered.items():
@@ -195,7 +195,7 @@ def _travelled(
         plan=plan,
     )
     for record in found.records:
-        if record.event in ("pushed", "explored", "bumped", "stalled", "arrived"):
+        if record.event in ("pushed", "brushed", "explored", "bumped", "stalled", "arrived"):
             more = f" {record.object}" if record.object else ""
             mission.log(f"  {record.t_s - start_s:5.0f} s  {record.event}{more}")
     place_objects(mission, world)

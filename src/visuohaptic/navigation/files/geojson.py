@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from ...core.files import write_text
 from ...io.maps.occupancy_map import OccupancyMap
-from ..graph.navigation_graph import EdgePaths, NavigationGraph
+from ..graph.navigation_graph import NavigationGraph
 from ..grid.cost_grid import GridLayers
 from .route_edges import route_pieces
 
@@ -234,7 +234,8 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
         np.array([_number(path, edge, "cost") for edge in edges]),
         np.array([_number(path, edge, "length_m") for edge in edges]),
         np.array([_number(path, edge, "clearance_m") for edge in edges]),
-        EdgePaths(lambda: (start, path_cells)),
+        start,
+        path_cells,
         component,
         components,
     )

@@ -1,14 +1,4 @@
-from .incremental import NavigationMap as NavigationMap
-from .incremental import footprint_cells as footprint_cells
-from .navigation_graph import EdgePaths as EdgePaths
 from .navigation_graph import NavigationGraph as NavigationGraph
 from .navigation_graph import build_graph as build_graph
-from .query import GridPath as GridPath
-from .query import Route as Route
-from .query import costs_from as costs_from
-from .query import plan_on_grid as plan_on_grid
-from .query import plan_path as plan_path
-from .query import pull_string as pull_string
-from .query import shortest_path as shortest_path
 from .regions import Regions as Regions
 from .regions import assign_regions as assign_regions

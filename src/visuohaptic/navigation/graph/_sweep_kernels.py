@@ -4,8 +4,6 @@ The pair (potential, seed) of ``_region_kernels`` is one whole number here, pote
 one minimum compares both and the loop over a row becomes vector code. A pass downwards and one
 upwards follow every path that does not turn back twice; a third looks for cells that are not
 final yet. From those ``_region_kernels.spread`` goes on.
-
-Where to work is said by tiles of the map: an edit takes back regions, which fill little of the box round them.
 """
 
 from __future__ import annotations
@@ -16,10 +14,7 @@ from ...core.kernels import kernel
 from ._region_kernels import UNREACHED
 from .tracing._path_kernels import longer, longer_rows
 
-__all__ = ["TILE", "sweep", "touch"]
-
-#: Edge of the tiles by which places of the map are noted where potentials have to be found [cells].
-TILE = 16
+__all__ = ["sweep"]
 
 _SHIFT = 31
 _SEED = np.int64(2**31 - 1)
@@ -28,121 +23,31 @@ _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def touch(tiles: np.ndarray, cells: np.ndarray, columns: int, around: int) -> None:
-    """Note the tiles of cells (flat), and those up to ``around`` tiles away.
-
-    Parameters
-    ----------
-    tiles
-        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
-    cells
-        Flat indices.
-    columns
-        Number of columns of the map.
-    around
-        How many tiles around are noted too.
-    """
-    high, wide = tiles.shape
-    for cell in cells:
-        row = cell // columns
-        r, c = row // TILE, (cell - row * columns) // TILE
-        if around == 0:
-            tiles[r, c] = 1
-        else:
-            tiles[
-                max(r - around, 0) : min(r + around + 1, high), max(c - around, 0) : min(c + around + 1, wide)
-            ] = 1
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _noted(tiles: np.ndarray) -> np.ndarray:
-    """Whether each row of tiles has noted ones; 0 beside the first and the last."""
-    found = np.zeros(tiles.shape[0] + 2, np.uint8)
-    for row in range(tiles.shape[0]):
-        line = tiles[row]
-        here = np.uint8(0)
-        for column in range(len(line)):
-            here |= line[column]
-        found[row + 1] = here
-    return found
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _spans(tiles: np.ndarray, row: int, ring: int, columns: int, spans: np.ndarray) -> int:
-    """Columns (first, stop) of a row of cells that are in noted tiles, or on the ring round them; how many."""
-    high, wide = tiles.shape
-    own = row // TILE
-    beside = own
-    if ring and row % TILE == 0 and own > 0:
-        beside = own - 1
-    elif ring and row % TILE == TILE - 1 and own + 1 < high:
-        beside = own + 1
-    here, other = tiles[own], tiles[beside]
-    count = 0
-    before = np.uint8(0)
-    for tile in range(wide):
-        noted = here[tile] | other[tile]
-        if noted != before:
-            if noted:
-                spans[count, 0] = max(tile * TILE - ring, 0)
-            else:
-                spans[count, 1] = min(tile * TILE + ring, columns)
-                count += 1
-            before = noted
-    if before:
-        spans[count, 1] = columns
-        count += 1
-    return count
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _runs(
-    step: np.ndarray, tiles: np.ndarray, noted: np.ndarray, ring: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows with cells to work on, where the runs of each begin, and the runs: (first, stop) columns.
-
-    Runs are of reachable cells in noted tiles, with ``ring`` = 1 also on the ring of cells round them.
-    """
+def _runs(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the runs of reachable cells of each row begin, and the runs: (first, stop) columns."""
     rows, columns = step.shape
-    used = np.empty(rows, np.int32)
     start = np.zeros(rows + 1, np.int32)
     runs = np.empty((max(columns, 1024), 2), np.int32)
     change = np.empty(columns + 2, np.int32)
-    spans = np.empty((tiles.shape[1] + 1, 2), np.int32)
-    count, lines = 0, 0
-    for own in range(tiles.shape[0]):
-        above, here, below = noted[own], noted[own + 1], noted[own + 2]
-        if not (here or (ring and (above or below))):
-            continue
-        known = 0
-        for row in range(own * TILE, min((own + 1) * TILE, rows)):
-            # Rows inside a row of tiles have the same spans.
-            if row % TILE < 2 or row % TILE == TILE - 1:
-                known = _spans(tiles, row, ring, columns, spans)
-            before_row = count
-            for span in range(known):
-                first, stop = spans[span, 0], spans[span, 1]
-                line = step[row, first:stop]
-                # No branch: where runs begin and end cannot be guessed.
-                changes = np.uint32(0)
-                before = False
-                for k in range(len(line)):
-                    reachable = line[k] != 0
-                    change[changes] = k
-                    changes += np.uint32(reachable != before)
-                    before = reachable
-                change[changes] = len(line)
-                if count + len(line) > len(runs):
-                    runs = longer_rows(runs)
-                for k in range(0, np.int64(changes), 2):
-                    runs[count, 0] = first + change[k]
-                    runs[count, 1] = first + change[k + 1]
-                    count += 1
-            if count > before_row:
-                used[lines] = row
-                lines += 1
-                start[lines] = count
-    return used[:lines], start, runs
+    count = 0
+    for row in range(rows):
+        line = step[row]
+        # No branch: where runs begin and end cannot be guessed.
+        changes = np.uint32(0)
+        before = False
+        for k in range(columns):
+            reachable = line[k] != 0
+            change[changes] = k
+            changes += np.uint32(reachable != before)
+            before = reachable
+        change[changes] = columns
+        if count + columns > len(runs):
+            runs = longer_rows(runs)
+        for k in range(0, np.int64(changes), 2):
+            runs[count, 0], runs[count, 1] = change[k], change[k + 1]
+            count += 1
+        start[row + 1] = count
+    return start, runs
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -218,12 +123,8 @@ def _better(
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.ndarray) -> np.ndarray:
-    """Improve the values in noted tiles from each other and from the cells round them.
-
-    ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32, as for ``spread``; ``tiles`` uint8,
-    one per ``TILE`` x ``TILE`` cells, 1 where noted, all 0 afterwards. Returns the cells (flat) of the tiles
-    and of the ring round them whose paths onward have to be looked at still.
+def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> np.ndarray:
+    """Improve all values from each other; returns the cells (flat) whose paths onward have to be looked at still.
 
     Parameters
     ----------
@@ -233,34 +134,26 @@ def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.n
         Cost from each cell to its node [units], (rows, columns) int32.
     seed
         Flat cell of the node that each cell belongs to, (rows, columns) int32.
-    tiles
-        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
     """
-    columns = step.shape[1]
+    rows, columns = step.shape
     here = np.empty(columns + 2, np.int64)
     below = np.empty(columns + 2, np.int64)
     above = np.empty(columns + 2, np.int64)
     best = np.empty(columns + 2, np.int64)
-    noted = _noted(tiles)
-    used, start, runs = _runs(step, tiles, noted, 0)
+    start, runs = _runs(step)
     for sense in (1, -1):
-        for line in range(len(used)):
-            number = line if sense == 1 else len(used) - 1 - line
-            row = used[number]
-            for run in range(start[number], start[number + 1]):
+        for number in range(rows):
+            row = number if sense == 1 else rows - 1 - number
+            for run in range(start[row], start[row + 1]):
                 first, stop = runs[run, 0], runs[run, 1]
                 _load(potential, seed, row - sense, first, stop, below)
                 _load(potential, seed, row, first, stop, here)
                 _enter(step[row, first:stop], here, below, best)
                 _along(here, best, potential[row, first:stop], seed[row, first:stop])
-    # The ring is looked at as well: the tiles' new values may lead there.
-    used, start, runs = _runs(step, tiles, noted, 1)
-    tiles[:] = 0
     found = np.empty(1024, np.int32)
     count = 0
-    for number in range(len(used)):
-        row = used[number]
-        for run in range(start[number], start[number + 1]):
+    for row in range(rows):
+        for run in range(start[row], start[row + 1]):
             first, stop = runs[run, 0], runs[run, 1]
             _load(potential, seed, row - 1, first, stop, below)
             _load(potential, seed, row, first, stop, here)

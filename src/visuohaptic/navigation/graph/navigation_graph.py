@@ -2,41 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Int32, UInt8
+from jaxtyping import Float, Int, Int32
 
 from ...core.errors import InputError
 from ..grid.cost_grid import GridLayers
-from .tracing._lines import RawGraph, SkeletonLines, speeds
+from .tracing._lines import skeleton_lines, speeds
 from .tracing.skeletonize import skeleton_marks
 
-__all__ = ["EdgePaths", "NavigationGraph", "build_graph"]
-
-
-class EdgePaths:
-    """Cells of the paths of all edges; those of an edited map are written when they are first asked for.
-
-    Parameters
-    ----------
-    write
-        Returns where an edge's cells begin (m+1,), and all cells (row, column) (p, 2).
-    """
-
-    def __init__(
-        self, write: Callable[[], tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]]
-    ) -> None:
-        self._write = write
-
-    @cached_property
-    def written(self) -> tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]:
-        """Where an edge's cells begin, and all cells."""
-        return self._write()
+__all__ = ["NavigationGraph", "build_graph"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,20 +30,12 @@ class NavigationGraph:
     edge_cost_s: Float[np.ndarray, "m"]  #: time along the path at the speed of Eq. (4.1)
     edge_length_m: Float[np.ndarray, "m"]  #: length of the path
     edge_clearance_m: Float[np.ndarray, "m"]  #: smallest distance from an obstacle on the path
-    paths: EdgePaths = field(repr=False)  #: see ``path_start`` and ``path_cells``
+    path_start: Int32[np.ndarray, "m+1"]  #: where an edge's cells begin in ``path_cells``
+    path_cells: Int32[
+        np.ndarray, "p 2"
+    ]  #: (row, column) of each edge's cells, from its first node to its second
     component: Int32[np.ndarray, "n"]  #: connected part that a node belongs to, by the smallest node
     components: int  #: connected parts
-    _searching: list[Any] = field(default_factory=list, repr=False)  # CSR form, made by the first query
-
-    @property
-    def path_start(self) -> Int32[np.ndarray, "m+1"]:
-        """Where an edge's cells begin in ``path_cells``."""
-        return self.paths.written[0]
-
-    @property
-    def path_cells(self) -> Int32[np.ndarray, "p 2"]:
-        """(row, column) of each edge's cells, from its first node to its second."""
-        return self.paths.written[1]
 
     @property
     def nodes(self) -> int:
@@ -136,90 +105,56 @@ def build_graph(
     >>> graph.nodes > 0, graph.edges.shape[1]
     (True, 2)
     """
-    return graph_from_marks(layers, skeleton_marks(layers), stub_length_m, spacing_m)
+    from .tracing._prune_kernels import keep_edges, label_components, prune
 
-
-def graph_from_marks(
-    layers: GridLayers,
-    mark: UInt8[np.ndarray, "rows columns"],
-    stub_length_m: float | None,
-    spacing_m: float | None,
-) -> NavigationGraph:
-    """The graph of a skeleton; ``mark`` is 1 on its cells."""
     for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
         if value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError("build_graph", f"found {value}, expected at least 0", field=name)
-    cells = np.flatnonzero(mark.view(np.bool_)).astype(np.int32)
-    raw = SkeletonLines(layers.shape).follow(layers, mark, cells)
-    return graph_from_decisions(layers, decisions_from_lines(layers, raw, stub_length_m, spacing_m))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Decisions:
-    """What stays of traced lines: nodes at decisions, edges, and how to write down their paths."""
-
-    cells: Int32[np.ndarray, "n"]  #: of the nodes (row * columns + column), ascending
-    ends: Int32[np.ndarray, "m 2"]
-    measures: Float[np.ndarray, "m 3"]  #: length [m], cost [s], clearance [m]
-    paths: Callable[[], tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p"]]]  #: cells (flat) in CSR form
-
-
-def decisions_from_lines(
-    layers: GridLayers, raw: RawGraph, stub_length_m: float | None, spacing_m: float | None
-) -> Decisions:
-    """Remove stubs and merge what is no decision."""
-    from .tracing._prune_kernels import keep_edges, prune
-
-    left = prune(
-        raw.clearance_m,
-        raw.ends,
-        raw.measures[:, 0].copy(),
-        -1.0 if stub_length_m is None else stub_length_m,
-    )
+    raw = skeleton_lines(layers, skeleton_marks(layers))
+    stub = -1.0 if stub_length_m is None else stub_length_m
+    left = prune(raw.clearance_m, raw.ends, raw.measures[:, 0].copy(), stub)
     nodes, ends, measures, edge_start, halves = keep_edges(
         raw.cells, raw.clearance_m, raw.ends, raw.measures, *left
     )
-    found = Decisions(nodes, ends, measures, partial(raw.paths, edge_start, halves))
-    return _spaced(layers, found, spacing_m) if spacing_m else found
-
-
-def graph_from_decisions(layers: GridLayers, found: Decisions) -> NavigationGraph:
-    """The graph of what :func:`decisions_from_lines` has left."""
-    from .tracing._prune_kernels import label_components
-
-    columns = layers.shape[1]
-
-    def write() -> tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]:
-        start, path = found.paths()
-        return start, np.column_stack(np.divmod(path, columns)).astype(np.int32)
-
-    component, components = label_components(len(found.cells), found.ends)
-    node_cells = np.column_stack(np.divmod(found.cells, columns)).astype(np.int32)
+    found = nodes, ends, measures, *raw.paths(edge_start, halves)
+    if spacing_m:
+        found = _spaced(layers, *found, spacing_m)
+    nodes, ends, measures, start, path = found
+    component, components = label_components(len(nodes), ends)
+    node_cells = np.column_stack(np.divmod(nodes, layers.shape[1])).astype(np.int32)
     return NavigationGraph(
         node_cells,
         layers.map.world_from_cell(node_cells),
-        found.ends,
-        found.measures[:, 1].copy(),
-        found.measures[:, 0].copy(),
-        found.measures[:, 2].copy(),
-        EdgePaths(write),
+        ends,
+        measures[:, 1].copy(),
+        measures[:, 0].copy(),
+        measures[:, 2].copy(),
+        start,
+        np.column_stack(np.divmod(path, layers.shape[1])).astype(np.int32),
         component,
         components,
     )
 
 
-def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decisions:
+def _spaced(
+    layers: GridLayers,
+    nodes: Int32[np.ndarray, "n"],
+    ends: Int32[np.ndarray, "m 2"],
+    measures: Float[np.ndarray, "m 3"],
+    path_start: Int32[np.ndarray, "m+1"],
+    path: Int32[np.ndarray, "p"],
+    spacing_m: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
     from .tracing._junction_kernels import measure_paths
 
-    path_start, path = before.paths()
     columns = layers.shape[1]
-    taken = set(before.cells.tolist())
+    taken = set(nodes.tolist())
     pieces = []
-    for edge in range(len(before.ends)):
+    for edge in range(len(ends)):
         cells = path[path_start[edge] : path_start[edge + 1]]
         # No finer than the cells: a spacing of nanometres would never come to an end.
-        most, length_m = len(cells) - 1, float(before.measures[edge, 0])
+        most, length_m = len(cells) - 1, float(measures[edge, 0])
         count = most if length_m >= most * spacing_m else round(length_m / spacing_m)
         cuts = [0]
         if count > 1:
@@ -242,5 +177,4 @@ def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decision
     start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     flat = np.concatenate([turned[k] for k in order]) if len(order) else path
     measured = measure_paths(start, flat, layers.distance_m, layers.map.resolution_m, speeds(layers))
-    ends = np.searchsorted(found, joined[order]).astype(np.int32)
-    return Decisions(found, ends, measured, lambda: (start, flat))
+    return found, np.searchsorted(found, joined[order]).astype(np.int32), measured, start, flat

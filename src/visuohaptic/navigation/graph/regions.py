@@ -19,11 +19,7 @@ SQUARE = 512
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regions:
-    """The nearest node of every cell by cost, and the cost of the path from there.
-
-    The arrays of regions that belong to a ``NavigationMap`` change with the
-    next edit; copy what has to stay.
-    """
+    """The nearest node of every cell by cost, and the cost of the path from there."""
 
     potential: Int32[np.ndarray, "rows columns"]  #: cost from the node [units]; 2^31 - 1 where there is none
     seed: Int32[
@@ -121,7 +117,7 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     True
     """
     from ._region_kernels import UNREACHED, spread
-    from ._sweep_kernels import TILE, sweep
+    from ._sweep_kernels import sweep
 
     columns = layers.shape[1]
     potential = np.full(layers.shape, UNREACHED, np.int32)
@@ -129,7 +125,7 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     cells = (graph.node_cells[:, 0].astype(np.int64) * columns + graph.node_cells[:, 1]).astype(np.int32)
     potential.ravel()[cells] = 0
     seed.ravel()[cells] = cells
-    left = sweep(layers.step, potential, seed, np.ones([-(-side // TILE) for side in layers.shape], np.uint8))
+    left = sweep(layers.step, potential, seed)
     if len(left):
         queued = np.zeros(layers.step.size, np.uint8)
         spread(layers.step, potential, seed, left, *step_bounds(layers), SQUARE, queued)

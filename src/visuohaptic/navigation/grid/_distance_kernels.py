@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["FAR", "distance_rows", "distance_update", "near_distance", "vertical_cells", "vertical_update"]
+__all__ = ["FAR", "distance_rows", "near_distance", "vertical_cells"]
 
 #: No obstacle in this column.
 FAR = np.uint16(65535)
@@ -53,58 +53,6 @@ def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vert
         for column in range(columns):
             below = np.int32(vertical[row + 1, column]) + np.int32(1)
             vertical[row, column] = np.uint16(min(np.int32(vertical[row, column]), below))
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def vertical_update(
-    cells: np.ndarray,
-    threshold: int,
-    unknown_blocks: bool,
-    vertical: np.ndarray,
-    first_row: int,
-    last_row: int,
-    first_column: int,
-    last_column: int,
-) -> None:
-    """Bring ``vertical`` up to date after cells of a window (both ends included) have changed.
-
-    Parameters
-    ----------
-    cells
-        Occupancy, (rows, columns) int8.
-    threshold
-        Occupancy from which a cell is an obstacle.
-    unknown_blocks
-        Whether unknown cells are obstacles.
-    vertical
-        Rows to the nearest obstacle of the column, (rows, columns) uint16.
-    first_row, last_row, first_column, last_column
-        The window, both ends included.
-    """
-    rows = cells.shape[0]
-    low = np.int8(-1) if unknown_blocks else np.int8(-128)
-    high = np.int8(threshold)
-    for column in range(first_column, last_column + 1):
-        # The nearest obstacle above and below the window, from what is known of the rows beside it.
-        top = last_row + 1
-        while top < rows and not (cells[top, column] >= high or cells[top, column] == low):
-            top += 1
-        bottom = first_row - 1
-        while bottom >= 0 and not (cells[bottom, column] >= high or cells[bottom, column] == low):
-            bottom -= 1
-        start = max(bottom, 0)
-        stop = min(top, rows - 1)
-        counted = 0 if unknown_blocks and bottom < 0 else 65535
-        for row in range(start, stop + 1):
-            blocked = cells[row, column] >= high or cells[row, column] == low
-            counted = 0 if blocked else min(counted + 1, 65535)
-            vertical[row, column] = counted
-        counted = 0 if unknown_blocks and top == rows else 65535
-        for row in range(stop, start - 1, -1):
-            counted = min(counted + 1, 65535)
-            if vertical[row, column] < counted:
-                counted = vertical[row, column]
-            vertical[row, column] = counted
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -297,91 +245,3 @@ def _stretch(
                 squared = _quarters(line, x, vertex[k], height[k])
                 distance[x] = min(np.float32(math.sqrt(float(squared)) * 0.5), np.float32(reach))
         column = end
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def distance_update(
-    vertical: np.ndarray,
-    first_row: int,
-    last_row: int,
-    first_column: int,
-    last_column: int,
-    resolution_m: float,
-    steps: np.ndarray,
-    outside_blocks: bool,
-    distance: np.ndarray,
-    step: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """As :func:`distance_rows` in a window (both ends included) outside which nothing has changed.
-
-    Returns the cells (flat) whose distance is another now, and those of them whose step is.
-
-    Parameters
-    ----------
-    vertical
-        Rows to the nearest obstacle of the column, (rows, columns) uint16.
-    first_row, last_row, first_column, last_column
-        The window, both ends included.
-    resolution_m
-        Edge length of a cell [m].
-    steps
-        Cost of a straight step by squared distance [cells^2 / 4], uint16.
-    outside_blocks
-        Whether everything outside the map is an obstacle.
-    distance
-        Clearance of each cell [m], (rows, columns) float32; filled.
-    step
-        Cost of a straight step onto each cell [units], (rows, columns) uint16; filled.
-    """
-    columns = vertical.shape[1]
-    vertex = np.zeros(columns + 2, np.int32)
-    height = np.zeros(columns + 2, np.float64)
-    border = np.zeros(columns + 2, np.int32)
-    squares = np.empty(columns + 1, np.int64)  # [cells^2 / 4], -1 where there is no obstacle
-    last = len(steps) - 1
-    half_m = 0.5 * resolution_m
-    room = max(0, (last_row - first_row + 1) * (last_column - first_column + 1))
-    changed = np.empty(room, np.int32)
-    other_step = np.empty(room, np.int32)
-    count, steps_changed = 0, 0
-    for row in range(first_row, last_row + 1):
-        line = vertical[row]
-        start = first_column
-        while start > 0 and line[start] != 0:
-            start -= 1
-        column = start
-        while column <= last_column:
-            if line[column] == 0:
-                squares[column] = 0
-                column += 1
-                continue
-            end = column
-            while end < columns and line[end] != 0:
-                end += 1
-            pieces = _envelope(line, column, end, vertex, height, border, outside_blocks)
-            low_end, high_end = max(column, first_column), min(end, last_column + 1)
-            if pieces == 0:
-                squares[low_end:high_end] = -1
-            for k in range(pieces):
-                v = vertex[k]
-                low = max(border[k], low_end)
-                high = min(border[k + 1] if k + 1 < pieces else end, high_end)
-                for x in range(low, high):
-                    squares[x] = _quarters(line, x, v, height[k])
-            column = end
-        here = distance[row]
-        for x in range(first_column, last_column + 1):
-            squared = squares[x]
-            fresh = np.float32(np.inf) if squared < 0 else np.float32(math.sqrt(float(squared)) * half_m)
-            if fresh == here[x]:
-                continue
-            here[x] = fresh
-            cell = row * columns + x
-            changed[count] = cell
-            count += 1
-            new = steps[last if squared < 0 else min(squared, last)]
-            if new != step[row, x]:
-                step[row, x] = new
-                other_step[steps_changed] = cell
-                steps_changed += 1
-    return changed[:count].copy(), other_step[:steps_changed].copy()

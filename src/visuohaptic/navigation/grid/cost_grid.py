@@ -73,8 +73,7 @@ class SpeedLimits:
     def step_table(self, resolution_m: float) -> tuple[UInt16[np.ndarray, "d2"], float]:
         """Cost of a straight step by squared distance [cells^2 / 4], and the seconds of one unit.
 
-        Whole numbers, so that sums do not depend on their order: potentials of an updated
-        and of a rebuilt map are equal, not only near. 0 stands for a cell that cannot be reached.
+        Whole numbers, so that sums do not depend on their order. 0 stands for a cell that cannot be reached.
 
         Parameters
         ----------
@@ -100,11 +99,7 @@ class SpeedLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridLayers:
-    """Distance, cost and reachable cells of a map.
-
-    The arrays of layers that belong to a ``NavigationMap`` change with the
-    next edit; copy what has to stay.
-    """
+    """Distance, cost and reachable cells of a map."""
 
     map: OccupancyMap  #: what the layers were made from
     limits: SpeedLimits  #: robot that they were made for
@@ -114,8 +109,6 @@ class GridLayers:
     ]  #: from a cell's centre to the border of the nearest obstacle's cell, unknown cells and the outside among them
     step: UInt16[np.ndarray, "rows columns"]  #: straight step onto a cell [units]; 0 cannot be reached
     unit_s: float  #: seconds of one unit of ``step``
-    #: rows to the nearest obstacle of the same column, kept for updates
-    vertical: UInt16[np.ndarray, "rows columns"] | None = field(default=None, repr=False)
 
     @property
     def radius_m(self) -> float:
@@ -152,9 +145,7 @@ class GridLayers:
         return self.limits.cost_s_per_m(self.distance_m[cells[..., 0], cells[..., 1]])
 
 
-def grid_layers(
-    map: OccupancyMap, limits: SpeedLimits, *, unknown_is_free: bool = False, keep_vertical: bool = False
-) -> GridLayers:
+def grid_layers(map: OccupancyMap, limits: SpeedLimits, *, unknown_is_free: bool = False) -> GridLayers:
     """Distance, cost and reachable cells of a map (Alt 2016, Sec. 4.2 a-c and Eq. (4.1)).
 
     Parameters
@@ -167,8 +158,6 @@ def grid_layers(
         Radius and speeds of the robot.
     unknown_is_free
         Whether the robot may enter cells that were never seen; then the border does not count either.
-    keep_vertical
-        Keep what a later update needs (2 bytes per cell).
 
     Returns
     -------
@@ -184,9 +173,7 @@ def grid_layers(
     distance_m = np.zeros(map.shape, np.float32)
     step = np.zeros(map.shape, np.uint16)
     distance_rows(vertical, map.resolution_m, steps, not unknown_is_free, distance_m, step)
-    return GridLayers(
-        map, limits, unknown_is_free, distance_m, step, unit_s, vertical if keep_vertical else None
-    )
+    return GridLayers(map, limits, unknown_is_free, distance_m, step, unit_s)
 
 
 def window_distance(

@@ -1,4 +1,3 @@
-from .exploration import via_exploration as via_exploration
 from .joint_builder import extend_graph as extend_graph
 from .joint_graph import JointGraph as JointGraph
 from .joint_graph import JointNode as JointNode
@@ -13,7 +12,15 @@ from .planner import assemble as assemble
 from .planner import plan_in_domain as plan_in_domain
 from .policies import alternatives as alternatives
 from .policies import make_plan as make_plan
+from .policies import via_exploration as via_exploration
 from .policies import without_pushing as without_pushing
 from .replanning import after_exploration as after_exploration
 from .replanning import after_failure as after_failure
 from .replanning import after_push as after_push
+from .sideward_plan import SidewardCheck as SidewardCheck
+from .sideward_plan import via_sideward as via_sideward
+from .sideward_push import SidewardOutcome as SidewardOutcome
+from .sideward_push import SidewardPush as SidewardPush
+from .sideward_push import evaluate_push as evaluate_push
+from .sideward_push import sideward_candidates as sideward_candidates
+from .sideward_push import sideward_pushes as sideward_pushes

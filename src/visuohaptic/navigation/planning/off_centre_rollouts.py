@@ -16,7 +16,7 @@ from ..pushing.quasi_static import line_path, simulate_push
 from .search.bodies import Body, lower_clearance
 from .search.object_cells import fill_cells
 from .search.push_states import seed_cells
-from .search.search_domain import SearchDomain, grid_from_world
+from .search.search_domain import SearchDomain
 
 #: Directions that are tried, and places across the object as fractions of half its width.
 DIRECTIONS = 24
@@ -75,21 +75,7 @@ def rollouts(
     for index, body in enumerate(domain.bodies):
         if body.allowed.unknown:
             continue
-        blocked = domain.occupied.copy()
-        for other in domain.bodies:
-            if other is not body:
-                fill_cells(blocked, other.outline)
-        for outline in domain.immovable_outlines:
-            fill_cells(blocked, outline)
-        resolution_m = domain.map.resolution_m
-        aside = grid_from_world(domain.map, body.obj.centre_m + np.array(body.obj.friction_offset_m))
-        offset_m = (aside - body.centre) * resolution_m
-        model = PushModel.patch((body.outline - body.centre) * resolution_m)
-        model = model.with_centre_moved(float(offset_m[0]), float(offset_m[1]))
-        scene = OffCentreScene(
-            domain, body, model, domain.clearance_with(still, index), blocked, goal,
-            domain.robot.radius_m - margin_m, STAND_OFF + margin_m / resolution_m,
-        )  # fmt: skip
+        scene = scene_of(domain, index, goal, margin_m)
         ends = [
             rollout
             for direction, approach_at, approach in _approaches(scene, clearance, cost)
@@ -97,6 +83,55 @@ def rollouts(
         ]
         found += ends[:: max(1, -(-len(ends) // MAX_ROLLOUTS))]
     return found
+
+
+def scene_of(
+    domain: SearchDomain, index: int, goal: Float[np.ndarray, "2"], margin_m: float = 0.0
+) -> OffCentreScene:
+    """One body to be turned or brushed aside among everything else.
+
+    Parameters
+    ----------
+    domain
+        Map, robot and bodies.
+    index
+        Of the body.
+    goal
+        Of the robot [cells].
+    margin_m
+        By which the domain's robot is larger than the rim that pushes [m].
+    """
+    body, resolution_m = domain.bodies[index], domain.map.resolution_m
+    blocked = domain.occupied.copy()
+    for outline in (
+        *(other.outline for other in domain.bodies if other is not body),
+        *domain.immovable_outlines,
+    ):
+        fill_cells(blocked, outline)
+    model = PushModel.patch((body.outline - body.centre) * resolution_m)
+    model = model.with_centre_moved(*(body.friction * resolution_m))
+    without = domain.clearance_with(np.zeros((len(domain.bodies), 2)), index)
+    return OffCentreScene(
+        domain, body, model, without, blocked, goal, domain.robot.radius_m - margin_m,
+        STAND_OFF + margin_m / resolution_m,
+    )  # fmt: skip
+
+
+def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, "k"]:
+    """Whether the robot has room at points about the body's centre, the body apart [m].
+
+    Parameters
+    ----------
+    scene
+        The body and what is around it.
+    points_m
+        x, y about the body's centre, along the grid's axes.
+    """
+    from .search._travel_kernels import clearances_at
+
+    cells = points_m / scene.domain.map.resolution_m + scene.body.centre
+    room: Bool[np.ndarray, "k"] = clearances_at(scene.without, cells) >= scene.domain.radius - 0.05
+    return room
 
 
 def _approaches(
@@ -133,17 +168,13 @@ def _rollouts_of(
     approach_s: float,
 ) -> Iterator[Rollout]:
     """One drive at several lengths, as far as it is free of collisions."""
-    from .search._travel_kernels import clearance_at
-
-    domain, resolution_m = scene.domain, scene.domain.map.resolution_m
+    resolution_m = scene.domain.map.resolution_m
     path = drive_of(scene, ahead, approach_at, MAX_LENGTH_M + scene.stand_off * resolution_m)
     try:
         trace = simulate_push(scene.model, (0.0, 0.0, 0.0), path, scene.radius_m)
     except InputError:
         return  # the platform would start inside a dent of the outline
-    robot = path[:, :2] / resolution_m + scene.body.centre
-    room = [clearance_at(scene.without, x, y) >= domain.radius - 0.05 for x, y in robot]
-    clear = np.logical_and.accumulate(np.array(room) & fits(scene, trace.object_m))
+    clear = np.logical_and.accumulate(has_room(scene, path[:, :2]) & fits(scene, trace.object_m))
     gone = np.hypot(*(path[:, :2] - path[0, :2]).T)
     next_m = 0.0
     for row in np.flatnonzero(clear):
@@ -163,26 +194,27 @@ def drive_of(
 
 
 def placed(
-    points: Float[np.ndarray, "k 2"], scene: OffCentreScene, pose: np.ndarray
-) -> Float[np.ndarray, "k 2"]:
-    """Points of the body [cells] after it has moved by a pose [m, m, rad]."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    own = (points - scene.body.centre) @ np.array([[c, s], [-s, c]])
-    return own + scene.body.centre + pose[:2] / scene.domain.map.resolution_m
+    points: Float[np.ndarray, "m 2"], scene: OffCentreScene, poses: Float[np.ndarray, "*k 3"]
+) -> Float[np.ndarray, "*k m 2"]:
+    """Points of the body [cells] after it has moved by each pose [m, m, rad]."""
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
+    ends = scene.body.centre + poses[..., :2] / scene.domain.map.resolution_m
+    return (points - scene.body.centre) @ turns + ends[..., None, :]
 
 
 def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
     """Whether the body is free of everything at each pose; points that begin in something are not looked at."""
     rows, columns = scene.blocked.shape
 
-    def hit(points: np.ndarray) -> np.ndarray:
-        c, r = np.floor(points).astype(np.int64).T
+    def hit(points: Float[np.ndarray, "*k 2"]) -> Bool[np.ndarray, "*k"]:
+        cells = np.floor(points).astype(np.int64)
+        c, r = cells[..., 0], cells[..., 1]
         off = (c < 0) | (r < 0) | (c >= columns) | (r >= rows)
-        return off | scene.blocked[np.where(off, 0, r), np.where(off, 0, c)]
+        return np.asarray(off | scene.blocked[np.where(off, 0, r), np.where(off, 0, c)])
 
     points = np.concatenate([scene.body.samples, scene.body.around])
-    points = points[~hit(points)]
-    return np.array([not hit(placed(points, scene, pose)).any() for pose in poses])
+    return np.asarray(~hit(placed(points[~hit(points)], scene, poses)).any(axis=-1))
 
 
 def _clearance_after(rollout: Rollout, pose: np.ndarray) -> Float32[np.ndarray, "rows columns"]:

@@ -103,6 +103,11 @@ class PathFollower:
         """End of the path."""
         return self._path[-1]
 
+    @property
+    def rest_m(self) -> Float[np.ndarray, "k 2"]:
+        """Corners that are still to come."""
+        return self._path[min(self._part + 1, len(self._path) - 1) :]
+
     def command(self, state: BaseState) -> tuple[float, float]:
         """Forward speed [m/s] and turn rate [rad/s] for the next period; (0, 0) when done.
 

@@ -226,8 +226,10 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
             _pair(contact_m),
             _pair(goal_m),
             _pair(moved_m),
-            known,
-            tuple(tuple(float(value) for value in row) for row in end_covariance(domain, step)),
+            failure_probability=known,
+            end_covariance=tuple(
+                tuple(float(value) for value in row) for row in end_covariance(domain, step)
+            ),
         )
     )
     return tasks

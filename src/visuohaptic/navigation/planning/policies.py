@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.objects import HapticTag
-from ..problem.path_plan import Plan
-from ..problem.planning_problem import MovableObject, PlanningProblem
-from ..problem.push_costs import PushCosts
+from ..problem.path_plan import Plan, Task
+from ..problem.planning_problem import MovableObject, PlanningProblem, PushMode
+from ..problem.push_costs import PushCosts, failure_probability
 from .planner import plan_in_domain
 from .search.domain_builder import build_search_domain
+from .search.drives import pull_string
+from .search.push_heuristic import STAND_OFF_M
 from .search.push_states import Deadline, SearchLimits
-from .search.search_domain import SearchDomain
+from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
+from .sideward_plan import via_sideward
 
-__all__ = ["alternatives", "make_plan", "without_pushing"]
+__all__ = ["alternatives", "make_plan", "via_exploration", "without_pushing"]
 
 #: How much reliability is worth to the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
@@ -62,13 +65,33 @@ def make_plan(
     return _cheapest(problem, domain, costs, _until(deadline, limits))
 
 
-def _cheapest(problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits) -> Plan:
+def _cheapest(
+    problem: PlanningProblem,
+    domain: SearchDomain,
+    costs: PushCosts,
+    limits: SearchLimits,
+    done: frozenset[str] = frozenset(),
+) -> Plan:
+    """The cheapest plan; objects that are ``done`` are not brushed aside once more."""
     # What is left is for the drives of the plan.
     limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
     safe_plan = _planned(problem, domain, costs, first, unknown=False)
+    for index, body in enumerate(domain.bodies):
+        id = body.obj.id
+        if body.obj.push is PushMode.DIRECT or body.allowed.unknown or id in done or deadline.passed:
+            continue
+
+        def rest(after: PlanningProblem, id: str = id) -> Plan:
+            return _cheapest(
+                after, build_search_domain(after, costs), costs, _until(deadline, limits), done | {id}
+            )
+
+        plan = via_sideward(problem, domain, index, costs, rest, safe_plan.cost_s)
+        if plan.cost_s < safe_plan.cost_s:
+            safe_plan = plan
     if not unknown:
         return safe_plan
     risky_plan = _planned(problem, domain, costs, _until(deadline, limits), unknown=True)
@@ -137,6 +160,15 @@ def alternatives(
     return {name: replace(plan, name=name) for name, plan in found.items()}
 
 
+def _pushed(domain: SearchDomain, *, unknown: bool) -> list[int]:
+    """Bodies that are pushed straight: those that are so by their mode, and unknown ones where they are explored."""
+    return [
+        k
+        for k, body in enumerate(domain.bodies)
+        if (unknown if body.allowed.unknown else body.obj.push is PushMode.DIRECT)
+    ]
+
+
 def _planned(
     problem: PlanningProblem,
     domain: SearchDomain,
@@ -147,7 +179,7 @@ def _planned(
     report_costs: PushCosts | None = None,
 ) -> Plan:
     deadline = Deadline.after(limits.budget_s)
-    active = [k for k, body in enumerate(domain.bodies) if unknown or not body.allowed.unknown]
+    active = _pushed(domain, unknown=unknown)
     found = plan_in_domain(problem, domain, costs, limits, active=active, report_costs=report_costs)
     if found.reachable or not active:
         return found
@@ -199,13 +231,74 @@ def _most_information(
     )
     best, best_rate = cheapest, _rate(problem, cheapest, costs)
     for obj in uncertain[:MAX_UNKNOWN]:
-        from .exploration import via_exploration
-
         plan = via_exploration(problem, obj, costs, limits)
         rate = _rate(problem, plan, costs)
         if rate > best_rate:
             best, best_rate = plan, rate
     return best
+
+
+def via_exploration(
+    problem: PlanningProblem,
+    obj: MovableObject,
+    costs: PushCosts | None = None,
+    limits: SearchLimits | None = None,
+) -> Plan:
+    """A plan to the goal that touches one object in passing, without relying on what is found.
+
+    The contact is the one that is reached at the lowest cost without pushing anything.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    obj
+        The object to touch.
+    costs
+        What a push costs.
+    limits
+        How long to search.
+    """
+    costs = costs or PushCosts()
+    domain = build_search_domain(problem, costs)
+    index = next((k for k, body in enumerate(domain.bodies) if body.obj.id == obj.id), None)
+    refused = Plan(False, reason=f"{obj.id} cannot be touched from where the robot gets")
+    if index is None:
+        return refused
+    body = domain.bodies[index]
+    shifts = np.zeros((len(domain.bodies), 2))
+    stand_off = STAND_OFF_M / problem.map.resolution_m
+    start = grid_from_world(problem.map, problem.start_m)
+    paths = []
+    for contact in body.contacts:
+        approach = body.centre + contact.robot - stand_off * contact.direction
+        path, cost = pull_string(domain, shifts, start, approach)
+        if len(path):
+            paths.append((cost, path, contact))
+    if not paths:
+        return refused
+    cost, path, contact = min(paths, key=lambda one: one[0])
+    path_m = world_from_grid(problem.map, path)
+    contact_m = world_from_grid(problem.map, body.centre + contact.contact)
+    drive = Task(
+        "navigate",
+        domain.seconds(cost),
+        float(np.hypot(*np.diff(path_m, axis=0).T).sum()),
+        tuple((float(x), float(y)) for x, y in path_m),
+    )
+    touch = Task(
+        "explore",
+        costs.explore_time_s,
+        object=obj.id,
+        contact_m=(float(contact_m[0]), float(contact_m[1])),
+        failure_probability=failure_probability(obj.tag, 0.0, problem.robot, costs),
+    )
+    onward = replace(problem, start_m=path_m[-1])
+    known = _pushed(domain, unknown=False)
+    rest = plan_in_domain(onward, domain, costs, limits, active=known)
+    if not rest.reachable:
+        return replace(rest, tasks=())
+    return replace(rest, tasks=(*((drive,) if len(path) > 1 else ()), touch, *rest.tasks))
 
 
 def _entropy(obj: MovableObject, costs: PushCosts) -> float:
@@ -221,6 +314,6 @@ def _entropy(obj: MovableObject, costs: PushCosts) -> float:
 def _rate(problem: PlanningProblem, plan: Plan, costs: PushCosts) -> float:
     if not plan.reachable:
         return -1.0
-    touched = {task.object for task in plan.tasks if task.kind in {"push", "explore"}}
+    touched = {task.object for task in plan.tasks if task.kind in {"push", "sideward", "explore"}}
     bits = sum(_entropy(obj, costs) for obj in problem.objects if obj.id in touched)
     return bits / max(plan.cost_s, 1e-9)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...core.files import atomic_path
+from ...core.geometry import rotation_2d
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem
 
@@ -62,20 +63,19 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
         axes.add_patch(Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9))
         axes.annotate(item.id, (item.centre_m[0], item.centre_m[1]), ha="center", va="center", fontsize=7)
     _draw_passages(axes, problem, plan)
-    colours = {"push": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
+    colours = {"push": "tab:red", "sideward": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
     shown: set[str] = set()
     for task in plan.tasks:
         if task.path_m:
             xs, ys = np.array(task.path_m).T
             label = None if task.kind in shown else task.kind
             shown.add(task.kind)
-            axes.plot(xs, ys, color=colours.get(task.kind, "tab:green"), lw=2, label=label)
-        if task.kind == "push" and task.goal_m is not None and task.displacement_m is not None:
+            dashes = "-." if task.kind == "sideward" else "-"
+            axes.plot(xs, ys, dashes, color=colours.get(task.kind, "tab:green"), lw=2, label=label)
+        if task in plan.pushes and task.goal_m is not None:
             item = next(item for item in problem.objects if item.id == task.object)
-            shift = np.array(task.goal_m) - item.centre_m
-            axes.add_patch(
-                Polygon(item.footprint_m + shift, facecolor="none", edgecolor="tab:red", ls="--", lw=1)
-            )
+            end_m = (item.footprint_m - item.centre_m) @ rotation_2d(task.turn_rad).T + task.goal_m
+            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1))
     axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
     axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]])

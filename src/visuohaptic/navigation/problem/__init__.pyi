@@ -16,6 +16,7 @@ from .path_plan import Task as Task
 from .path_plan import plan_from_json as plan_from_json
 from .planning_problem import MovableObject as MovableObject
 from .planning_problem import PlanningProblem as PlanningProblem
+from .planning_problem import PushMode as PushMode
 from .push_costs import Manipulability as Manipulability
 from .push_costs import PushCost as PushCost
 from .push_costs import PushCosts as PushCosts

@@ -190,7 +190,9 @@ def nodes_of(
     """
     return [
         *(
-            TransparencyNode(o.id, o.footprint_m) if o.known_immovable else ManipulationNode(o)
+            TransparencyNode(o.id, o.footprint_m)
+            if o.known_immovable
+            else ManipulationNode(o, planner=f"{o.push} push")
             for o in objects
         ),
         *(PassageNode(passage) for passage in passages),

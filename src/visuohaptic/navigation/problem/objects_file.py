@@ -15,7 +15,7 @@ from ...core.files import load_yaml
 from ...core.objects import Estimate, HapticTag
 from .outlines import outline_of
 from .passages import Passage, PassageKind
-from .planning_problem import MovableObject, RobotModel
+from .planning_problem import MovableObject, PushMode, RobotModel
 
 __all__ = [
     "load_objects",
@@ -43,6 +43,7 @@ class _Entry:
     haptic_tag: HapticTag | None = None
     type: str = "object"
     open_s: Estimate | None = None
+    push: PushMode = PushMode.DIRECT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,8 +119,8 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
     Parameters
     ----------
     data
-        Mapping with a list of ``objects``: of each its ``id``, ``footprint_m`` (corners x, y in the map frame [m])
-        and, where it was explored, its ``haptic_tag``.
+        Mapping with a list of ``objects``: of each its ``id``, ``footprint_m`` (corners x, y in the map frame [m]),
+        where it was explored, its ``haptic_tag``, and ``push: sideward`` where it is to be brushed aside.
     where
         File that it comes from, for messages.
 
@@ -139,7 +140,7 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
                     HapticTag(fixed=True),
                     _wider(outline_of(footprint_m, where), GLASS_SAFETY_M),
                 )
-            found[name] = MovableObject(name, footprint_m, tag)
+            found[name] = MovableObject(name, footprint_m, tag, push=entry.push)
         except InputError as error:
             raise _at(error, where, index) from error
     return tuple(found.values())

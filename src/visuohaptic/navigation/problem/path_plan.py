@@ -12,8 +12,9 @@ from ...core.errors import InputError
 
 __all__ = ["Plan", "Task", "plan_from_json"]
 
-#: Kinds of tasks. ``explore`` touches an unknown object and decides; ``wait`` and ``door`` come from passages.
-KINDS = ("navigate", "push", "explore", "wait", "door")
+#: Kinds of tasks. ``explore`` touches an unknown object and decides; ``sideward`` drives past an object and brushes
+#: it aside; ``wait`` and ``door`` come from passages.
+KINDS = ("navigate", "push", "sideward", "explore", "wait", "door")
 
 #: Costs of drives are whole units: a gap below this is rounding.
 OPTIMAL_GAP = 0.005
@@ -33,6 +34,7 @@ class Task:
     contact_m: Point | None = None  #: where the robot touches the outline
     goal_m: Point | None = None  #: where the centre of the object goes
     displacement_m: Point | None = None  #: motion of the object
+    turn_rad: float = 0.0  #: of the object, about its centre
     failure_probability: float = 0.0
     #: of a push, second moment of x, y [m] and turn [rad] of the object about its planned end
     end_covariance: tuple[tuple[float, ...], ...] = ()
@@ -48,6 +50,8 @@ class Task:
         for name in ("contact_m", "goal_m", "displacement_m"):
             if (value := getattr(self, name)) is not None:
                 data[name] = _rounded(value)
+        if self.turn_rad:
+            data["turn_rad"] = round(self.turn_rad, 6)
         data["length_m"] = round(self.length_m, 6)
         data["cost_s"] = round(self.cost_s, 6)
         if self.kind != "navigate":
@@ -96,7 +100,7 @@ class Plan:
     @property
     def pushes(self) -> tuple[Task, ...]:
         """The manipulation tasks."""
-        return tuple(task for task in self.tasks if task.kind == "push")
+        return tuple(task for task in self.tasks if task.kind in ("push", "sideward"))
 
     @property
     def failure_probability(self) -> float:
@@ -189,6 +193,7 @@ def _task(entry: Mapping[str, Any], where: str) -> Task:
         failure_probability=float(entry.get("failure_probability", 0.0)),
         end_covariance=tuple(tuple(float(value) for value in row) for row in entry.get("end_covariance", ())),
         sigma_s=float(entry.get("sigma_s", 0.0)),
+        turn_rad=float(entry.get("turn_rad", 0.0)),
         **points,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +16,14 @@ from .outlines import outline_of
 from .passages import Passage
 from .robot_model import RobotModel
 
-__all__ = ["MovableObject", "PlanningProblem", "RobotModel"]
+__all__ = ["MovableObject", "PlanningProblem", "PushMode", "RobotModel"]
+
+
+class PushMode(StrEnum):
+    """How an object is pushed once it has been explored."""
+
+    DIRECT = "direct"  #: straight through its centre of friction (Sec. 4.3.1)
+    SIDEWARD = "sideward"  #: brushed aside by a drive past it (Sec. 4.3.2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +43,7 @@ class MovableObject:
     where: str = field(default="MovableObject", repr=False)  #: file and place, for messages
     #: centre of friction from the footprint's centroid, map frame [m]: from former pushes (Sec. 4.3.1)
     friction_offset_m: tuple[float, float] = (0.0, 0.0)
+    push: PushMode = PushMode.DIRECT
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "footprint_m", outline_of(self.footprint_m, self.where))

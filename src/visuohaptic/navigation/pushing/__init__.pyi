@@ -5,6 +5,8 @@ from .push_failure import sampled_pushes as sampled_pushes
 from .push_model import PushModel as PushModel
 from .push_model import load_of_feet as load_of_feet
 from .push_model import patch_points as patch_points
+from .push_monitor import PushEstimate as PushEstimate
+from .push_monitor import PushMonitor as PushMonitor
 from .quasi_static import PushTrace as PushTrace
 from .quasi_static import arc_path as arc_path
 from .quasi_static import check_path as check_path

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ...io.maps.occupancy_map import OccupancyMap
+from ...navigation.planning.off_centre_rollouts import scene_of
+from ...navigation.planning.search.domain_builder import build_search_domain
+from ...navigation.planning.sideward_push import SidewardOutcome, evaluate_push, sideward_candidates
+from ...navigation.problem.planning_problem import MovableObject, PlanningProblem
 from ...navigation.pushing.push_model import PushModel, load_of_feet, patch_points
 from ...navigation.pushing.quasi_static import PushTrace, arc_path
 from ...report.style import COLOURS, draw_axes
@@ -16,9 +20,6 @@ from ...rigs.virtual_office import ROBOT, box, rooms
 from ...simulation.floor.floor_push import FloorBody, FloorPush
 from .._building import draw_map, outline
 from ..output import Output
-from ..pushes.local_costmap import LocalCostmap
-from ..pushes.push_scene import PushLimits, PushScene
-from ..pushes.sideward_push import SidewardOutcome, evaluate_push, sideward_candidates
 
 __all__ = ["CAPTION", "TITLE", "run"]
 
@@ -104,25 +105,28 @@ def run(out: Output) -> None:
 
 
 def _candidates(scene: Scene) -> tuple[list[Candidate], PushModel, tuple[float, float, float]]:
-    radius = ROBOT.radius_m
-    centre = scene.footprint_m.mean(axis=0)
-    at = (float(centre[0]), float(centre[1]), 0.0)
+    enter_m, leave_m = np.array(scene.enter_m), np.array(scene.leave_m)
+    thing = MovableObject(scene.name, scene.footprint_m)
+    centre = thing.centre_m
     # MuJoCo's outlines have round corners; a push above the floor shifts the load.
-    outline_m = (scene.footprint_m - centre) * (1 - ROUND_m / 0.15)
+    outline_m = (thing.footprint_m - centre) * (1 - ROUND_m / 0.15)
     feet, _ = patch_points(outline_m, 16)
     model = PushModel(outline_m, feet, load_of_feet(feet), FRICTION, ROUND_m, FLOOR * HEIGHT_m)
-    costmap = LocalCostmap.around(scene.grid, scene.footprint_m, LENGTH_m + 3 * radius)
-    pushed = PushScene.with_model(costmap, model, at, PushLimits(radius))
+    domain = build_search_domain(PlanningProblem(scene.grid, ROBOT, enter_m, leave_m, (thing,)))
+    pushed = replace(scene_of(domain, 0, domain.bodies[0].centre), model=model)
     starts, ends = sideward_candidates(
-        pushed, scene.enter_m, scene.leave_m, slide_m=LENGTH_m, starts=7, ends=4
+        pushed, enter_m - centre, leave_m - centre, slide_m=LENGTH_m, starts=7, ends=4
     )
-    found = []
+    found, at = [], np.array([*centre, 0.0])
     for start in starts:
         for end in ends:
             path = arc_path(start, end, 0.0)
             outcome, trace = evaluate_push(pushed, path)
-            found.append(Candidate(path, outcome, trace))
-    return found, model, at
+            placed = path + at
+            if trace is not None:
+                trace = replace(trace, platform_m=placed, object_m=trace.object_m + at)
+            found.append(Candidate(placed, outcome, trace))
+    return found, model, (float(centre[0]), float(centre[1]), 0.0)
 
 
 def _two(found: list[Candidate]) -> list[Candidate]:

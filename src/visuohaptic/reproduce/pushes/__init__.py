@@ -1,4 +1,4 @@
-"""Local planners of direct and sideward pushes, and their monitor (Alt 2016, Sec. 4.3.1 and 4.3.2)."""
+"""The local planner of direct pushes on a costmap around the object (Alt 2016, Sec. 4.3.1)."""
 
 from ...core.front_door import attach
 

@@ -9,14 +9,6 @@ from .local_costmap import FootprintSamples as FootprintSamples
 from .local_costmap import LocalCostmap as LocalCostmap
 from .push_failure import centre_from_tag as centre_from_tag
 from .push_failure import simulated_failure as simulated_failure
-from .push_monitor import PushEstimate as PushEstimate
-from .push_monitor import PushMonitor as PushMonitor
 from .push_scene import PushedObject as PushedObject
 from .push_scene import PushLimits as PushLimits
 from .push_scene import PushScene as PushScene
-from .sideward_push import SidewardOutcome as SidewardOutcome
-from .sideward_push import SidewardPush as SidewardPush
-from .sideward_push import SidewardPushSettings as SidewardPushSettings
-from .sideward_push import evaluate_push as evaluate_push
-from .sideward_push import plan_sideward_push as plan_sideward_push
-from .sideward_push import sideward_candidates as sideward_candidates

@@ -137,15 +137,6 @@ def first_clash(distance, grid, points, least, inside_m, reach_m, poses, rows):
 
 
 @kernel
-def min_distance(distance, grid, poses):
-    """Smallest distance from obstacles along a path [m]."""
-    least = np.inf
-    for i in range(poses.shape[0]):
-        least = min(least, distance_at(distance, grid, poses[i, 0], poses[i, 1]))
-    return least
-
-
-@kernel
 def first_goal(
     distance, from_path, grid, points, ring, border, least, inside_m, reach_m, radius, objects, platforms
 ):

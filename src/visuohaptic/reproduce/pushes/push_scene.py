@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -102,42 +102,7 @@ class PushScene:
         costmap = LocalCostmap.around(map, outline, reach_m, unknown_is_free=unknown_is_free)
         place = polygon_centroid(outline)
         model = obj.model if obj.model is not None else PushModel.patch(outline - place)
-        return cls.with_model(costmap, model, (float(place[0]), float(place[1]), 0.0), limits)
-
-    @classmethod
-    def with_model(
-        cls,
-        costmap: LocalCostmap,
-        model: PushModel,
-        object_m: tuple[float, float, float],
-        limits: PushLimits,
-    ) -> PushScene:
-        """A scene of parts that exist already.
-
-        Parameters
-        ----------
-        costmap
-            Surroundings without the object.
-        model
-            Outline, supports and contact friction.
-        object_m
-            Where its reference point is: x, y [m], yaw [rad], map frame.
-        limits
-            The platform.
-        """
         footprint = FootprintSamples.of(
             model.outline_m, limits.radius_m, costmap.map.resolution_m, round_m=model.round_m
         )
-        return cls(costmap, footprint, model, object_m, limits)
-
-    def sampled(self, model: PushModel, pose: Float[np.ndarray, "3"]) -> PushScene:
-        """The scene with another model and pose of the object, for Monte Carlo simulation.
-
-        Parameters
-        ----------
-        model
-            In place of the nominal one; the footprint for collision checks stays nominal.
-        pose
-            x, y [m], yaw [rad].
-        """
-        return replace(self, model=model, object_m=(float(pose[0]), float(pose[1]), float(pose[2])))
+        return cls(costmap, footprint, model, (float(place[0]), float(place[1]), 0.0), limits)

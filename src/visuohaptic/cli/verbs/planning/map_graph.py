@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+
+if TYPE_CHECKING:
+    from ....io.maps.occupancy_map import OccupancyMap
+    from ....navigation.grid.cost_grid import SpeedLimits
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -104,7 +108,7 @@ def run(args: Any) -> dict[str, Any]:
         written.append("joint_graph.geojson")
     result = {"map": str(args.map), **describe(layers, graph), "folder": str(folder), "written": written}
     if args.route is not None:
-        result["route"] = _route(regions, args.route)
+        result["route"] = _route(grid, limits, args.route, args.unknown_is_free)
     if args.plot:
         from ....core.files import atomic_path
         from ....navigation.plots.map_plots import plot_navigation
@@ -115,14 +119,23 @@ def run(args: Any) -> dict[str, Any]:
     return result
 
 
-def _route(regions: Any, ends_m: list[float]) -> dict[str, Any]:
-    """The path from one point to another along the graph, shortened over the cells."""
+def _route(
+    grid: OccupancyMap, limits: SpeedLimits, ends_m: list[float], unknown_is_free: bool
+) -> dict[str, Any]:
+    """The path that the planner drives from one point to another."""
     import numpy as np
 
-    from ....navigation.graph.query import plan_path
+    from ....io.maps.occupancy_map import FREE, OccupancyMap
+    from ....navigation.planning.policies import without_pushing
+    from ....navigation.problem.planning_problem import PlanningProblem
+    from ....navigation.problem.robot_model import RobotModel
 
-    found = plan_path(regions, np.array(ends_m[:2]), np.array(ends_m[2:]))
-    if not found.found:
-        return {"reachable": False}
-    path = [[round(float(x), 3), round(float(y), 3)] for x, y in found.points_m]
-    return {"reachable": True, "cost_s": found.line_cost_s, "length_m": found.line_length_m, "path_m": path}
+    if unknown_is_free:
+        cells = np.where(grid.cells < 0, FREE, grid.cells).astype(np.int8)
+        grid = OccupancyMap(cells, grid.resolution_m, grid.origin)
+    robot = RobotModel(limits.radius_m, limits.v_max_m_s, limits.v_min_m_s)
+    plan = without_pushing(PlanningProblem(grid, robot, np.array(ends_m[:2]), np.array(ends_m[2:])))
+    if not plan.reachable:
+        return {"reachable": False, "reason": plan.reason}
+    path = [[round(x, 3), round(y, 3)] for task in plan.tasks for x, y in task.path_m]
+    return {"reachable": True, "cost_s": plan.cost_s, "length_m": plan.length_m, "path_m": path}

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ....core.kernels import kernel
-from ._line_end_kernels import BITS
+from ._line_kernels import BITS
 from ._path_kernels import cost, longer, measure
 
 __all__ = ["edge_paths", "gather_junctions", "join_lines", "measure_paths"]
@@ -23,7 +23,6 @@ def gather_junctions(
     masks: np.ndarray,
     keys: np.ndarray,
     links: np.ndarray,
-    order: np.ndarray,
     widest: np.ndarray,
     columns: int,
     resolution_m: float,
@@ -39,8 +38,6 @@ def gather_junctions(
     ----------
     cell, masks, keys, links
         The slots: flat cell, linked neighbours, clearance and links; see the module.
-    order
-        Slots in use by ascending cell.
     widest
         Those of three links and more by descending key; of equal keys the first cell leads.
     columns
@@ -53,8 +50,8 @@ def gather_junctions(
     owner = np.full(len(cell), -1, np.int32)
     parent = np.full(len(cell), -1, np.int32)
     to_leader = np.zeros((len(cell), 3))
-    queue = np.empty(len(order) + 1, np.int32)
-    for slot in order:
+    queue = np.empty(len(cell) + 1, np.int32)
+    for slot in range(len(cell)):
         to_leader[slot, 2] = keys[slot]
         owner[slot] = slot
         if BITS[masks[slot]] < 3:
@@ -109,7 +106,6 @@ def join_lines(
     masks: np.ndarray,
     keys: np.ndarray,
     links: np.ndarray,
-    order: np.ndarray,
     owner: np.ndarray,
     parent: np.ndarray,
     to_leader: np.ndarray,
@@ -122,7 +118,7 @@ def join_lines(
     """Cells of the nodes (n,), their clearance, ends of the edges (m, 2), their measures (m, 3), and pieces (m, 4).
 
     A piece is first and last slot, and where in the lines' path the inner cells begin and stop;
-    the slots of a ring are -1. The order does not depend on the numbers of slots and lines.
+    the slots of a ring are -1.
 
     Parameters
     ----------
@@ -130,8 +126,6 @@ def join_lines(
         Clearance of each cell [m], (rows, columns) float32.
     cell, masks, keys, links
         The slots: flat cell, linked neighbours, clearance and links; see the module.
-    order
-        Slots in use by ascending cell.
     owner, parent, to_leader
         From :func:`gather_junctions`.
     table
@@ -147,7 +141,7 @@ def join_lines(
     """
     # Every edge takes two links; arrays of just that size, because untouched memory is slow memory.
     taken = 0
-    for slot in order:
+    for slot in range(len(cell)):
         taken += BITS[masks[slot]]
     room = taken // 2 + len(rings) + 1
     ends = np.empty((room, 2), np.int32)
@@ -155,7 +149,7 @@ def join_lines(
     pieces = np.empty((room, 4), np.int32)
     flat_distance = distance.ravel()
     edges = 0
-    for first in order:
+    for first in range(len(cell)):
         for j in range(8):
             link = links[first, j]
             if link == -1 or (link >= 0 and link & 1):
@@ -179,13 +173,13 @@ def join_lines(
             measures[edges, 2] = min(clearance, min(to_leader[first, 2], to_leader[last, 2]))
             edges += 1
     # Nodes in the order of their cells; ``number`` says which one a leader has become.
-    nodes = np.empty(len(order) + len(rings), np.int32)
-    clear = np.empty(len(order) + len(rings), np.float32)
+    nodes = np.empty(len(cell) + len(rings), np.int32)
+    clear = np.empty(len(cell) + len(rings), np.float32)
     number = np.empty(len(cell), np.int32)
     n, k = 0, 0
     joined = edges
-    for position in range(len(order) + 1):
-        slot = order[position] if position < len(order) else -1
+    for position in range(len(cell) + 1):
+        slot = position if position < len(cell) else -1
         if slot >= 0 and owner[slot] != slot:
             continue
         while k < len(rings) and (slot < 0 or table[rings[k], 1] < cell[slot]):

@@ -1,14 +1,12 @@
-"""From skeleton cells to lines between the cells where lines meet or end; lines that no edit has touched stay.
+"""From skeleton cells to lines between the cells where lines meet or end.
 
-Cells where lines meet or end ("ends") live in slots that keep their numbers from edit to edit:
-``cell`` (slots,) int32, -1 for a free slot; ``masks`` uint8, linked neighbours; ``keys`` float32, distance;
-``links`` (slots, 8) int32, what a neighbour leads to: ``2 * line`` where a line begins there,
-``2 * line + 1`` where it stops, ``-2 - slot`` for another end, -1 for nothing. With these at hand
-the map, which is large and not in the cache, is not read for what no edit has touched.
+Cells where lines meet or end ("ends") are slots by ascending cell: ``cell`` (slots,) int32; ``masks`` uint8, linked
+neighbours; ``keys`` float32, distance; ``links`` (slots, 8) int32, what a neighbour leads to: ``2 * line`` where a
+line begins there, ``2 * line + 1`` where it stops, ``-2 - slot`` for another end, -1 for nothing.
 
 ``place`` (rows, columns) int32 tells of every cell: 0, the number of its line + 1, or -1 - slot.
 ``table`` (lines, 5): first and last cell, where in ``path`` a line begins and stops, slot of the last
-cell; the first is -1 for a ring, -2 for a line that is gone. ``measured`` (lines, 3): length [m], cost [s], clearance [m].
+cell; the first is -1 for a ring. ``measured`` (lines, 3): length [m], cost [s], clearance [m].
 """
 
 from __future__ import annotations
@@ -16,11 +14,54 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.kernels import kernel
-from ._line_end_kernels import DEAD, linked
 from ._path_kernels import longer, longer_rows, measure
-from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
+from ._skeleton_kernels import ADJACENT, COLUMN_STEP, ROW_STEP
 
-__all__ = ["find_lines", "gather_paths"]
+__all__ = ["BITS", "find_ends", "find_lines"]
+
+_ADJACENT = ADJACENT
+#: Number of set bits of a mask.
+BITS = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def linked(mark: np.ndarray, row: int, column: int) -> int:
+    """Mask of the neighbours that a skeleton cell is linked to."""
+    rows, columns = mark.shape
+    mask = 0
+    for k in range(8):
+        r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+        if 0 <= r < rows and 0 <= c < columns and mark[r, c] & 1:
+            mask |= 1 << k
+    return _ADJACENT[mask]
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cells (flat) where lines meet or end, and their linked neighbours; ``place`` gets their slots.
+
+    Parameters
+    ----------
+    mark
+        Marks of the skeleton, (rows, columns) uint8; bit 0 is set on it.
+    cells
+        All cells of the skeleton (flat), ascending.
+    place
+        Line or slot of each cell, (rows, columns) int32, all 0.
+    """
+    columns = place.shape[1]
+    flat = place.ravel()
+    cell = np.empty(len(cells), np.int32)
+    masks = np.empty(len(cells), np.uint8)
+    count = 0
+    for here in cells:
+        row = here // columns
+        mask = linked(mark, row, here - row * columns)
+        if BITS[mask] != 2:
+            cell[count], masks[count] = here, mask
+            count += 1
+            flat[here] = -count
+    return cell[:count].copy(), masks[:count].copy()
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -107,21 +148,11 @@ def find_lines(
     place: np.ndarray,
     cell: np.ndarray,
     masks: np.ndarray,
-    links: np.ndarray,
-    look: np.ndarray,
-    maybe: np.ndarray,
-    table: np.ndarray,
-    measured: np.ndarray,
-    path: np.ndarray,
-    used: int,
-    size: int,
+    cells: np.ndarray,
     resolution_m: float,
     speeds: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int, int]:
-    """Walk the lines that are not known and link the ends ``look`` (slots by ascending cell).
-
-    ``maybe`` (flat) are cells that may be on a new ring. Returns ``table``, ``measured``, ``path``, how
-    many lines and how many path cells are used. Lines that are gone leave their number to new ones.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Walk all lines and link the ends: ``table``, ``measured``, ``path`` and ``links``, see the module.
 
     Parameters
     ----------
@@ -131,22 +162,10 @@ def find_lines(
         Marks of the skeleton, (rows, columns) uint8; bit 0 is set on it.
     place
         Line or slot of each cell, (rows, columns) int32.
-    cell, masks, links
+    cell, masks
         The slots, see the module.
-    look
-        Slots whose links have to be updated, by ascending cell.
-    maybe
-        Cells (flat) that may have become ends or parts of lines.
-    table
-        The lines, see the module.
-    table, measured
-        The lines: first and last cell and place in ``path``; length, cost and clearance.
-    path
-        Cells (flat) of all lines, one after the other.
-    used
-        Number of lines in ``table``.
-    size
-        Number of cells in ``path`` that are used.
+    cells
+        All cells of the skeleton (flat), ascending.
     resolution_m
         Edge length of a cell [m].
     speeds
@@ -154,30 +173,29 @@ def find_lines(
     """
     columns = mark.shape[1]
     flat = place.ravel()
-    flat_mark = mark.ravel()
-    line = 0
-    for k in range(len(look) + len(maybe)):
-        for j in range(8 if k < len(look) else 1):
-            if k < len(look):
-                if not masks[look[k]] >> j & 1:
+    table = np.empty((1024, 5), np.int32)
+    measured = np.empty((1024, 3))
+    path = np.empty(4096, np.int32)
+    line, size = 0, 0
+    # From all ends, then from cells that no line has reached: rings.
+    for k in range(len(cell) + len(cells)):
+        for j in range(8 if k < len(cell) else 1):
+            if k < len(cell):
+                if not masks[k] >> j & 1:
                     continue
-                here = cell[look[k]] + ROW_STEP[j] * columns + COLUMN_STEP[j]
+                here = cell[k] + ROW_STEP[j] * columns + COLUMN_STEP[j]
             else:
-                here = maybe[k - len(look)]
-            if flat[here] != 0 or not flat_mark[here] & 1:
+                here = cells[k - len(cell)]
+            if flat[here] != 0:
                 continue
-            while line < used and table[line, 0] != DEAD:
-                line += 1
-            if line == used:
-                if used == len(table):
-                    table, measured = longer_rows(table), longer_rows(measured)
-                used += 1
+            if line == len(table):
+                table, measured = longer_rows(table), longer_rows(measured)
             if size + 4 >= len(path):
                 path = longer(path)
             table[line, 2] = size
-            if k < len(look):
-                path, size = _walk(mark, place, cell[look[k]], here, line, path, size)
-                table[line, 0], table[line, 1] = cell[look[k]], path[size - 1]
+            if k < len(cell):
+                path, size = _walk(mark, place, cell[k], here, line, path, size)
+                table[line, 0], table[line, 1] = cell[k], path[size - 1]
                 table[line, 4] = -1 - flat[path[size - 1]]
             else:
                 path, size = _walk_ring(mark, place, distance, here, line, path, size)
@@ -185,10 +203,12 @@ def find_lines(
             table[line, 3] = size
             length, seconds, clearance = measure(path, table[line, 2], size, distance, resolution_m, speeds)
             measured[line, 0], measured[line, 1], measured[line, 2] = length, seconds, clearance
-    for slot in look:
+            line += 1
+    links = np.empty((len(cell), 8), np.int32)
+    for slot in range(len(cell)):
         for j in range(8):
+            links[slot, j] = -1
             if not masks[slot] >> j & 1:
-                links[slot, j] = -1
                 continue
             here = cell[slot] + ROW_STEP[j] * columns + COLUMN_STEP[j]
             value = flat[here]
@@ -197,33 +217,4 @@ def find_lines(
             else:
                 begins = table[value - 1, 0] == cell[slot] and path[table[value - 1, 2] + 1] == here
                 links[slot, j] = 2 * (value - 1) + (0 if begins else 1)
-    return table, measured, path, used, size
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def gather_paths(table: np.ndarray, path: np.ndarray, used: int, size: int) -> tuple[np.ndarray, int]:
-    """A new array with the paths of the lines that are left; graphs of before keep the old one.
-
-    Parameters
-    ----------
-    table
-        The lines, see the module.
-    path
-        Cells (flat) of all lines, one after the other.
-    used
-        Number of lines in ``table``.
-    size
-        Number of cells of the lines that are left.
-    """
-    out = np.empty(2 * size + 4096, np.int32)
-    total = 0
-    for line in range(used):
-        if table[line, 0] == DEAD:
-            continue
-        begin, stop = table[line, 2], table[line, 3]
-        table[line, 2] = total
-        for position in range(begin, stop):
-            out[total] = path[position]
-            total += 1
-        table[line, 3] = total
-    return out, total
+    return table[:line].copy(), measured[:line].copy(), path[:size].copy(), links

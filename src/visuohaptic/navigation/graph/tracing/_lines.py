@@ -1,4 +1,4 @@
-"""The lines of a skeleton, walked once and again only where something has changed."""
+"""The lines of a skeleton, and the graph that they make."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32, Int32, UInt8
 
 from ...grid.cost_grid import GridLayers
 
-__all__ = ["RawGraph", "SkeletonLines", "speeds"]
+__all__ = ["RawGraph", "skeleton_lines", "speeds"]
 
 
 def speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
@@ -26,7 +26,7 @@ def speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawGraph:
-    """All lines of a skeleton, junction cells that touch made one node. No later edit changes it.
+    """All lines of a skeleton, junction cells that touch made one node.
 
     Symbols: n nodes, m edges.
     """
@@ -38,7 +38,7 @@ class RawGraph:
     pieces: Int32[np.ndarray, "m 4"]  #: see ``_junction_kernels.join_lines``
     slot_cell: Int32[np.ndarray, "slots"]
     slot_parent: Int32[np.ndarray, "slots"]
-    path: Int32[np.ndarray, "p"]  #: cells of all lines; nothing that was written is ever overwritten
+    path: Int32[np.ndarray, "p"]  #: cells of all lines
 
     def paths(
         self, edge_start: Int32[np.ndarray, "e+1"], halves: Int32[np.ndarray, "w"]
@@ -58,74 +58,32 @@ class RawGraph:
         return start, cells
 
 
-class SkeletonLines:
-    """Lines between the cells of a skeleton where lines meet or end.
-
-    A whole build and an edit take the same steps: forget what touched cells are on, walk what is missing.
+def skeleton_lines(layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"]) -> RawGraph:
+    """Lines between the cells of a skeleton where lines meet or end, and the graph that they make.
 
     Parameters
     ----------
-    shape
-        Rows and columns of the map.
+    layers
+        Of the map.
+    mark
+        1 on the skeleton.
     """
+    from ._junction_kernels import gather_junctions, join_lines
+    from ._line_kernels import BITS, find_ends, find_lines
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self._place = np.zeros(shape, np.int32)
-        self._cell = np.full(1024, -1, np.int32)
-        self._masks = np.zeros(1024, np.uint8)
-        self._keys = np.zeros(1024, np.float32)
-        self._links = np.zeros((1024, 8), np.int32)
-        self._order = np.empty(0, np.int32)
-        self._table = np.empty((1024, 5), np.int32)
-        self._measured = np.empty((1024, 3))
-        self._path = np.empty(4096, np.int32)
-        self._used = 0  # lines
-        self._size = 0  # cells of ``_path``
-        self._lost = 0  # of them, those of lines that are gone
-
-    def follow(
-        self, layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"], touched: Int32[np.ndarray, "c"]
-    ) -> RawGraph:
-        """Bring the lines up to date and return their graph.
-
-        Parameters
-        ----------
-        layers
-            Of the map as it is now.
-        mark
-            Marks of its skeleton.
-        touched
-            All cells (flat, some twice) whose mark or distance changed, and those beside a changed mark; before the
-            first call, all cells of the skeleton.
-        """
-        from ._junction_kernels import gather_junctions, join_lines
-        from ._line_end_kernels import BITS, find_ends, forget_lines
-        from ._line_kernels import find_lines, gather_paths
-
-        scale = (layers.map.resolution_m, speeds(layers))
-        distance = layers.distance_m
-        maybe, near, lost = forget_lines(mark, self._place, self._cell, self._table, self._path, touched)
-        self._lost += lost
-        self._cell, self._masks, self._keys, self._links, self._order, look = find_ends(
-            distance, mark, self._place, self._cell, self._masks, self._keys, self._links, self._order,
-            np.sort(maybe), np.sort(near),
-        )  # fmt: skip
-        self._table, self._measured, self._path, self._used, self._size = find_lines(
-            distance, mark, self._place, self._cell, self._masks, self._links, look, maybe,
-            self._table, self._measured, self._path, self._used, self._size, *scale,
-        )  # fmt: skip
-        if 2 * self._lost > self._size + 65536:
-            self._path, self._size = gather_paths(
-                self._table, self._path, self._used, self._size - self._lost
-            )
-            self._lost = 0
-        ends = (self._cell, self._masks, self._keys, self._links, self._order)
-        widest = self._order[BITS[self._masks[self._order]] >= 3]
-        widest = widest[np.argsort(-self._keys[widest], kind="stable")]
-        owner, parent, to_leader = gather_junctions(*ends, widest, layers.shape[1], *scale)
-        rings = np.flatnonzero(self._table[: self._used, 0] == -1)
-        rings = rings[np.argsort(self._table[rings, 1])]
-        cells, clearance_m, joined, measures, pieces = join_lines(
-            distance, *ends, owner, parent, to_leader, self._table, self._measured, rings, *scale
-        )
-        return RawGraph(cells, clearance_m, joined, measures, pieces, self._cell.copy(), parent, self._path)
+    scale = (layers.map.resolution_m, speeds(layers))
+    distance, place = layers.distance_m, np.zeros(layers.shape, np.int32)
+    cells = np.flatnonzero(mark.view(np.bool_)).astype(np.int32)
+    cell, masks = find_ends(mark, cells, place)
+    table, measured, path, links = find_lines(distance, mark, place, cell, masks, cells, *scale)
+    keys = distance.ravel()[cell]
+    ends = (cell, masks, keys, links)
+    widest = np.flatnonzero(BITS[masks] >= 3)
+    widest = widest[np.argsort(-keys[widest], kind="stable")]
+    owner, parent, to_leader = gather_junctions(*ends, widest, layers.shape[1], *scale)
+    rings = np.flatnonzero(table[:, 0] == -1)
+    rings = rings[np.argsort(table[rings, 1])]
+    nodes, clearance_m, joined, measures, pieces = join_lines(
+        distance, *ends, owner, parent, to_leader, table, measured, rings, *scale
+    )
+    return RawGraph(nodes, clearance_m, joined, measures, pieces, cell, parent, path)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.kernels import kernel
-from .._search_kernels import half_edges
 
 __all__ = ["keep_edges", "label_components", "prune"]
 
@@ -309,3 +308,30 @@ def _top(root: np.ndarray, node: int) -> int:
     while root[node] >= 0:
         node = root[node]
     return node
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def half_edges(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Half-edges of each node in CSR form: 2 e leaves the first end of edge e, 2 e + 1 the second.
+
+    Parameters
+    ----------
+    count
+        Number of nodes.
+    ends
+        Nodes of each edge, (m, 2).
+    """
+    start = np.zeros(count + 1, np.int32)
+    for edge in range(len(ends)):
+        start[ends[edge, 0] + 1] += 1
+        start[ends[edge, 1] + 1] += 1
+    for node in range(count):
+        start[node + 1] += start[node]
+    place = start[:-1].copy()
+    half = np.empty(2 * len(ends), np.int32)
+    for edge in range(len(ends)):
+        for side in range(2):
+            node = ends[edge, side]
+            half[place[node]] = 2 * edge + side
+            place[node] += 1
+    return start, half

@@ -1,10 +1,10 @@
-"""Distance-ordered homotopic thinning as a function of the distance alone, whole or in a window.
+"""Distance-ordered homotopic thinning as a function of the distance alone.
 
 Every reachable cell has a key: its distance, then its index; the keys order all cells. A cell is
 deleted if it is simple (its deletion changes neither components nor holes) and not the end of a
 line, among its neighbours with larger keys and those with smaller keys that were kept. That
 recursion runs from small keys to large ones and has exactly one solution, whatever the order in
-which it is worked out, and a change spreads only upwards from where it was made.
+which it is worked out.
 
 Neighbours are numbered round the cell, from +column through +row: (0, 1), (1, 1), (1, 0), (1, -1),
 (0, -1), (-1, -1), (-1, 0), (-1, 1); bit k of a mask is neighbour k.
@@ -158,8 +158,8 @@ def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarra
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> np.ndarray:
-    """Work the recursion out from the queued cells; returns the cells whose mark was turned (some twice).
+def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> None:
+    """Work the recursion out from the queued cells.
 
     Parameters
     ----------
@@ -179,8 +179,6 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
     count = len(queue)
     for k in range(count):
         stack[k] = queue[count - 1 - k]
-    turned = np.empty(1024, np.int32)
-    turns = 0
     while count > 0:
         count -= 1
         cell = stack[count]
@@ -200,15 +198,9 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
                     elif mark[r, c] & KEPT:
                         mask |= 1 << k
             new = np.uint8(1) - _DELETABLE[mask | higher]
-        elif old:
-            higher = 255  # it has just become unreachable: whoever counted on it looks again
         mark[row, column] = new
         if new == old:
             continue
-        if turns == len(turned):
-            turned = longer(turned)
-        turned[turns] = cell
-        turns += 1
         for k in range(7, -1, -1):
             if higher >> k & 1:
                 r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
@@ -218,4 +210,3 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
                         stack = longer(stack)
                     stack[count] = r * columns + c
                     count += 1
-    return turned[:turns]

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import InputError
 from ....core.objects import Estimate, HapticTag
+from ....core.robots import BaseState
 from ....navigation.planning.off_centre_push import OffCentrePush
+from ....navigation.planning.path_follower import FollowLimits, PathFollower
+from ....navigation.planning.sideward_plan import SidewardCheck
 from ....navigation.problem.path_plan import Task
-from ....navigation.problem.planning_problem import RobotModel
+from ....navigation.problem.planning_problem import PlanningProblem, RobotModel
+from ....navigation.pushing.push_monitor import PushMonitor
+from ....navigation.pushing.quasi_static import line_path
 from ..steered_push import PushEnd, PushSettings, SteeredPush
 from .travel_memory import TravelMemory
 from .travel_motion import Motion, TravelMotion, force_unread
@@ -97,6 +103,78 @@ class TravelPushes:
             force_N=_finite(push.force_N[1]), known=known,
         )  # fmt: skip
         return as_planned
+
+    def sideward(self, task: Task, problem: PlanningProblem) -> Motion[bool | None]:
+        """Drive past an object and brush it aside; the path follows what the contact tells (Sec. 4.3.2).
+
+        Parameters
+        ----------
+        task
+            A task of kind "sideward".
+        problem
+            As it is known now, with the room that the plan keeps.
+
+        Returns
+        -------
+        bool or None
+            Whether the object is where the plan wanted it; ``None`` where the drive did not get past it.
+        """
+        motion, settings = self._motion, self._settings
+        check = SidewardCheck(problem, task.object)
+        monitor = PushMonitor(check.model, check.place_m, self._robot.radius_m)
+        start = motion.pose_m()
+        end, corrections = yield from self._past(task, check, monitor)
+        yield from motion.halt()
+        gone_m = float(np.hypot(*(motion.pose_m()[:2] - start[:2])))
+        self.count += 1
+        self.driven_m += gone_m
+        self.behind_m = min(settings.back_off_m, gone_m + 0.02)
+        seen = yield from motion.look(task.object)
+        moved_m = 0.0 if seen is None else float(np.hypot(*(seen[:2] - check.place_m[:2])))
+        if seen is not None and self._memory.seen(task.object, seen):
+            self._note("looked", task.object, place_m=[float(value) for value in seen])
+        if end == "done" or moved_m > settings.moved_m:
+            self._memory.pushed(task.object, failed=end != "done")
+        elif end == "too heavy":
+            self._memory.too_heavy(task.object)
+        else:
+            often = self._memory.failures(task.object) + 1 >= settings.failures
+            self._memory.refused(task.object, fixed=often)
+        near = seen is not None and float(np.hypot(*(seen[:2] - np.array(task.goal_m)))) < settings.near_m
+        self._note(
+            "brushed", task.object, end=end, moved_m=moved_m, corrections=corrections, as_planned=near,
+            residual_m=monitor.estimate().residual_m,
+        )  # fmt: skip
+        return near if end == "done" else None
+
+    def _past(self, task: Task, check: SidewardCheck, monitor: PushMonitor) -> Motion[tuple[str, int]]:
+        """Follow a path past an object; how that ended, and how often the path was corrected."""
+        motion, robot = self._motion, self._robot
+        speed = min(robot.v_push_m_s, robot.v_max_m_s)
+        limits = FollowLimits(robot.radius_m, speed, min(robot.v_min_m_s, speed))
+        corners, rng, corrections = np.array(task.path_m), np.random.default_rng(0), 0
+        yield from motion.turn_to(math.atan2(*(corners[1] - corners[0])[::-1]))
+        follower, begin_s = PathFollower(corners, limits), motion.now_s()
+        patience_s = self._settings.drive_stall_s + 3.0 * task.length_m / speed
+        motion.new_guard()
+        while True:
+            pose, now_s = motion.pose_m(), motion.now_s()
+            if now_s - begin_s > patience_s:
+                return "stalled", corrections
+            if monitor.update(motion.seen.pose_m, motion.seen.point_m) and motion.seen.point_m:
+                rest = _poses(np.vstack([pose[:2], follower.rest_m]))
+                bent = monitor.corrected(
+                    rest, rng, allowed=lambda path, trace: check.free(path, trace.object_m)
+                )
+                if bent is None:
+                    return "gave up", corrections
+                if bent is not rest:
+                    follower, corrections = PathFollower(bent[[0, -1], :2], limits), corrections + 1
+            command = follower.command(BaseState(now_s, *motion.seen.pose_m, 0.0, 0.0))
+            if follower.done:
+                return "done", corrections
+            if not (yield from motion.go(*command)):
+                return "too heavy", corrections
 
     def explore(self, task: Task) -> Motion[None]:
         """Touch an unknown object, push it a little, and take down a tag.
@@ -238,3 +316,10 @@ def _direction(task: Task) -> float:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+def _poses(corners_m: Float[np.ndarray, "c 2"]) -> Float[np.ndarray, "k 3"]:
+    """Poses along straight lines from corner to corner: x, y [m], heading [rad]."""
+    lines = [line_path(a, b) for a, b in pairwise(corners_m) if np.hypot(*(b - a)) > 1e-9]
+    parts = [line[:-1] for line in lines[:-1]] + lines[-1:]
+    return np.concatenate(parts) if parts else np.zeros((0, 3))

@@ -28,7 +28,8 @@ from .travel_types import TravelCommand, TravelObservation, TravelOutcome, Trave
 __all__ = ["TravelTask"]
 
 _WORKING = (
-    TravelState.DRIVE, TravelState.PUSH, TravelState.EXPLORE, TravelState.TURN, TravelState.WAIT, TravelState.DOOR,
+    TravelState.DRIVE, TravelState.PUSH, TravelState.SIDEWARD, TravelState.EXPLORE, TravelState.TURN, TravelState.WAIT,
+    TravelState.DOOR,
 )  # fmt: skip
 
 
@@ -69,6 +70,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             s.PLAN: Rule(after),
             s.DRIVE: Rule((*after, s.BACK_OFF)),
             s.PUSH: Rule((s.BACK_OFF,)),
+            s.SIDEWARD: Rule((*after, s.BACK_OFF)),
             s.EXPLORE: Rule((s.BACK_OFF, s.PLAN)),
             s.TURN: Rule((s.BACK_OFF,)),
             s.WAIT: Rule(after),
@@ -124,6 +126,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             TravelState.PLAN: self._plan,
             TravelState.DRIVE: self._drive,
             TravelState.PUSH: self._push,
+            TravelState.SIDEWARD: self._sideward,
             TravelState.EXPLORE: self._explore,
             TravelState.TURN: self._turn,
             TravelState.WAIT: self._wait,
@@ -177,6 +180,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return {
             "navigate": TravelState.DRIVE,
             "push": TravelState.PUSH,
+            "sideward": TravelState.SIDEWARD,
             "explore": TravelState.EXPLORE,
             "wait": TravelState.WAIT,
             "door": TravelState.DOOR,
@@ -248,6 +252,20 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self._as_planned = yield from self.pushes.push(self._tasks[0])
         self._behind_m = self.pushes.behind_m
         return TravelState.BACK_OFF
+
+    def _sideward(self) -> Motion[TravelState | None]:
+        """Brush an object aside by driving past it; where that went as planned, the plan goes on."""
+        self.plans.changed()
+        pose = self.motion.pose_m()
+        problem = self.memory.problem(pose, self.pushes.margin_m)
+        done = yield from self.pushes.sideward(self._tasks[0], problem)
+        self._as_planned, self._behind_m = False, self.pushes.behind_m
+        if done is None:
+            return TravelState.BACK_OFF
+        if not done:
+            return TravelState.PLAN
+        self._tasks.pop(0)
+        return self._next()
 
     def _explore(self) -> Motion[TravelState]:
         """Touch and tag an unknown object; the next plan decides."""

@@ -79,6 +79,7 @@ class TravelState(StrEnum):
     PLAN = "plan"
     DRIVE = "drive"
     PUSH = "push"
+    SIDEWARD = "sideward"  #: past an object, which is brushed aside
     EXPLORE = "explore"
     TURN = "turn"
     WAIT = "wait"  #: before a passage

@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.geometry import wrap_angle
-from ...navigation.pushing.push_model import PushModel
-from ...navigation.pushing.quasi_static import (
+from .push_model import PushModel
+from .quasi_static import (
     RELEASE_M,
     STEP_M,
     PushTrace,

@@ -1,0 +1,230 @@
+"""Sideward push: drive past an object and brush it aside without a stop (Alt 2016, Sec. 4.3.2).
+
+Candidates are straight drives, and arcs where no line helps, in the frame of an
+:class:`~visuohaptic.navigation.planning.off_centre_rollouts.OffCentreScene`: metres along the grid's axes about the
+centre of the object, which stands at (0, 0, 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..problem.push_costs import PushCosts, failure_probability
+from ..pushing.push_failure import PushUncertainty
+from ..pushing.quasi_static import PushTrace, arc_path, remaining_m, simulate_push
+from .off_centre_rollouts import OffCentreScene, fits, has_room
+
+__all__ = ["SidewardOutcome", "SidewardPush", "evaluate_push", "sideward_candidates", "sideward_pushes"]
+
+#: Largest distance of start and end from the object: "about 6 r_rob" (Sec. 4.3.2).
+SLIDE_M = 1.0
+#: Turns of the curves that are tried when all lines fail (rad).
+TURNS_RAD = (-0.8, -0.4, 0.4, 0.8)
+#: Drives whose failure is simulated.
+REFINED = 5
+#: Simulated drives of each: a probability of 0.1 is known to 0.06.
+SAMPLES = 24
+#: An early release is worth as much as a shorter path, up to this length [m].
+RESERVE_M = 0.2
+#: Sampled drives begin so much earlier: five standard deviations of the object's place [m].
+BACK_M = 0.05
+
+
+class SidewardOutcome(StrEnum):
+    """What becomes of a candidate."""
+
+    RELEASED = "released"  #: success: contact was lost before the end
+    CONTACT = "contact"  #: still in contact at the end
+    COLLISION = "collision"  #: the object meets another obstacle
+    BLOCKED = "blocked"  #: the platform has no room on its path
+    UNTOUCHED = "untouched"  #: the platform never meets the object
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SidewardPush:
+    """One drive past the object, in the frame of its scene."""
+
+    path_m: Float[np.ndarray, "k 3"]  #: of the platform: x, y [m], heading [rad]
+    trace: PushTrace  #: predicted motion of the object
+    attempt_s: float  #: setup, and the drive at the speed of pushing
+    failure_probability: float = 0.0
+    end_covariance: Float[np.ndarray, "3 3"] | None = None  #: second moment about the predicted end
+
+    @property
+    def cost_s(self) -> float:
+        """Expected, with retries."""
+        return self.attempt_s / max(1.0 - self.failure_probability, 1e-3)
+
+
+def sideward_candidates(
+    scene: OffCentreScene,
+    enter_m: Float[np.ndarray, "2"],
+    leave_m: Float[np.ndarray, "2"],
+    *,
+    slide_m: float = SLIDE_M,
+    starts: int = 9,
+    ends: int = 9,
+) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 2"]]:
+    """Start and end points of the platform's path [m].
+
+    Starts lie a radius away from the outline on the side of ``enter_m``, ends
+    up to ``slide_m`` from the object on the side of ``leave_m``; both where
+    the platform has room.
+
+    Parameters
+    ----------
+    scene
+        The object and what is around it.
+    enter_m, leave_m
+        Where the platform comes from and has to go: x, y [m].
+    slide_m
+        Maximum distance of an end from the object [m].
+    starts
+        Maximum number of start points.
+    ends
+        A third of the maximum number of end points: directions at three distances each.
+
+    Raises
+    ------
+    InputError
+        ``enter_m`` and ``leave_m`` are one place.
+    """
+    import shapely
+
+    model, radius_m = scene.model, scene.radius_m
+    # A millimetre off: a start that touches would be one that has begun.
+    ring = shapely.Polygon(model.outline_m).buffer(model.round_m + radius_m + 1e-3).exterior
+    ahead = leave_m - enter_m
+    length = float(np.hypot(*ahead))
+    if not length > 0:
+        raise InputError(
+            "sideward_candidates", f"found enter {enter_m} and leave {leave_m}, expected two places"
+        )
+    ahead = ahead / length
+    points = shapely.get_coordinates(ring.interpolate(np.linspace(0, ring.length, 120, endpoint=False)))
+    begins = points[has_room(scene, points) & (points @ ahead < -0.3 * radius_m)]
+    # Ends: over the directions within a right angle of the direction of leaving, near and far.
+    angle = np.linspace(-1.2, 1.2, 2 * ends + 1)
+    c, s = np.cos(angle), np.sin(angle)
+    rays = np.column_stack([c * ahead[0] - s * ahead[1], s * ahead[0] + c * ahead[1]])
+    reach = float(ring.distance(shapely.Point(0.0, 0.0)))
+    goals = np.concatenate([share * (slide_m + reach) * rays for share in (1.0, 0.75, 0.5)])
+    goals = goals[has_room(scene, goals)]
+    goals = goals[np.argsort(np.hypot(*(goals - leave_m).T), kind="stable")]
+    thinned = np.linspace(0, max(len(begins) - 1, 0), min(len(begins), starts)).round().astype(int)
+    return begins[thinned], goals[: 3 * ends]
+
+
+def evaluate_push(
+    scene: OffCentreScene, path_m: Float[np.ndarray, "k 3"]
+) -> tuple[SidewardOutcome, PushTrace | None]:
+    """Simulate one candidate and classify what becomes of it.
+
+    Parameters
+    ----------
+    scene
+        The object and what is around it.
+    path_m
+        Poses of the platform: x, y [m], heading [rad].
+
+    Returns
+    -------
+    The outcome, and the simulated motion; no motion where the platform has no room on its path.
+
+    Raises
+    ------
+    InputError
+        The platform starts inside the object.
+    """
+    if not has_room(scene, path_m[:, :2]).all():
+        return SidewardOutcome.BLOCKED, None
+    trace = simulate_push(scene.model, (0.0, 0.0, 0.0), path_m, scene.radius_m)
+    return _outcome(scene, trace), trace
+
+
+def _outcome(scene: OffCentreScene, trace: PushTrace) -> SidewardOutcome:
+    if not trace.touched:
+        return SidewardOutcome.UNTOUCHED
+    if not fits(scene, trace.object_m[: trace.last_contact + 1]).all():
+        return SidewardOutcome.COLLISION
+    return SidewardOutcome.RELEASED if trace.released else SidewardOutcome.CONTACT
+
+
+def sideward_pushes(
+    scene: OffCentreScene,
+    enter_m: Float[np.ndarray, "2"],
+    leave_m: Float[np.ndarray, "2"],
+    costs: PushCosts | None = None,
+    *,
+    rng: np.random.Generator | None = None,
+) -> tuple[SidewardPush, ...]:
+    """Drives that brush the object aside, the best first; empty where none succeeds.
+
+    Arcs are tried only when no straight drive succeeds.
+
+    Parameters
+    ----------
+    scene
+        The object and what is around it.
+    enter_m, leave_m
+        Where the platform comes from and has to go: x, y [m].
+    costs
+        What a push costs.
+    rng
+        Of the simulated pushes.
+
+    Raises
+    ------
+    InputError
+        ``enter_m`` and ``leave_m`` are one place.
+    """
+    robot, pushes = scene.domain.robot, []
+    starts, ends = sideward_candidates(scene, enter_m, leave_m)
+    for turns in ((0.0,), TURNS_RAD):
+        for start, end, turn in product(starts, ends, turns):
+            path = arc_path(start, end, turn)
+            outcome, trace = evaluate_push(scene, path)
+            if outcome is SidewardOutcome.RELEASED and trace is not None:
+                attempt_s = robot.setup_time_s + remaining_m(path, 0) / robot.v_push_m_s
+                pushes.append(SidewardPush(path, trace, attempt_s))
+        if pushes:
+            break
+    reserve_s = RESERVE_M / robot.v_push_m_s
+    pushes.sort(
+        key=lambda push: (
+            push.attempt_s
+            - min(remaining_m(push.path_m, push.trace.last_contact) / robot.v_push_m_s, reserve_s)
+        )
+    )
+    rng = rng if rng is not None else np.random.default_rng(0)
+    refined = [_sampled(scene, push, costs or PushCosts(), rng) for push in pushes[:REFINED]]
+    return tuple(sorted(refined, key=lambda push: push.cost_s))
+
+
+def _sampled(
+    scene: OffCentreScene, push: SidewardPush, costs: PushCosts, rng: np.random.Generator
+) -> SidewardPush:
+    """A push with the fraction of simulated drives that neither release the object nor pass it, and where they end."""
+    failed, errors = 0, np.zeros((SAMPLES, 3))
+    # An object that stands nearer than believed is met before the start.
+    heading = push.path_m[0, 2]
+    back = push.path_m[:1] - BACK_M * np.array([np.cos(heading), np.sin(heading), 0.0])
+    drive = np.concatenate([back, push.path_m])
+    for k in range(SAMPLES):
+        model, place = PushUncertainty().sample(scene.model, (0.0, 0.0, 0.0), rng)
+        try:
+            trace = simulate_push(model, place, drive, scene.radius_m)
+        except InputError:
+            continue  # sampled into the platform: no information
+        failed += _outcome(scene, trace) not in (SidewardOutcome.RELEASED, SidewardOutcome.UNTOUCHED)
+        errors[k] = trace.object_m[-1] - push.trace.object_m[-1]
+    # Drift and turn of straight pushes say nothing here: the counters and the force do.
+    holds = 1.0 - failure_probability(scene.body.obj.tag, 0.0, scene.domain.robot, costs)
+    risk = 1.0 - holds * (1.0 - failed / SAMPLES)
+    return SidewardPush(push.path_m, push.trace, push.attempt_s, risk, errors.T @ errors / SAMPLES)
