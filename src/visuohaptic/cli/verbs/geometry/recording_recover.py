@@ -24,7 +24,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def needs(args: Any) -> set[str]:
-    """Libraries beyond the core, by the name of the file."""
+    """Libraries beyond the core, by the name of the file.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     return {
         library
         for kind, library in ((".mcap", "mcap"), (".parquet", "pyarrow"))

@@ -15,7 +15,13 @@ PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 
 
 def needs(args: argparse.Namespace) -> set[str]:
-    """Modules beyond the core on its way: none for the recorded mission."""
+    """Modules beyond the core on its way: none for the recorded mission.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     if args.quick:
         return set()
     remembers = {"pyarrow", "sqlalchemy"} if args.memory else set()
