@@ -65,15 +65,12 @@ def run_planar() -> None:
 def run_sensing() -> None:
     """Fit all primitives to the impression of a cylinder."""
     from visuohaptic.sensing.push import fit_primitive
-    from visuohaptic.sensing.scene import FloorMixture
 
     radius_m, depth_m = 0.06, 0.006
     s_m = np.linspace(-0.06, 0.06, 41)
     delta_m = np.maximum(depth_m - radius_m + np.sqrt(np.maximum(radius_m**2 - s_m**2, 0.0)), 1e-5)
     points_m = np.column_stack([0.04 - delta_m, s_m])
     fit_primitive(points_m, np.full(len(s_m), 1e-5), delta_m=delta_m)
-    for shape in ((8, 16), (8, 16, 3)):
-        FloorMixture().update(np.full(shape, 100, np.uint8))
 
 
 def run_object() -> None:

@@ -18,12 +18,12 @@ from visuohaptic.io.sinks import MeasurementWriter
 pytest.importorskip("mcap_ros2")
 
 
-STEP_M, FRAMES = 0.004, 16
+STEP_M, FRAMES = 0.009, 14
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Files of a drive of 6 cm towards a box, and of its wheels."""
+    """Files of a drive of 12 cm towards a box, and of its wheels."""
     folder = tmp_path_factory.mktemp("scene")
     rig, rng = scenes.RIG, np.random.default_rng(0)
     rig.camera.save(folder / "camera.yaml")
@@ -67,7 +67,7 @@ def test_a_drive_towards_a_box(folder, capsys, wheels) -> None:
     # One per cent of the way, and three declared sigmas.
     assert result["pose"]["x_m"] == pytest.approx(way, abs=0.01 * way)
     assert abs(result["pose"]["x_m"] - way) < 3 * result["pose_sigma"]["x_m"] + 1e-4
-    # The box ends 0.24 m ahead of F, 0.22 m ahead of the foam: two bins of the strip are 3 mm there.
+    # 16 cm ahead of the foam, by its parallax: three declared sigmas of 2 mm.
     assert result["nearest_m"] == pytest.approx(0.30 - way - scenes.FRONT_M, abs=0.006)
     with (folder / "run.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))

@@ -51,7 +51,11 @@ def test_a_slice_of_the_campaign_counts_alarms(tmp_path, monkeypatch, tiles: gro
     rows = scene_evidence.campaign(count=1, only="tiles:box", report=report)
     assert len(rows[0]["frames"]) == 4
     assert scene_evidence.campaign(count=1, only="tiles:box", report=report) == rows
-    made = {"floor": "grass", "kind": "free", "frames": [[0.2, None], [None, None]] * 30}
+    made = {
+        "floor": "grass",
+        "kind": "free",
+        "frames": [[True, 0.2, 0.01, None], [True, None, None, None]] * 30,
+    }
     (line,) = scene_evidence.figures([made])
     assert line["name"] == "grass, free"
     assert line["ours"] == pytest.approx(900.0)  # every second of thirty frames a second

@@ -19,10 +19,9 @@ from .object_fit import turn_about_vertical as turn_about_vertical
 from .object_fit import turn_angle as turn_angle
 from .object_fit import upright as upright
 from .object_motion import ObjectTracker as ObjectTracker
-from .obstacle_mask import FloorMixture as FloorMixture
-from .obstacle_mask import MixtureSettings as MixtureSettings
 from .obstacle_mask import Obstacle as Obstacle
 from .obstacle_mask import ObstacleDetector as ObstacleDetector
+from .obstacle_mask import ObstacleSettings as ObstacleSettings
 from .obstacle_memory import ObstacleMemory as ObstacleMemory
 from .obstacle_memory import ObstacleMemorySettings as ObstacleMemorySettings
 from .scene_file import Odometry as Odometry

@@ -1,185 +1,71 @@
-"""Obstacles that come near: what does not look like the floor, and how far it is (Alt 2016, Sec. 3.5).
+"""Obstacles that come near: what rises from the floor, and how far it is.
 
-Every pixel of the upper part of the image keeps a mixture of K Gaussians of
-its level [Zivkovic, Improved adaptive Gaussian mixture model for background
-subtraction, ICPR 2004]. Weights w_k follow the observations with the rate alpha,
+The dissertation (Alt 2016, Sec. 3.5) names two cues of an obstacle, its looks and its height, and takes the
+looks because a floor could not be tracked when the image is blurred. Looks fail on tiles, brick and
+shadows; here it is the height, without tracks: :mod:`.obstacle_parallax` compares frames along the drive.
 
-    w_k <- w_k + alpha (o_k - w_k) - alpha c_T ,
+Evidence is a sequential test of each cell of the floor. ``l`` is the sum of the cell's log ratios "face by floor" and
+V that of their squares, over pixels of which ``correlated_bins`` are one independent sample. On the floor the mean of
+``l`` is not positive, so that for any lambda
 
-where o_k = 1 for the mode that the pixel matches; the negative prior c_T lets modes
-without evidence die out. The heaviest modes, which together hold the fraction 1 - c_f, are the floor.
+    e = lambda l - lambda^2 correlated_bins V / 2
 
-What differs from the text: no mode is narrower than a part of the floor's spread over the whole
-strip, since a moving platform brings to each pixel what its neighbours have seen before; pixels of the image are binned first (texture finer
-than a bin is noise to the mixture, and half the size is a quarter of the work), and
-foreground learns slower than floor as long as it is a part of the strip only, so
-that an obstacle which is being pushed is not taken for a new floor within a few frames.
+is the logarithm of a supermartingale of mean one at most (de la Pena, Ann. Probab. 27, 1999): smooth tiles, of which
+both planes say the same, count against an obstacle. e is limited to ``log(1 / disturbed)`` both ways, as in Huber's robust
+test (Ann. Math. Statist. 36, 1965), since a part of the frames may be disturbed, and summed along the drive, never
+below 0 (Page's test): the alarm rate is at most the number of cells times that of comparisons times
+``exp(-threshold)`` (Lorden 1971). The threshold follows from ``alarms_per_minute``.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import UInt8
 
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
-from ...core.measurement import Reason
-from ...core.ranges import at_least, check_ranges, within
+from ...core.measurement import Motion, Reason
+from ...core.ranges import POSITIVE, above, at_least, check_ranges, within
+from .floor_motion import chain, inverse
+from .obstacle_parallax import FaceCells, FramePair, StripImage
 
-__all__ = ["FloorMixture", "MixtureSettings", "Obstacle", "ObstacleDetector"]
+__all__ = ["Obstacle", "ObstacleDetector", "ObstacleSettings"]
 
-#: Edge of the square of bins that vote on each.
-_VOTE = 9
+#: Frames are compared this often in a baseline: closer ones show the same pixels once more.
+_COMPARISONS = 6
+#: Frames of a usual camera in a minute: there are no more comparisons than that.
+_FRAMES_PER_MINUTE = 1800.0
 
 
 @dataclass(frozen=True, slots=True)
-class MixtureSettings:
-    """How the floor is learnt and obstacles are separated from it."""
+class ObstacleSettings:
+    """How obstacles are told from the floor."""
 
-    #: height of the strip at the image's upper border [px]
-    rows: int = field(default=300, metadata=at_least(8))
-    #: edge of the squares of pixels that are averaged first
-    binning: int = field(default=2, metadata=within(1, 8))
-    modes: int = field(default=3, metadata=within(2, 8))  #: K, Gaussians of a pixel at most
-    memory_frames: float = field(default=12.0, metadata=at_least(2.0))  #: 1 / alpha once the floor is known
-    memory_foreground_frames: float = 1500.0  #: 1 / alpha of foreground that covers a part of the strip
-    changed_fraction: float = (
-        0.7  #: foreground that covers more than this is a new floor: learnt at 1 / alpha
-    )
-    relearn_frames: int = 3  #: so many frames are learnt at that rate after a change
-    foreground_fraction: float = 0.1  #: c_f: modes that hold less than this are not the floor
-    prior: float = 0.01  #: c_T, evidence that a mode needs
-    gate_sigmas: float = 3.0  #: distance at which a level still belongs to a mode
-    start_sigma: float = 8.0  #: of a new mode [grey levels]
-    min_sigma: float = 3.0
-    spatial_fraction: float = (
-        0.8  #: nor is a sigma smaller than this part of the floor's spread over the strip
-    )
-    max_sigma: float = 25.0
-    min_width_m: float = 0.01  #: an obstacle narrower than this is noise
-    min_height_px: int = 6  #: and so is one lower than this in the image, in pixels of the camera
-    edge_sigma_px: float = 2.0  #: standard deviation of the lowest edge of the foreground, in pixels
+    #: height of the strip at the image's upper border [px]; it ends above the foam
+    rows: int = field(default=450, metadata=at_least(8))
+    #: pixels are averaged until the strip is at most so wide [bins]
+    max_columns: int = field(default=400, metadata=at_least(50))
+    #: obstacles are at least so high: the foam's edge passes over what is lower
+    height_m: float = field(default=0.05, metadata=POSITIVE)
+    width_m: float = field(default=0.02, metadata=POSITIVE)  #: and so wide
+    #: what the top of the lowest obstacle moves against the floor between two frames that are compared [bins]
+    parallax_bins: float = field(default=4.0, metadata=above(1.0))
+    #: declared rate of false alarms
+    alarms_per_minute: float = field(default=0.2, metadata=POSITIVE)
+    disturbed: float = field(
+        default=0.02, metadata=within(1e-6, 0.5)
+    )  #: fraction of frames that may show anything
+    #: weight of a pixel's log ratio, lambda: near V / (correlated_bins l) of textured faces
+    weight: float = field(default=0.05, metadata=POSITIVE)
+    correlated_bins: float = 4.0  #: bins of one independent sample: blur of the lens, and interpolation
+    stale_s: float = 1.0  #: without a comparison for so long nothing is known
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.memory_foreground_frames < self.memory_frames:
-            raise InputError(
-                "MixtureSettings",
-                f"found {self.memory_foreground_frames}, expected at least the {self.memory_frames} of memory_frames",
-                field="memory_foreground_frames",
-            )
-
-
-class FloorMixture:
-    """Mixture of every pixel of an image whose size stays the same.
-
-    Parameters
-    ----------
-    settings
-        Rates and thresholds of the mixture.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> mixture = FloorMixture()
-    >>> floor = np.full((20, 30), 100, np.uint8)
-    >>> for _ in range(5):
-    ...     mask = mixture.update(floor)
-    >>> floor[5:10, 5:10] = 180
-    >>> int((mixture.update(floor) > 0).sum())
-    25
-    """
-
-    def __init__(self, settings: MixtureSettings | None = None) -> None:
-        self.settings = settings or MixtureSettings()
-        self.frames = 0
-        self._modes: Float32[np.ndarray, "rows modes values columns"] | None = None
-        self._floor_spread = 0.0
-        self._foreground = 0.0
-        self._learning = self.settings.relearn_frames  #: frames to go until the floor counts as known
-
-    def update(
-        self,
-        image: UInt8[np.ndarray, "rows columns *colour"],
-        held: UInt8[np.ndarray, "rows columns"] | None = None,
-    ) -> UInt8[np.ndarray, "rows columns"]:
-        """Mask of what is not floor (255), and one step of learning.
-
-        Where ``held`` is not 0 a pixel learns as slowly as foreground: parts of an
-        obstacle that look like the floor would otherwise teach the whole obstacle to it.
-
-        Parameters
-        ----------
-        image
-            Grey or colour image of the size of the first.
-        held
-            Not 0 where a pixel learns as slowly as foreground: parts of an obstacle that look like the floor
-            would otherwise make the whole obstacle a part of it.
-        """
-        from ._mixture_kernels import update_mixture
-
-        s = self.settings
-        levels = np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
-        rows, columns, channels = levels.shape
-        shape = (rows, s.modes, 2 + channels, columns)
-        if self._modes is None:
-            self._modes = np.zeros(shape, np.float32)
-        if self._modes.shape != shape:
-            raise InputError(
-                "FloorMixture.update",
-                f"found an image of shape {image.shape}, expected {(self._modes.shape[0], self._modes.shape[3])} as before",
-                remedy="use a new mixture for another camera",
-            )
-        self.frames += 1
-        # The first frames are averaged evenly: the floor is known after the first one.
-        rate = max(1.0 / s.memory_frames, 1.0 / self.frames)
-        rate_foreground = rate if self._learning > 0 else 1.0 / s.memory_foreground_frames
-        smallest = min(max(s.min_sigma, s.spatial_fraction * self._spread(levels, held)), s.max_sigma)
-        variances = np.array([max(s.start_sigma, smallest), smallest, s.max_sigma]) ** 2
-        parameters = np.array([s.gate_sigmas**2, s.prior, *variances], np.float32)
-        mask = np.zeros((rows, columns), np.uint8)
-        update_mixture(
-            levels,
-            self._modes,
-            mask if held is None or self._learning > 0 else np.ascontiguousarray(held),
-            np.float32(rate),
-            np.float32(rate_foreground),
-            np.float32(1.0 - s.foreground_fraction),
-            parameters,
-            mask,
-        )
-        self._foreground = float(np.count_nonzero(mask)) / mask.size
-        self._learning = max(self._learning - 1, 0)
-        if self.frames > 1 and self._foreground > s.changed_fraction:
-            self._learning = s.relearn_frames
-        return mask
-
-    def _spread(self, levels: np.ndarray, held: np.ndarray | None) -> float:
-        """Spread of the floor's levels over the image, from every eighth pixel.
-
-        Robust and slow: an obstacle that gets into it would widen the modes, and more of it would.
-        """
-        sample = levels[::8, ::8].reshape(-1, levels.shape[2]).astype(np.float32)
-        if held is not None and self._learning == 0:
-            floor = held[::8, ::8].ravel() == 0
-            if np.count_nonzero(floor) > 50:
-                sample = sample[floor]
-        spread = float(1.4826 * np.median(np.abs(sample - np.median(sample, axis=0)), axis=0).mean())
-        fraction = 1.0 if self._learning > 0 else 1.0 / self.settings.memory_foreground_frames**0.5
-        self._floor_spread += fraction * (spread - self._floor_spread)
-        return self._floor_spread
-
-    @property
-    def settling(self) -> bool:
-        """Whether the floor is being learnt: in the first frames, and after most of the strip has changed."""
-        return self._learning > 0
-
-    @property
-    def foreground_fraction(self) -> float:
-        """Fraction of the newest image that is foreground."""
-        return self._foreground
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +76,7 @@ class Obstacle:
     binning: int  #: edge of a bin of ``mask`` [px]
     valid: bool  #: the mask may be used
     reason: Reason
-    proximity_m: float  #: from the front of the foam to the nearest foreground on the floor; inf = free
+    proximity_m: float  #: from the front of the foam to the nearest obstacle; inf = free
     proximity_sigma_m: float
     y_m: float  #: where along the sensor it is nearest; NaN when free
     at_border: bool  #: it reaches the lower border of the strip: it may be nearer than ``proximity_m``
@@ -198,7 +84,10 @@ class Obstacle:
 
 
 class ObstacleDetector:
-    """Finds approaching obstacles in the upper strip of the camera's image.
+    """Finds approaching obstacles in the upper strip of the camera's image by their parallax.
+
+    A platform that stands sees no parallax: after ``stale_s`` without a comparison its obstacles are not valid
+    (``stale``), nor are they before the first comparisons (``not_zeroed``).
 
     Parameters
     ----------
@@ -207,93 +96,156 @@ class ObstacleDetector:
     front_m
         x of the foam's front contour at rest.
     settings
-        Rates and thresholds of the mixture.
+        Where to look, and the rate of false alarms.
     """
 
     def __init__(
-        self, floor_view: PlaneView, front_m: float = 0.02, settings: MixtureSettings | None = None
+        self, floor_view: PlaneView, front_m: float = 0.02, settings: ObstacleSettings | None = None
     ) -> None:
-        self.settings = settings or MixtureSettings()
+        self.settings = s = settings or ObstacleSettings()
         self.floor_view, self.front_m = floor_view, float(front_m)
-        self.mixture = FloorMixture(self.settings)
-        self._held: UInt8[np.ndarray, "rows columns"] | None = None
-        camera = floor_view.camera
-        self._rows = min(self.settings.rows, camera.height) // self.settings.binning * self.settings.binning
-        self._columns = camera.width // self.settings.binning * self.settings.binning
-        if self._rows < self.settings.min_height_px:
-            raise InputError(
-                "ObstacleDetector", f"found an image of {camera.height} rows", field="floor_view"
-            )
+        edge = floor_view.T_camera_plane.apply(np.array([self.front_m, 0.0, s.height_m]))
+        foam = floor_view.camera.project(edge)[1]
+        rows = s.rows if not foam >= 8 else min(s.rows, int(foam))
+        self._cells = FaceCells(
+            floor_view, rows=rows, max_columns=s.max_columns, height_m=s.height_m,
+            parallax_bins=s.parallax_bins, width_m=s.width_m,
+        )  # fmt: skip
+        shape = (len(self._cells.range_m), len(self._cells.lateral_m))
+        #: one frame says at most so much, and so much is asked for
+        self._limit = math.log(1.0 / s.disturbed)
+        self._threshold = math.log(shape[0] * shape[1] * _FRAMES_PER_MINUTE / s.alarms_per_minute)
+        self._needed = math.ceil(self._threshold / self._limit)
+        self._step_m = self._cells.baseline_m / _COMPARISONS
+        self._evidence = np.zeros(shape)
+        self._keys: deque[tuple[StripImage, np.ndarray, np.ndarray]] = deque()
+        self._restart()
+
+    def _restart(self) -> None:
+        self._keys.clear()
+        self._evidence[:] = 0.0
+        self._pose, self._compared_at = np.zeros(3), np.zeros(3)
+        self._comparisons, self._compared_s = 0, -math.inf
+        self._sigma = np.zeros(3)
+        self._standing, self._at_border = np.zeros((0, 2)), False
+        self._range_m = self._sigma_m = self._y_m = math.nan
 
     @property
     def sight_m(self) -> float:
-        """How far ahead of the foam the strip shows the floor, in the middle; inf = to the horizon."""
-        high = np.array([[0.5 * self.floor_view.camera.width, self.settings.min_height_px + 0.0]])
-        far = float(self.floor_view.cast(high)[0, 0]) - self.front_m
-        return far if np.isfinite(far) and far > 0 else float("inf")
+        """How far ahead of the foam the lowest obstacle has been in view for long enough to be found."""
+        return max(self._cells.face_far_m - self._needed * self._step_m - self.front_m, 0.0)
 
     @property
     def blind_m(self) -> float:
         """How far ahead of the foam the strip begins: what is nearer is not watched."""
-        low = np.array([[0.5 * self.floor_view.camera.width, self._rows - 0.5]])
-        return max(float(self.floor_view.cast(low)[0, 0]) - self.front_m, 0.0)
+        return max(self._cells.near_m - self.front_m, 0.0)
 
-    def update(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> Obstacle:
+    def update(self, image: UInt8[np.ndarray, "rows columns *colour"], motion: Motion) -> Obstacle:
         """Nearest obstacle in one frame.
 
         Parameters
         ----------
         image
             Grey or colour image.
+        motion
+            Of frame F since the frame before; where it is not valid all begins anew.
         """
-        import cv2
-
-        camera, n = self.floor_view.camera, self.settings.binning
+        camera, cells = self.floor_view.camera, self._cells
         if image.shape[:2] != (camera.height, camera.width):
             raise InputError(
                 "ObstacleDetector.update",
                 f"found an image of {image.shape[1]} x {image.shape[0]}, "
                 f"expected {camera.width} x {camera.height}",
             )
-        strip = image[: self._rows, : self._columns]
-        if n > 1:
-            size = (self._columns // n, self._rows // n)
-            strip = np.asarray(cv2.resize(strip, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        mask = self.mixture.update(strip, self._held)
-        # The majority of the bins around: removes joints of the floor, and holes inside of an obstacle.
-        mask = np.asarray(
-            cv2.threshold(cv2.blur(mask, (_VOTE, _VOTE)), 127, 255, cv2.THRESH_BINARY)[1], np.uint8
-        )
-        self._held = mask
-        if self.mixture.settling:
-            # Also after a change of the whole strip, be it a new floor or a wall: free would be a guess.
-            reason = Reason.NOT_ZEROED if self.mixture.frames < 3 else Reason.DRIFTED
-            return Obstacle(mask, n, False, reason, np.nan, np.inf, np.nan, False)
-        return self._nearest(mask)
+        if not motion.valid:
+            self._restart()
+        else:
+            self._pose = chain(self._pose, np.array([*motion.translation_m, motion.rotation_rad]))
+            # Wheels are wrong by a scale: errors of successive frames add up like lengths.
+            self._sigma = self._sigma + np.sqrt(np.diag(motion.covariance))
+        way = np.linalg.norm((self._pose - self._compared_at)[:2])
+        if not self._keys or way >= self._step_m:
+            now, hidden = cells.prepare(image), self._mask()
+            self._carry()
+            self._compare(now, hidden, motion.t_s)
+            self._keys.append((now, self._pose, self._sigma))
+        if self._comparisons < self._needed or motion.t_s - self._compared_s > self.settings.stale_s:
+            lost = Reason.LOST if not motion.valid else Reason.STALE
+            reason = lost if self._comparisons >= self._needed else Reason.NOT_ZEROED
+            mask = np.zeros(cells.shape, np.uint8)
+            return Obstacle(mask, cells.binning, False, reason, np.nan, np.inf, np.nan, False)
+        return self._nearest()
 
-    def _nearest(self, mask: UInt8[np.ndarray, "rows columns"]) -> Obstacle:
-        """Lowest edge of the foreground in each column of bins, cast to the floor."""
-        s, n = self.settings, self.settings.binning
-        free = Obstacle(mask, n, True, Reason.OK, np.inf, np.inf, np.nan, False)
-        lowest = mask.shape[0] - 1 - np.argmax(mask[::-1], axis=0)
-        # A piece that is lower than the least height is a joint or a scratch of the floor.
-        above = lowest - max(1, s.min_height_px // n)
-        columns = np.arange(mask.shape[1])
-        tall = (mask[lowest, columns] > 0) & (above >= 0) & (mask[np.maximum(above, 0), columns] > 0)
-        columns = columns[tall]
-        if len(columns) < 3:
-            return free
-        edge = lowest[columns]
-        pixels = np.column_stack([(columns + 0.5) * n - 0.5, (edge + 1.0) * n - 0.5])
-        points = self.floor_view.cast(pixels)
-        distance = points[:, 0] - self.front_m
-        # As many of the nearest columns as the least obstacle is wide, and the middle one of them.
-        width = float(np.ptp(points[:, 1])) / max(int(np.ptp(columns)), 1)
-        needed = max(3, int(np.ceil(s.min_width_m / max(width, 1e-6))))
-        if len(columns) < needed or not np.isfinite(points).all():
-            return free
-        at = int(np.argsort(distance)[needed // 2])
-        sigma = abs(float(self.floor_view.jacobian(pixels[at])[0, 1])) * s.edge_sigma_px
-        # The vote of the neighbours may take its last bins away.
-        border = bool(edge[at] >= mask.shape[0] - 2 - _VOTE // 2)
-        return Obstacle(mask, n, True, Reason.OK, float(distance[at]), sigma, float(points[at, 1]), border)
+    def _compare(self, now: StripImage, hidden: UInt8[np.ndarray, "rows columns"], t_s: float) -> None:
+        """Evidence of the newest frame, against the one that was taken a baseline before."""
+        s, ahead = self.settings, self._cells.baseline_m
+        while len(self._keys) > 1 and np.linalg.norm((self._pose - self._keys[1][1])[:2]) >= ahead:
+            self._keys.popleft()
+        if not self._keys or np.linalg.norm((self._pose - self._keys[0][1])[:2]) < ahead:
+            return
+        before, pose, sigma = self._keys[0]
+        motion = chain(inverse(pose), self._pose)
+        pair = self._cells.pair(now, before, motion, self._sigma - sigma, hidden, s.correlated_bins)
+        ratio, squares = self._cells.compare(pair)
+        evidence = s.weight * ratio - 0.5 * s.weight**2 * s.correlated_bins * squares
+        # The same factor for all ranges of a direction keeps their order.
+        evidence *= np.minimum(1.0, self._limit / np.maximum(evidence.max(axis=0), 1e-9))
+        self._evidence = np.maximum(self._evidence + np.maximum(evidence, -self._limit), 0.0)
+        self._comparisons, self._compared_s = self._comparisons + 1, t_s
+        self._locate(pair)
+
+    def _carry(self) -> None:
+        """Move the evidence with the floor, from where it was summed to where the platform is now."""
+        import cv2
+
+        x, y, turn = chain(inverse(self._compared_at), self._pose)
+        self._compared_at = self._pose
+        cells, (c, s) = self._cells, (math.cos(turn), math.sin(turn))
+        # From (lateral, range) indices now to those before.
+        size = np.array([self.settings.width_m, cells.range_m[1] - cells.range_m[0]])
+        start = np.array([cells.lateral_m[0], cells.range_m[0]])
+        turned = np.array([[c, s], [-s, c]])
+        offset = (turned @ start + np.array([y, x]) - start) / size
+        moved = np.column_stack([turned * size / size[:, None], offset])
+        self._evidence = self._cells.in_view * cv2.warpAffine(
+            self._evidence, moved, self._evidence.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        )
+
+    def _locate(self, pair: FramePair) -> None:
+        """Cells above the threshold, and the range of those that are nearest."""
+        s, cells = self.settings, self._cells
+        standing = np.flatnonzero(self._evidence.max(axis=0) > self._threshold)
+        best = self._evidence[:, standing].argmax(axis=0)
+        self._standing = np.column_stack([cells.range_m[best], cells.lateral_m[standing]])
+        if not len(standing):
+            return
+        # Neighbours whose ranges differ by a cell are one face.
+        one = best <= best.min() + 1
+        nearest, face = int(np.median(best[one])), standing[one]
+        found, sigma = cells.locate(pair, nearest, face, s.correlated_bins)
+        # The range is measured in units of the drive.
+        away = found - cells.eye_x_m
+        self._standing[one, 0] = found
+        self._range_m, self._sigma_m = found, math.hypot(sigma, pair.drive_sigma_m * away / cells.baseline_m)
+        self._y_m, self._at_border = float(cells.lateral_m[face].mean()), nearest == 0
+
+    def _nearest(self) -> Obstacle:
+        """What the last comparison found, from where the platform is now."""
+        n = self._cells.binning
+        if not len(self._standing):
+            return Obstacle(self._mask(), n, True, Reason.OK, np.inf, np.inf, np.nan, False)
+        near = self._range_m - self._ahead_m() - self.front_m
+        return Obstacle(self._mask(), n, True, Reason.OK, near, self._sigma_m, self._y_m, self._at_border)
+
+    def _ahead_m(self) -> float:
+        """Drive since the last comparison."""
+        return float(chain(inverse(self._compared_at), self._pose)[0])
+
+    def _mask(self) -> UInt8[np.ndarray, "rows columns"]:
+        """255 from the upper border down to the foot of what stands, as the platform sees it now."""
+        half, mask = 0.5 * self.settings.width_m, np.zeros(self._cells.shape, np.uint8)
+        for x, y in self._standing - [self._ahead_m(), 0.0]:
+            foot = self.floor_view.project(np.array([[x, y - half], [x, y + half]])) / self._cells.binning
+            u, v = np.clip(np.rint(np.nan_to_num(foot)), 0, mask.shape[::-1]).astype(int).T
+            mask[: v.max(), u.min() : u.max()] = 255
+        return mask

@@ -25,7 +25,7 @@ from ..foam.sensor import FoamSensor
 from ..foam.strip.config import FoamSensorConfig, FoamSetup
 from ..foam.strip.zero import ZeroReference
 from .ego_motion import EgoMotionSettings
-from .obstacle_mask import MixtureSettings
+from .obstacle_mask import ObstacleSettings
 from .scene_regions import SceneSettings
 from .scene_tracker import SceneReading, SceneTracker
 
@@ -55,7 +55,7 @@ class SceneConfig(Section):
     foam_ahead_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
         0.17  #: from the platform's centre to F
     )
-    strip_rows_px: Annotated[int, Field(ge=8)] = 300  #: the image's upper rows are watched for obstacles
+    strip_rows_px: Annotated[int, Field(ge=8)] = 450  #: the image's upper rows are watched for obstacles
 
     @model_validator(mode="after")
     def _one_source(self) -> SceneConfig:
@@ -114,7 +114,7 @@ class SceneSetup:
         config = self.config
         settings = SceneSettings(
             ego=EgoMotionSettings(foam_ahead_m=config.foam_ahead_m),
-            obstacles=MixtureSettings(rows=config.strip_rows_px),
+            obstacles=ObstacleSettings(rows=config.strip_rows_px),
             front_m=config.strip.front_m,
             foam_half_m=0.5 * config.strip.length_m,
         )

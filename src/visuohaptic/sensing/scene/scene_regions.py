@@ -16,7 +16,7 @@ from .ego_motion import EgoMotionSettings
 from .floor_motion import FloorMotionSettings
 from .object_events import ObjectMotionSettings
 from .object_motion import ObjectTracker
-from .obstacle_mask import MixtureSettings, Obstacle
+from .obstacle_mask import Obstacle, ObstacleSettings
 
 __all__ = ["FLOOR", "OBJECT", "SceneRegions", "SceneSettings"]
 
@@ -33,7 +33,7 @@ class SceneSettings:
     floor: FloorMotionSettings = field(default_factory=FloorMotionSettings)
     ego: EgoMotionSettings = field(default_factory=EgoMotionSettings)
     object: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
-    obstacles: MixtureSettings = field(default_factory=MixtureSettings)
+    obstacles: ObstacleSettings = field(default_factory=ObstacleSettings)
     front_m: float = 0.02  #: x of the foam's front at rest, frame F
     foam_half_m: float = field(default=0.125, metadata=POSITIVE)  #: half length of the foam along y
     patch_inner_m: float = 0.06  #: floor patches begin so far left and right of the middle
@@ -97,14 +97,14 @@ class SceneRegions:
         cells[at[:, 1], at[:, 0]] = 1
 
     def labels(
-        self, obstacle: Obstacle, tracked: ObjectTracker, half_width_m: float
+        self, obstacle: Obstacle | None, tracked: ObjectTracker, half_width_m: float
     ) -> UInt8[np.ndarray, "rows columns"]:
         """Where to choose points in this frame.
 
         Parameters
         ----------
         obstacle
-            What stands in the upper strip of the image.
+            What stands in the upper strip of the image; None: not known yet.
         tracked
             The object that is touched, if any.
         half_width_m
@@ -113,9 +113,9 @@ class SceneRegions:
         import cv2
 
         regions, s = self._patches.copy(), self.settings
-        n = obstacle.binning
         # Below what stands in the strip there is no floor but the lower part of the same obstacle.
-        if obstacle.valid:
+        if obstacle is not None and obstacle.valid:
+            n = obstacle.binning
             standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
             columns = np.zeros(self.camera.width, bool)
             columns[: len(standing)] = standing

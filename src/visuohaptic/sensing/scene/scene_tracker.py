@@ -120,6 +120,7 @@ class SceneTracker:
         self.ego = EgoMotionFilter(s.ego)
         self._object = ObjectTracker(camera, T_camera_foam, s.object)
         self._obstacles = ObstacleDetector(self.floor_view, s.front_m, s.obstacles)
+        self._obstacle: Obstacle | None = None  #: of the newest frame
         self._near = ObstacleMemory(self._obstacles.blind_m)
         self._half_width_m, self._without, self._heading = 0.0, 0, 0.0
         self._angle, self._angle_before = 0.0, 0.0
@@ -192,10 +193,9 @@ class SceneTracker:
                 f"expected {self.camera.width} x {self.camera.height}",
             )
         grey, t_s = frame.grey, frame.t_s
-        obstacle = self._obstacles.update(frame.image)
         in_contact, face = self._follow_contact(profile, primitive)
         labels = (FLOOR,) if self._object.face is None else (FLOOR, OBJECT)
-        step = self._points.update(grey, lambda: self._labels(obstacle), labels=labels)
+        step = self._points.update(grey, self._labels, labels=labels)
         expected = None
         if base_state is not None and np.isfinite(self.ego.velocity).all():
             expected = self._expected(base_state, t_s)
@@ -217,9 +217,10 @@ class SceneTracker:
         if stands:
             angle = self._angle_before + moved.turn_rad + float(self.ego.pose[2]) - self._heading
             self._angle = angle
+        self._obstacle = self._obstacles.update(frame.image, motion)
         if face is not None:
-            self._measure_face(*face, obstacle)
-        obstacle = self._near.update(obstacle, motion, in_contact)
+            self._measure_face(*face)
+        obstacle = self._near.update(self._obstacle, motion, in_contact)
         return SceneReading(
             t_s, motion, floor, self.ego.pose.copy(), self.ego.pose_covariance.copy(), moved, angle, events, obstacle,
             len(on_floor.ids), len(on_object.ids),
@@ -263,9 +264,7 @@ class SceneTracker:
             return True, None
         return True, (contact, primitive if primitive is not None else _shape_of(contact), width)
 
-    def _measure_face(
-        self, contact: Contact, shape: Primitive | None, half_width_m: float, obstacle: Obstacle
-    ) -> None:
+    def _measure_face(self, contact: Contact, shape: Primitive | None, half_width_m: float) -> None:
         """Measure the face again as the contact shows it now, and choose points on it."""
         begins = self._object.face is None
         # A contact of a few millimetres knows nothing of the face, one of 10 cm all but everything.
@@ -291,7 +290,7 @@ class SceneTracker:
         if begins:
             self._force_N = contact.force_N
         self._points.forget(OBJECT)
-        regions = self._labels(obstacle)
+        regions = self._labels()
         # Points that were taken for floor may be on the object.
         self._points.forget(FLOOR, outside=regions)
         self._points.choose(regions)
@@ -325,8 +324,8 @@ class SceneTracker:
             self._points.drop(step.ids[wrong_floor | wrong_object])
         return step.without(wrong_floor | wrong_object)
 
-    def _labels(self, obstacle: Obstacle) -> UInt8[np.ndarray, "rows columns"]:
-        return self._regions.labels(obstacle, self._object, self._half_width_m)
+    def _labels(self) -> UInt8[np.ndarray, "rows columns"]:
+        return self._regions.labels(self._obstacle, self._object, self._half_width_m)
 
 
 def _shape_of(contact: Contact) -> Primitive | None:

@@ -1,0 +1,362 @@
+"""What the motion of a camera says of upright faces on the floor: plane and parallax.
+
+Between two frames with the motion (R, t) a plane ``n . X = d`` of the camera's frame moves by the
+homography ``K (R + t n^T / d) K^-1``. A pixel is either on the floor, or on the face of an obstacle that stands
+at the range x = r: both planes predict where the pixel was in the earlier frame. Joints, grain and
+patterns follow the floor's homography, whatever they look like; a face that rises from the floor does not,
+its foot excepted. The logarithm of the light, less its mean around, is what is compared: a shadow
+multiplies the light of floor and face alike.
+
+Residuals e of a pixel follow Student's t, scaled by the noise of both images and by what a part of a pixel of
+wrong registration does at an edge. The log ratio of both planes, ``l = log p(e_face) - log p(e_floor)``, is summed over
+the pixels that see one cell of (range, lateral position) at the height of the lowest obstacle that matters.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from ...core.camera.plane import PlaneView
+from ...core.errors import InputError
+
+__all__ = ["FaceCells", "FramePair", "StripImage"]
+
+#: Edge of the square whose mean is removed [bins]: a few times the largest parallax, so that no texture that it
+#: could show is lost, and smaller than the penumbra of what walks by.
+_MEAN_BINS = 15
+_BORDER = _MEAN_BINS // 2
+#: Grey level that is added before the logarithm: black is dark, not infinitely so.
+_BLACK = 5.0
+#: Degrees of freedom of the residuals: tails of occlusions, highlights and the borders of cast shadows.
+_FREEDOM = 4.0
+#: Standard deviation of the registration [bins]: a third of a bin is a uniform error of half a bin each way.
+_REGISTRATION_BINS = 0.3
+#: Its part that all pixels of a face share: faces are not quite square to the drive, and interpolation blurs
+#: the two frames differently. Errors of the range are 2 mm (rms) on the open drives of ``benchmarks.scene_evidence``.
+_SYSTEMATIC_BINS = 0.15
+#: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
+_QUARTER_SIGMAS = 0.3186
+#: Residuals of a noiseless image [grey levels]: those of rounding, 1 / sqrt(12), of both.
+_MIN_NOISE = 0.4
+#: Tails of the residuals in the steps of the refinement: wide at first, since an edge that is off by its own width
+#: looks like an outlier; 0: none left.
+_TAILS = (64.0, 16.0, 4.0, 1.0, 0.0)
+#: Steps of the derivatives by (x, y, theta) [m, rad]: a small part of a bin; no motion is known better than that.
+_STEPS = (2e-4, 2e-4, 5e-4)
+#: A face whose range is wrong by a step of the cells moves by this much too much or too little [bins].
+_STEP_BINS = 0.7
+#: Where the strip shows the horizon, ranges end after this many steps.
+_MAX_RANGES = 48
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StripImage:
+    """One frame of the strip, ready to be compared."""
+
+    detail: Float32[np.ndarray, "rows columns"]  #: logarithm of the grey level less its mean around
+    level: Float32[np.ndarray, "rows columns"]  #: mean grey level around
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePair:
+    """Two frames of a moving camera."""
+
+    now: StripImage
+    before: StripImage
+    #: rotation and translation [m] of the camera's axes from now to before
+    view: tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]
+    drive_sigma_m: float  #: standard deviation of the drive ahead between them
+    scale: Float32[np.ndarray, "rows columns"]  #: 1 / (degrees of freedom times variance of a residual)
+    by_floor: Float32[np.ndarray, "rows columns"]  #: log(1 + scaled square of the floor's residual)
+
+
+class FaceCells:
+    """Hypothetical faces at equal steps of range across the strip, and the pixels that would see them.
+
+    Parameters
+    ----------
+    floor_view
+        The floor plane as the camera sees it; x ahead, y to the left.
+    rows
+        Height of the strip at the image's upper border [px].
+    max_columns
+        Pixels are averaged until the strip has at most this many columns.
+    height_m
+        Height of the lowest face.
+    parallax_bins
+        The top of such a face moves by this much against the floor between the frames that are compared.
+    width_m
+        Width of a cell.
+
+    Attributes
+    ----------
+    binning
+        Edge of a bin [px].
+    range_m, lateral_m
+        Centres of the cells along x and y [m].
+    in_view
+        Whether any pixel sees a cell, (ranges, laterals).
+    baseline_m
+        Drive between two frames that are compared.
+    eye_x_m
+        Where along x the camera is.
+    near_m
+        First range of the floor in the strip.
+    face_far_m
+        Last range at which the lowest face is in view up to its top, now and a baseline before.
+    """
+
+    def __init__(
+        self,
+        floor_view: PlaneView,
+        *,
+        rows: int,
+        max_columns: int,
+        height_m: float,
+        parallax_bins: float,
+        width_m: float,
+    ) -> None:
+        camera, pose = floor_view.camera, floor_view.T_camera_plane
+        n = self.binning = -(-camera.width // max_columns)
+        self.shape = (min(rows, camera.height) // n, camera.width // n)
+        self._rotation, self._origin = pose.rotation, pose.translation_m
+        # Pixels of an ideal camera without distortion, in bins.
+        bins = np.array([[1 / n, 0, 0.5 / n - 0.5], [0, 1 / n, 0.5 / n - 0.5], [0, 0, 1.0]])
+        self._matrix = bins @ camera.matrix
+        self._inverse = np.linalg.inv(self._matrix)
+        v, u = np.mgrid[0 : self.shape[0], 0 : self.shape[1]].astype(np.float64)
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ self._inverse.T
+        self._source = None
+        if camera.distortion.any():
+            self._source = ((camera.project(rays) + 0.5) / n - 0.5).astype(np.float32)
+        eye, rays = -pose.rotation.T @ pose.translation_m, rays @ pose.rotation
+        middle = rays[:, self.shape[1] // 2]
+        with np.errstate(divide="ignore"):
+            ground = np.where(middle[:, 2] < 0, eye[0] - eye[2] * middle[:, 0] / middle[:, 2], np.inf)
+        seen = np.flatnonzero(np.isfinite(ground))
+        if len(seen) < 2 or not eye[2] > height_m:
+            raise InputError(
+                "ObstacleDetector",
+                f"found {len(seen)} rows of floor from a height of {eye[2]:.3g} m, expected a camera above "
+                f"{height_m:g} m that looks at the floor",
+                field="floor_view",
+            )
+        self.eye_x_m, self.near_m, far_m = float(eye[0]), float(ground[-_BORDER]), float(ground[_BORDER])
+        # At the middle row: size of a bin on the floor, and of the parallax by drive of a face's top.
+        row = seen[len(seen) // 2]
+        bin_m = abs(float(ground[row] - ground[row - 1]))
+        rise = height_m / (eye[2] - height_m)
+        self.baseline_m = parallax_bins * bin_m / rise
+        away = float(ground[row]) - self.eye_x_m
+        step = _STEP_BINS * away * bin_m / (self.baseline_m * (1.0 + rise))
+        self.range_m = np.arange(self.near_m, min(far_m, self.near_m + _MAX_RANGES * step), step)
+        self.face_far_m = min(self.eye_x_m + (far_m - self.eye_x_m) / (1.0 + rise), float(self.range_m[-1]))
+        self.face_far_m -= self.baseline_m
+        half = math.ceil(0.5 * self.shape[1] / self._matrix[0, 0] * math.hypot(eye[2], away) / width_m)
+        self.lateral_m = (np.arange(-half, half) + 0.5) * width_m
+        self._cells = [self._seen_by(x, eye, rays, height_m, width_m) for x in self.range_m]
+        count = len(self.lateral_m)
+        self.in_view = np.array([np.bincount(cell, minlength=count + 1)[:-1] > 0 for _, cell in self._cells])
+
+    def _seen_by(
+        self, x_m: float, eye: np.ndarray, rays: np.ndarray, height_m: float, width_m: float
+    ) -> tuple[slice, Int[np.ndarray, "pixels"]]:
+        """Rows of the strip that see the face at one range, and the lateral cell of each of their pixels."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = (x_m - eye[0]) / rays[..., 0]
+            y, z = eye[1] + along * rays[..., 1], eye[2] + along * rays[..., 2]
+            cell = np.floor((y - self.lateral_m[0]) / width_m + 0.5)
+        count = len(self.lateral_m)
+        inside = (along > 0) & (z > 0) & (z < height_m) & (cell >= 0) & (cell < count)
+        rows = np.flatnonzero(inside.any(axis=1))
+        part = slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 1)
+        return part, np.where(inside, cell, count)[part].astype(np.intp).ravel()
+
+    def prepare(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> StripImage:
+        """Strip of one frame.
+
+        Parameters
+        ----------
+        image
+            Grey or colour image.
+        """
+        import cv2
+
+        (rows, columns), n = self.shape, self.binning
+        strip = image[: rows * n, : columns * n]
+        grey = strip if strip.ndim == 2 else cv2.cvtColor(strip, cv2.COLOR_BGR2GRAY)
+        binned = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float32)
+        if self._source is not None:
+            binned = cv2.remap(binned, self._source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        around = (_MEAN_BINS, _MEAN_BINS)
+        detail = cv2.log(binned + np.float32(_BLACK))
+        detail -= cv2.blur(detail, around)
+        # At the border the mean is not that of the surroundings.
+        detail = cv2.copyMakeBorder(
+            detail[_BORDER:-_BORDER, _BORDER:-_BORDER], *4 * (_BORDER,), cv2.BORDER_CONSTANT, value=math.nan
+        )
+        return StripImage(detail, cv2.blur(binned, around) + np.float32(_BLACK))
+
+    def pair(
+        self,
+        now: StripImage,
+        before: StripImage,
+        motion: Float[np.ndarray, "3"],
+        sigma: Float[np.ndarray, "3"],
+        hidden: UInt8[np.ndarray, "rows columns"],
+        correlated_bins: float,
+    ) -> FramePair:
+        """Two frames, the motion between them that suits the floor best, and how well it explains each pixel.
+
+        The floor of the strip itself refines the motion, since wheels whose scale is wrong by 3 % lift all of it by a
+        centimetre: steps of Gauss-Newton on the residuals, weighted after Student's t, from
+        ``motion`` as the prior.
+
+        Parameters
+        ----------
+        now, before
+            Two frames.
+        motion, sigma
+            (x, y, theta) of the platform between them and its standard deviations [m, rad].
+        hidden
+            Not 0 where the floor is known to be hidden now.
+        correlated_bins
+            Bins of one independent sample.
+        """
+        import cv2
+
+        variance = np.zeros(self.shape, np.float32)
+        for axis in ((1, 0), (0, 1)):
+            # Sobel's weights sum up to 8 for a slope of one.
+            slope = cv2.Sobel(now.detail, cv2.CV_32F, *axis, scale=0.125)
+            variance += _REGISTRATION_BINS**2 * slope * slope
+        refined, prior = np.array(motion, dtype=np.float64), 1.0 / np.maximum(sigma, _STEPS) ** 2
+        information, slopes = np.diag(prior), None
+        # Every other bin of both directions: neighbours are not independent.
+        level, edges, open_ = now.level[::2, ::2], variance[::2, ::2], (hidden == 0)[::2, ::2]
+        for tail in _TAILS:
+            moved = self._floor_before(before, refined)
+            floor = now.detail - moved
+            sparse = floor[::2, ::2]
+            known = np.isfinite(sparse + edges)
+            quarter = np.quantile(np.abs(sparse * level)[known], 0.25) if known.any() else 0.0
+            noise = max(float(quarter) / _QUARTER_SIGMAS, _MIN_NOISE)
+            if not tail:
+                break
+            if slopes is None:
+                stepped = [self._floor_before(before, refined + step) for step in np.diag(_STEPS)]
+                slopes = np.stack([(m - moved)[::2, ::2] / h for m, h in zip(stepped, _STEPS, strict=True)])
+                slopes = np.where(np.isfinite(slopes), slopes, np.float32(0.0)).reshape(3, -1)
+            sparse = np.where(known, sparse, np.float32(0.0))
+            scale = 1.0 / (_FREEDOM * (edges + (noise / level) ** 2))
+            weight = (_FREEDOM + 1.0) * scale / (1.0 + sparse * sparse * scale / tail)
+            # A quarter of the bins stands for all.
+            weighted = (
+                slopes * np.where(known & open_, 4.0 / correlated_bins * weight, np.float32(0.0)).ravel()
+            )
+            information = weighted @ slopes.T + np.diag(prior)
+            pull = weighted @ sparse.ravel() + prior * (motion - refined)
+            refined = refined + np.linalg.solve(information, pull)
+        scale = 1.0 / (_FREEDOM * (variance + (noise / now.level) ** 2))
+        by_floor = cv2.log(1.0 + floor * floor * scale)
+        spread = float(np.sqrt(np.linalg.inv(information)[0, 0]))
+        return FramePair(now, before, self._view(refined), spread, scale, by_floor)
+
+    def _view(self, motion: Float[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation and translation of the camera's axes from now to before."""
+        c, s = math.cos(motion[2]), math.sin(motion[2])
+        turn = self._rotation @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ self._rotation.T
+        shift = self._rotation @ np.array([motion[0], motion[1], 0.0]) + self._origin - turn @ self._origin
+        return turn, shift
+
+    def _floor_before(self, before: StripImage, motion: Float[np.ndarray, "3"]) -> np.ndarray:
+        """The earlier frame as it would look now were all of it floor; NaN: unseen."""
+        return self._moved(before, self._view(motion), 2, 0.0, slice(0, self.shape[0]))
+
+    def compare(self, pair: FramePair) -> Float[np.ndarray, "2 ranges laterals"]:
+        """Log ratio of a face by floor in every cell, and the sum of the squares of its pixels.
+
+        Parameters
+        ----------
+        pair
+            From :meth:`pair`.
+        """
+        count = len(self.lateral_m)
+        sums = np.zeros((2, len(self.range_m), count))
+        for k, (rows, cell) in enumerate(self._cells):
+            ratio = self._ratio(pair, float(self.range_m[k]), rows).ravel()
+            sums[0, k] = np.bincount(cell, ratio, count + 1)[:-1]
+            sums[1, k] = np.bincount(cell, ratio * ratio, count + 1)[:-1]
+        return sums
+
+    def locate(
+        self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"], correlated_bins: float
+    ) -> tuple[float, float]:
+        """Range of a face and its standard deviation [m], by its likelihood over the same pixels.
+
+        Parameters
+        ----------
+        pair
+            From :meth:`pair`.
+        at
+            Index of the range from where the search starts.
+        laterals
+            Indices of the lateral cells that show the face.
+        correlated_bins
+            Bins of one independent sample.
+        """
+        found, step = float(self.range_m[at]), float(self.range_m[1] - self.range_m[0])
+        bend = 1.0
+        for width in (0.5 * step, 0.5 * step, 0.25 * step, 0.25 * step):
+            # The pixels are the same for all three ranges: those of the next cell, above the foot, where the mean
+            # around a pixel of the face is not that of the floor.
+            k = int(np.clip(round((found - self.range_m[0]) / step + 1.0), 0, len(self.range_m) - 1))
+            rows, cell = self._cells[k]
+            seen = np.isin(cell, laterals)
+            below, middle, beyond = (
+                float(self._ratio(pair, found + side * width, rows).ravel()[seen].sum()) / correlated_bins
+                for side in (-1, 0, 1)
+            )
+            bend = max(2.0 * middle - below - beyond, 1e-3) / width**2
+            found += float(np.clip(0.5 * (beyond - below) / (bend * width), -width, width))
+        return found, math.hypot(1.0 / math.sqrt(bend), _SYSTEMATIC_BINS / _STEP_BINS * step)
+
+    def _ratio(self, pair: FramePair, x_m: float, rows: slice) -> Float32[np.ndarray, "rows columns"]:
+        """Log ratio of every pixel of some rows; 0 where a plane was out of view in the earlier frame."""
+        import cv2
+
+        face = pair.now.detail[rows] - self._moved(pair.before, pair.view, 0, x_m, rows)
+        better = pair.by_floor[rows] - cv2.log(1.0 + face * face * pair.scale[rows])
+        better *= 0.5 * (_FREEDOM + 1.0)
+        cv2.patchNaNs(better, 0.0)
+        return np.asarray(better)
+
+    def _moved(
+        self,
+        before: StripImage,
+        view: tuple[np.ndarray, np.ndarray],
+        axis: int,
+        x_m: float,
+        rows: slice,
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """The earlier frame as it would look now were all of it on the plane at ``x_m`` along an axis; NaN: unseen."""
+        import cv2
+
+        normal, (turn, shift) = self._rotation[:, axis], view
+        bent = turn + np.outer(shift, normal) / (normal @ self._origin + x_m)
+        plane = self._matrix @ bent @ self._inverse
+        plane[:, 2] += plane[:, 1] * rows.start
+        return np.asarray(
+            cv2.warpPerspective(
+                before.detail,
+                plane,
+                (self.shape[1], rows.stop - rows.start),
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=math.nan,
+            )
+        )
