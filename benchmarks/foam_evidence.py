@@ -8,11 +8,13 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from tests.worlds import foam
 from tests.worlds.foam_disturbances import DISTURBANCES, disturbed, faulty, forces, segments
+from tests.worlds.foam_presses import calibration_plate
 
 from benchmarks._journal import Journal
 from visuohaptic.core import CalibrationError
@@ -20,7 +22,12 @@ from visuohaptic.core.camera import Frame
 from visuohaptic.core.measurement import ForceProfile
 from visuohaptic.core.objects import PrimitiveKind
 from visuohaptic.sensing.foam import FoamSensor
-from visuohaptic.sensing.foam.material import calibrate_foam, read_strain_stress
+from visuohaptic.sensing.foam.material import (
+    PlateRecord,
+    calibrate_foam,
+    calibrate_tension,
+    read_strain_stress,
+)
 from visuohaptic.sensing.push.primitives import fit_contact
 
 #: A phantom force is beyond 3 sigma and this [N].
@@ -30,11 +37,13 @@ COLUMNS = ("valid", "reason", "force_N", "sigma_N", "truth_N", "depth_m", "count
 
 
 def sensor_for(world: foam.World, folder: Path) -> FoamSensor:
-    """A sensor configured and calibrated as its user would."""
+    """A sensor configured and calibrated as its user would, with a narrow plate as well."""
     path = world.write(folder)
     data = read_strain_stress(folder / "strain_stress.csv")
     material = calibrate_foam(data, width_m=world.foam.width_m, height_m=world.foam.height_m).material
-    material.save(folder / "foam.yaml")
+    scale = world.foam.mu_Pa[0] / foam.Foam().mu_Pa[0]
+    plate = [PlateRecord(p.depth_m, scale * p.force_N, p.y_m, p.delta_m) for p in calibration_plate()]
+    replace(material, tension=calibrate_tension(plate, material)).save(folder / "foam.yaml")
     return FoamSensor.load(path)
 
 
@@ -254,16 +263,17 @@ def campaign(
     name: str,
     *,
     seeds: str = "open",
+    first: int = 0,
     count: int = 20,
     only: str = "",
     report: Path | None = None,
     on_row: Callable[[str, dict], None] | None = None,
 ) -> list[dict]:
-    """Rows of one campaign whose keys begin with ``only``; those in ``report`` are not run again."""
+    """Rows of ``count`` seeds from the one numbered ``first`` whose keys begin with ``only``; those in ``report`` are not run again."""
     make, _ = CAMPAIGNS[name]
     journal = Journal(report, {"campaign": f"foam_evidence {name}", "seeds": seeds})
     rows = []
-    for key, sequence in make([2 * i + (seeds == "closed") for i in range(count)]):
+    for key, sequence in make([2 * i + (seeds == "closed") for i in range(first, first + count)]):
         if not key.startswith(only):
             continue
         if key not in journal:
@@ -286,6 +296,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.foam_evidence", description=__doc__)
     parser.add_argument("campaign", choices=list(CAMPAIGNS))
     parser.add_argument("--seeds", choices=("open", "closed"), default="open")
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first seed among the open or closed ones"
+    )
     parser.add_argument("--count", type=int, default=20, help="seeds")
     parser.add_argument(
         "--only", default="", help="what a key begins with, such as 'hand' of the disturbances"

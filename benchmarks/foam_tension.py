@@ -1,15 +1,24 @@
-"""Ratio of the lateral tension over foams and bodies of an independent continuum: is the prior's sigma honest?
+"""Force over kinds of foam of an independent continuum, with the prior of tension and expansion and calibrated by a plate.
 
-``python -m benchmarks.foam_tension`` prints, for each foam, body and depth, the ratio that makes the force right, what a
-ratio of one takes away from the force, and the error of the force with the prior, in declared sigmas of the ratio.
+``python -m benchmarks.foam_tension`` prints, for each foam and depth of a cylinder, the error of the force and how many of
+its own standard deviations it is: first for a material of which only the curve is known, then after a plate was weighed.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from tests.worlds.foam_mechanics import Foam, bar, cylinder, press
+from dataclasses import replace
 
-from visuohaptic.sensing.foam.material import StrainStress, Tension, calibrate_foam, contour_force
+import numpy as np
+from tests.worlds.foam_mechanics import Foam, Press, bar, cylinder, press
+
+from visuohaptic.sensing.foam import FoamContour, read_profile
+from visuohaptic.sensing.foam.material import (
+    FoamMaterial,
+    PlateRecord,
+    StrainStress,
+    calibrate_foam,
+    calibrate_tension,
+)
 
 #: Foams by their parameters; beta / (1 + 2 beta) is the Poisson ratio.
 FOAMS: dict[str, dict] = {
@@ -19,57 +28,53 @@ FOAMS: dict[str, dict] = {
     "Poisson ratio 0.05": {"beta": 0.05},
     "Poisson ratio 0.12": {"beta": 0.15},
 }
-DEPTHS_M = np.array([0.0025, 0.005, 0.0075])
-SPACING_M, PHASES = 0.003, 4
+DEPTHS_M = np.array([0.0015, 0.003, 0.005, 0.0075])
+SPACING_M, NOISE_M, PHASES = 0.003, 1e-5, 4
 
 
-def ratios(foam: Foam) -> list[tuple[str, float, float, float]]:
-    """Body, depth [m], ratio that makes the force right, and what a ratio of one takes away by the force."""
-    strain = np.linspace(0.0, 0.6, 61)
-    data = StrainStress(strain, foam.plate_stress_Pa(strain), np.ones(61, dtype=np.int64))
-    material = calibrate_foam(data, width_m=foam.width_m, height_m=foam.height_m).material
-    bodies = {
-        "cylinder": (cylinder(0.03), [(-0.02, 0.02)]),
-        "plate": (bar(0.017, 0.003), [(-0.024, -0.014), (0.014, 0.024)]),
-    }
-    rows = []
-    for name, (body, spans) in bodies.items():
-        for state in press(foam, body, DEPTHS_M, spans_m=spans, fine_m=1.2e-3, layers=4):
-            sampled = []
-            for phase in np.arange(PHASES) / PHASES:
-                y = np.arange(state.y_m[0] + phase * SPACING_M, state.y_m[-1], SPACING_M)
-                sampled.append(contour_force(y, np.interp(y, state.y_m, state.delta_m), material))
-            enlarged, relief = np.mean(sampled, axis=0)
-            rows.append(
-                (
-                    name,
-                    state.depth_m,
-                    float((enlarged - state.force_N) / relief),
-                    float(relief / state.force_N),
-                )
-            )
-    return rows
+def errors(state: Press, material: FoamMaterial) -> tuple[float, float]:
+    """Error of the force and its standard deviation, both by the force, over the phases of the points."""
+    found = []
+    for phase in np.arange(PHASES) / PHASES:
+        s = np.arange(state.y_m[0] + phase * SPACING_M, state.y_m[-1], SPACING_M)
+        noise = np.full(len(s), NOISE_M)
+        contour = FoamContour(s, np.interp(s, state.y_m, state.delta_m), noise, np.ones(len(s), bool))
+        reading = read_profile(contour, material)
+        found.append([reading.force_N / state.force_N - 1.0, reading.budget.total_N / state.force_N])
+    error, sigma = np.mean(found, axis=0)
+    return float(error), float(sigma)
 
 
 def run() -> list[dict]:
-    """Error of the force with the prior, for each foam, body and depth."""
-    prior, rows = Tension(), []
+    """Error of the force for each foam and depth, before and after calibration."""
+    rows = []
     for name, parameters in FOAMS.items():
-        for body, depth_m, ratio, relief in ratios(Foam(length_m=0.16, **parameters)):
-            sigmas = (ratio - prior.ratio) / prior.sigma
-            rows.append(
-                {
-                    "name": f"{name}, {body}, {1e3 * depth_m:.1f} mm: force wrong by",
-                    "ours": 100 * (ratio - prior.ratio) * relief,
-                    "unit": "%",
-                    "note": f"ratio {ratio:+.2f}, {sigmas:+.1f} sigmas of the prior",
-                }
-            )
+        foam = Foam(length_m=0.16, **parameters)
+        strain = np.linspace(0.0, 0.6, 61)
+        data = StrainStress(strain, foam.plate_stress_Pa(strain), np.ones(61, dtype=np.int64))
+        only = calibrate_foam(data, width_m=foam.width_m, height_m=foam.height_m).material
+        mesh = {"fine_m": 1.2e-3, "layers": 4}
+        edges = [(-0.024, -0.014), (0.014, 0.024)]
+        plate = press(foam, bar(0.017, 0.003), DEPTHS_M, spans_m=edges, **mesh)
+        tension = calibrate_tension(
+            [PlateRecord(p.depth_m, p.force_N, p.y_m, p.delta_m) for p in plate], only
+        )
+        for state in press(foam, cylinder(0.03), DEPTHS_M, spans_m=[(-0.02, 0.02)], **mesh):
+            for how, material in (("curve only", only), ("plate weighed", replace(only, tension=tension))):
+                error, sigma = errors(state, material)
+                rows.append(
+                    {
+                        "name": f"{name}, {how}, {1e3 * state.depth_m:.1f} mm: force wrong by",
+                        "ours": 100 * error,
+                        "unit": "%",
+                        "note": f"{error / sigma:+.1f} of its standard deviations of {100 * sigma:.2f} %",
+                    }
+                )
     return rows
 
 
 def main() -> None:
-    """Print one line for each foam, body and depth."""
+    """Print one line for each foam, depth and calibration."""
     for row in run():
         print(f"{row['name']} {row['ours']:+.1f} {row['unit']} ({row['note']})")
 

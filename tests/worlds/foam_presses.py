@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from .foam_mechanics import Foam, Press, Shape, bar, cylinder, press, together
 from .foam_scene import FRAME_S
 
-__all__ = ["BODIES", "POOL", "STEP_M", "Pushed", "pushed"]
+__all__ = ["BODIES", "POOL", "STEP_M", "Pushed", "calibration_plate", "pushed"]
 
 #: ``end`` is a plate near or beyond an end of the strip, ``two`` are cylinders whose impressions merge,
 #: ``box`` is a plate with sharp edges that goes no deeper than 5 mm.
@@ -106,6 +106,13 @@ def pushed(kind: str, number: int) -> Pushed:
     fine, depths = (4e-4, _DEPTHS_M[:15]) if kind == "box" else (9e-4, _DEPTHS_M)
     steps = _kept(f"{kind}{number}", lambda: press(foam, shape, depths, spans_m=spans, fine_m=fine))
     return Pushed(shape, (y - half, y + half), tuple(steps), {"body": kind, "y_m": y, **about})
+
+
+def calibration_plate() -> list[Press]:
+    """A plate of 4 cm in the standard foam, at depths at which its user would weigh it."""
+    shape, spans = bar(0.017, 0.003), [(-0.024, -0.014), (0.014, 0.024)]
+    depths = np.array([0.0015, 0.003, 0.005, 0.0075])
+    return _kept("weighed", lambda: press(Foam(), shape, depths, spans_m=spans, fine_m=1.2e-3, layers=4))
 
 
 def _kept(name: str, solve: Callable[[], list[Press]]) -> list[Press]:

@@ -258,6 +258,18 @@ def test_the_campaign_measures_what_the_sensor_says(tmp_path) -> None:
     assert foam_evidence.shadow_figures([row])[1]["ours"] == 1.0
 
 
+def test_a_shadows_edge_within_the_blur_of_the_front_presses_nothing() -> None:
+    """A sharp edge that creeps over the front, parallel to it, shifts it by a fifth of a pixel along the whole strip."""
+    sequence = foam.shadows(352)
+    del sequence.moments[15:]
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
+    assert frames["valid"].astype(bool).all()
+    assert not (frames["force_N"] > 3 * frames["sigma_N"] + foam_evidence.PHANTOM_N).any()
+    # It is 0.3 N and more in these frames, and the sensor does not know better; before, it knows that nothing is there.
+    assert (frames["sigma_N"][7:13] > 0.2).all()
+    assert np.median(frames["sigma_N"][:6]) < 0.2
+
+
 def test_two_soft_shadows_that_creep_along_the_front_press_nothing() -> None:
     """A penumbra beside the front bends it by 1.4 mm, and the floor behind it is in another part of the shadow."""
     sequence = foam.pincers(48)

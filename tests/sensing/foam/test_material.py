@@ -20,7 +20,7 @@ def test_round_trip(tmp_path, material):
         unloading=material.loading,
         unloading_peak_strain=0.6,
         hysteresis=HysteresisLaw(np.array([0.01, 0.1]), np.array([0.1, 0.0]), np.array([0.0, 80.0]), 0.3),
-        tension=Tension(0.3, 0.05, True),
+        tension=Tension(0.3, 0.05, True, 0.2, 0.1),
         section="trapezoid",
     )
     full.save(tmp_path / "foam.yaml")

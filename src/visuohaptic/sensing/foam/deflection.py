@@ -10,11 +10,12 @@ from jaxtyping import Bool, Float, Int
 from ...tracking.contours.contour import PIXEL_PX, SHARED_NOISE
 from ._posterior_kernels import EDGE
 from .material.foam_material import FoamMaterial
-from .posterior import BULGE, DECAY_PER_WIDTH, REST_PX, EdgePosterior, EdgeStates
+from .posterior import DECAY_PER_WIDTH, REST_PX, EdgePosterior, EdgeStates
 from .profile import FoamContour, FoamReading
 from .strip.geometry import StripGeometry
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
+from .uneven_light import light_shift_px
 
 __all__ = ["Deflection", "edge_uncertainty_m", "fill_gaps", "measure_deflection", "with_states"]
 
@@ -49,6 +50,7 @@ class Deflection:
     ]  #: what a hidden point may be deflected by; infinite where nothing bounds it
     raw_m: Float[np.ndarray, "K"]  #: deflection as if every edge were the foam's
     states: EdgeStates  #: what the edges are
+    light_m: Float[np.ndarray, "K"]  #: standard deviation by uneven light, which neighbours share
 
     @property
     def gap(self) -> bool:
@@ -120,15 +122,16 @@ def measure_deflection(
     )
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
+    light = strip.pixel_m * light_shift_px(strip, zero, rest_px, edges.moved_m(raw) / strip.pixel_m)
     # The error of the zero is the same in every frame: no noise of this image.
-    systematic = scale * np.hypot(kink, zero.width_sigma_m)
+    systematic = scale * np.hypot(np.hypot(kink, light), zero.width_sigma_m)
     states = edges.infer(strip, zero, rest_px, raw, np.hypot(sigma, systematic))
     # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
     merged = _merged_m(strip, delta, np.hypot(sigma, systematic), states)
     found = fill_gaps(geometry, delta, sigma, noise, np.hypot(systematic, merged), raw, states)
-    return replace(found, hidden_m=np.maximum(found.hidden_m, merged))
+    return replace(found, hidden_m=np.maximum(found.hidden_m, merged), light_m=light)
 
 
 def _merged_m(
@@ -254,7 +257,9 @@ def fill_gaps(
     noise = np.where(seen, np.minimum(noise_m, total), 0.0)
     own = np.where(seen, _KINK_NOISE * uncertainty_m, np.where(hidden > 0.0, 0.0, _BRIDGE_NOISE * bridge))
     own = np.minimum(own, np.sqrt(np.maximum(total**2 - noise**2, 0.0)))
-    return Deflection(delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states)
+    return Deflection(
+        delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states, np.zeros(len(s_m))
+    )
 
 
 def _better_bridged(
@@ -356,7 +361,12 @@ def with_states(
         )
     pressure = material.stress(np.minimum(unexplained / material.width_m, 1.0))
     loose = material.height_m * float(np.trapezoid(pressure, s_m))
-    loose = float(np.hypot(loose, _offset_N(delta, found, inside, material, s_m)))
+    # Light that is not even shifts neighbours alike.
+    strain = np.maximum(np.nan_to_num(delta), 0.0) / material.width_m
+    shift = np.where(
+        inside | (not inside.any()), found.light_m * material.slope(strain) / material.width_m, 0.0
+    )
+    loose = float(np.hypot(loose, material.height_m * np.trapezoid(shift, s_m)))
     budget = reading.budget
     budget = replace(budget, zero_N=float(np.hypot(budget.zero_N, loose)))
     wrong = _wrong(each_N, runs, 3.0 * budget.total_N + NEGLIGIBLE_N)
@@ -372,27 +382,3 @@ def _wrong(each_N: Float[np.ndarray, "K"], runs: Float[np.ndarray, "K K"], toler
     last = np.searchsorted(force, force[:-1] + tolerance_N) - 1
     possible = last < len(each_N)
     return float(runs[first[possible], last[possible]].max(initial=0.0))
-
-
-def _offset_N(
-    delta: Float[np.ndarray, "K"],
-    found: Deflection,
-    inside: Bool[np.ndarray, "K"],
-    material: FoamMaterial,
-    s_m: Float[np.ndarray, "K"],
-) -> float:
-    """Force that a common shift of all points would make: what the least deflected tenth has beyond its noise [N].
-
-    A wide plate looks the same, and pressed foam bulges a little beside a contact.
-    """
-    if found.seen.sum() < 10 or not inside.any():
-        return 0.0
-    noise = float(np.median(found.sigma_m[found.seen]))
-    # A tenth of Gaussian noise lies below -1.28 sigma.
-    offset = float(np.quantile(delta[found.seen], 0.1)) + 1.28 * noise
-    offset = max(offset - noise, 0.0) + min(offset + noise + BULGE * float(np.nanmax(delta)), 0.0)
-    pressed = np.where(inside, np.nan_to_num(delta), 0.0) / material.width_m
-    change = material.stress(np.maximum(pressed, 0.0)) - material.stress(
-        np.maximum(pressed - inside * offset / material.width_m, 0.0)
-    )
-    return material.height_m * abs(float(np.trapezoid(change, s_m)))

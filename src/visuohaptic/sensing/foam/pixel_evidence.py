@@ -24,6 +24,7 @@ from ._posterior_kernels import (
 )
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
+from .uneven_light import neighbours
 
 __all__ = ["ALIKE", "MAX_ODDS", "image_evidence"]
 
@@ -139,7 +140,7 @@ def _shadow_evidence(
     texture, near, between, beyond, floor, misfit, alike = found.T
     # A point whose texture agrees by chance leaves residuals that look independent; its neighbours know better.
     known = np.isfinite(alike)
-    texture[known] /= np.nanmedian(_around(alike)[known], axis=1)
+    texture[known] /= np.nanmedian(neighbours(alike)[known], axis=1)
     light, foam = float(np.nanmedian(gain)), _resting_grey(zero.image, at.resting)
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = np.hypot(_SAME_GREY * light * foam, math.sqrt(variance))
@@ -157,7 +158,7 @@ def _shadow_evidence(
         texture = np.where(clean, texture, np.minimum(texture, 0.0))
         levels = ALIKE * np.log(shaded / body)
     # A shadow's edge that crosses the strip changes the light from one point to some other beside it.
-    around = _around(np.log(np.maximum(gain, 1e-3)))
+    around = neighbours(np.log(np.maximum(gain, 1e-3)))
     with np.errstate(invalid="ignore"):
         change = np.fmax.reduce(around, axis=1) - np.fmin.reduce(around, axis=1)
     lit = ALIKE * np.clip(0.5 * (np.nan_to_num(change) / _SAME_GREY) ** 2 - 3.0, -3.0, 3.0)
@@ -168,13 +169,6 @@ def _shadow_evidence(
         + np.nan_to_num(_INDEPENDENT * near)
     )
     result: Float[np.ndarray, "K"] = np.clip(odds_shadow, -MAX_ODDS, MAX_ODDS)
-    return result
-
-
-def _around(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
-    """A point with four to either side; NaN beyond the ends."""
-    padded = np.pad(values, 4, constant_values=np.nan)
-    result: Float[np.ndarray, "K 9"] = np.lib.stride_tricks.sliding_window_view(padded, 9)
     return result
 
 

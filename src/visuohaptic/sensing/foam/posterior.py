@@ -181,6 +181,16 @@ class EdgePosterior:
         self._trusted_m[calm], self._since_s[calm] = delta[calm], strip.t_s
         return states
 
+    def moved_m(self, delta_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+        """How far edges are from where the foam was last seen [m]; zero where it was not.
+
+        Parameters
+        ----------
+        delta_m
+            Deflection of each edge [m].
+        """
+        return np.nan_to_num(np.abs(delta_m - self._trusted_m))
+
     def _place(
         self,
         t_s: float,
@@ -221,9 +231,9 @@ class EdgePosterior:
 
     def _blurred(self, strip: ObservedStrip, delta: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
         """Log-odds against a foam edge by its blur, which the base in the same image has but for its motion."""
-        lens = np.hypot(np.median(strip.reference.blur_px[strip.reference.valid]), PIXEL_PX)
+        lens = np.hypot(strip.lens_px, PIXEL_PX)
         # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
-        moved = np.nan_to_num(np.abs(delta - self._trusted_m) / strip.pixel_m) / math.sqrt(12.0)
+        moved = self.moved_m(delta) / strip.pixel_m / math.sqrt(12.0)
         excess = np.log(np.hypot(strip.front.blur_px, PIXEL_PX) / np.hypot(lens, moved))
         foam = -np.maximum(np.nan_to_num(excess), 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
         result: Float[np.ndarray, "K"] = ALIKE * (

@@ -24,7 +24,7 @@ from ...core.errors import InputError
 from ...core.measurement import ErrorBudget, Reason
 from ...core.ranges import NON_NEGATIVE, check_ranges
 from ...tracking.contours.contour import SHARED_POINTS
-from .material.boundary import BOUNDARIES, Boundary, contour_force
+from .material.boundary import BODIES, BOUNDARIES, Boundary, contour_force
 from .material.foam_material import FoamMaterial
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 
@@ -37,7 +37,7 @@ MAX_GAP_POINTS = 3
 #: part of it, ends included, and by less than foam that counts as released, is no contact.
 NARROW_PER_WIDTH = 0.5
 #: Model error of each boundary law over simulated foams and bodies: fraction of the force.
-MODEL_FLOOR = {"tension": 0.005, "enlarged": 0.005, "local": 0.10}
+MODEL_FLOOR = {"tension": BODIES, "enlarged": BODIES, "local": 0.10}
 #: Columns of the kernel's table of regions.
 _FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)
 _TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR = 9, 10, 11
@@ -258,7 +258,7 @@ def _integrated(
     """Contact regions without those that no foam could show."""
     from ._profile_kernels import integrate_regions
 
-    curve = material.loading
+    curve = material.narrow
     # Beyond a point that was not seen nothing is known: the cell of a seen end point alone is filled.
     seen_ends = seen.index[0] == 0, seen.index[-1] == len(contour.s_m) - 1
     end_cells_m = np.where(seen_ends, contour.end_cells_m, 0.0)

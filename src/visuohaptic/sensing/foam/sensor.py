@@ -171,6 +171,9 @@ class FoamSensor:
             ),
             np.mean([strip.image for strip in seen], axis=0),
             uncertainty_m=np.mean([np.nan_to_num(edge_uncertainty_m(strip)) for strip in seen], axis=0),
+            blur_ratio=np.median(
+                [np.nan_to_num(s.front.blur_px, nan=s.blur_px) / s.lens_px for s in seen], axis=0
+            ),
         )
         self._check_width(float(np.median(zero.width_m)), "zero")
         self._watch = ZeroWatch(zero)

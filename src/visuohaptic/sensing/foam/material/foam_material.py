@@ -6,7 +6,7 @@ of the strip across the contour. Dissertation Sec. 3.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ....core.errors import InputError
 from .hysteresis import HysteresisLaw
 from .stress_curve import CurveKind, StressCurve
-from .tension import Tension, softening
+from .tension import Tension, relief_stress
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -61,7 +61,7 @@ class FoamMaterial:
                 f"working_strain {self.working_strain} and densification_strain "
                 f"{self.densification_strain}, expected 0 <= low < high <= densification < 1"
             )
-        if self.loading.minimum_slope()[1] <= 0:
+        if min(curve.minimum_slope()[1] for curve in (self.loading, self.narrow)) <= 0:
             problems.append("the loading curve is not rising everywhere")
         if not (np.isfinite(self.residual_Pa) and self.residual_Pa >= 0):
             problems.append(f"residual_Pa is {self.residual_Pa}, expected a number >= 0")
@@ -70,10 +70,21 @@ class FoamMaterial:
         if problems:
             raise InputError("FoamMaterial", "; ".join(problems), remedy="calibrate again")
 
+    @cached_property
+    def narrow(self) -> StressCurve:
+        """Loading curve under bodies narrower than the strip: less what the foam's lateral expansion takes away."""
+        strain = np.linspace(0.0, self.loading.max_strain, 201)
+        taken = np.linalg.lstsq(self.loading.basis(strain), -self.loading.stress(strain) * strain**2)[0]
+        return replace(
+            self.loading,
+            parameters=self.loading.parameters + self.tension.lateral * taken,
+            covariance=self.loading.covariance + self.tension.lateral_sigma**2 * np.outer(taken, taken),
+        )
+
     @property
     def covariance(self) -> Float[np.ndarray, "p p"]:
-        """Covariance of the loading curve's parameters [Pa^2]."""
-        return self.loading.covariance
+        """Covariance of the parameters of :attr:`narrow` [Pa^2]."""
+        return self.narrow.covariance
 
     def stress(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Loading stress [Pa].
@@ -83,7 +94,7 @@ class FoamMaterial:
         strain
             Compressive strain delta / w.
         """
-        return self.loading.stress(strain)
+        return self.narrow.stress(strain)
 
     def slope(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Derivative of the loading stress by the strain [Pa].
@@ -93,7 +104,7 @@ class FoamMaterial:
         strain
             Compressive strain delta / w.
         """
-        return self.loading.slope(strain)
+        return self.narrow.slope(strain)
 
     def stress_sigma(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Standard deviation of the loading stress from the calibration [Pa].
@@ -103,12 +114,12 @@ class FoamMaterial:
         strain
             Compressive strain delta / w.
         """
-        return self.loading.stress_sigma(strain)
+        return self.narrow.stress_sigma(strain)
 
     @cached_property
     def softening_table_Pa(self) -> Float[np.ndarray, "256"]:
         """Softening of the tension law at 256 even strains from 0 to 1.2 times the calibrated end."""
-        return softening(self.loading, np.linspace(0.0, self.softening_end, 256))
+        return relief_stress(self.narrow, np.linspace(0.0, self.softening_end, 256))
 
     @property
     def softening_end(self) -> float:
@@ -134,11 +145,7 @@ class FoamMaterial:
             "densification_strain": self.densification_strain,
             "residual_Pa": self.residual_Pa,
             "loading": _curve_data(self.loading),
-            "tension": {
-                "ratio": self.tension.ratio,
-                "sigma": self.tension.sigma,
-                "calibrated": self.tension.calibrated,
-            },
+            "tension": asdict(self.tension),
         }
         if self.unloading is not None:
             data["unloading"] = _curve_data(self.unloading)
@@ -180,7 +187,7 @@ class FoamMaterial:
                 unloading=_curve(file.unloading) if file.unloading is not None else None,
                 unloading_peak_strain=file.unloading_peak_strain,
                 hysteresis=_hysteresis(file.hysteresis),
-                tension=Tension(file.tension.ratio, file.tension.sigma, file.tension.calibrated),
+                tension=Tension(**file.tension.model_dump()),
                 section=file.section,
             )
         except InputError as error:
@@ -241,6 +248,8 @@ def _schema() -> type[BaseModel]:
         ratio=(float, Field(ge=0, le=5)),
         sigma=(float, Field(ge=0, le=5)),
         calibrated=(bool, False),
+        lateral=(float, Field(0.0, ge=-2, le=3)),
+        lateral_sigma=(float, Field(0.3, ge=0, le=5)),
     )
     elements = (list[float], Field(min_length=1, max_length=MAX_PARAMETERS))
     hysteresis_fields: dict[str, Any] = {
@@ -262,7 +271,7 @@ def _schema() -> type[BaseModel]:
         "unloading": (curve | None, None),
         "unloading_peak_strain": (float, Field(0.0, ge=0, lt=1)),
         "hysteresis": (hysteresis | None, None),
-        "tension": (tension, Field(default_factory=lambda: tension(ratio=0.27, sigma=0.1))),
+        "tension": (tension, Field(default_factory=lambda: tension(**asdict(Tension())))),
     }
     model: type[BaseModel] = create_model("FoamFile", __config__=strict, **fields)
     return model

@@ -71,6 +71,11 @@ class ObservedStrip:
     common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
     blur_px: float  #: median blur of the front, pixel included; NaN where none was seen
 
+    @property
+    def lens_px(self) -> float:
+        """Blur of the base, which only the lens and the camera's motion make [px]."""
+        return float(np.median(self.reference.blur_px[self.reference.valid]))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseView:

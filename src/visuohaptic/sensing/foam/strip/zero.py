@@ -25,7 +25,7 @@ _WIDTH_TOLERANCE = 0.10
 _UNSEEN_FRACTION, _UNSEEN_SIGMA = 0.04, 0.01
 
 #: Arrays of the file.
-_ARRAYS = ("reference_px", "width_m", "width_sigma_m")
+_ARRAYS = ("reference_px", "width_m", "width_sigma_m", "blur_ratio")
 #: Parallel lines per point in the image of the strip.
 PARALLELS = 5
 _ZERO_AGAIN = "zero again: visuohaptic sense foam --zero"
@@ -39,6 +39,7 @@ class _ZeroFile(Section):
     reference_px: Numbers
     width_m: Numbers
     width_sigma_m: Numbers
+    blur_ratio: Numbers
     #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
     image_png: str | None = None
     # Fields of older versions, so that their files are refused for what they lack.
@@ -57,6 +58,7 @@ class ZeroReference:
     reference_px: Float[np.ndarray, "K"]  #: reference contour along the lines of the geometric model
     width_m: Float[np.ndarray, "K"]  #: distance from back to front
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation
+    blur_ratio: Float[np.ndarray, "K"]  #: blur of the front by that of the base
     #: Mean image of the strip along the lines, parallels beside each point; samples reach beyond the front.
     image: UInt8[np.ndarray, "K parallels samples"]
 
@@ -69,6 +71,7 @@ class ZeroReference:
         image: Float[np.ndarray, "K parallels samples"],
         *,
         uncertainty_m: Float[np.ndarray, "K"] | float = 0.0,
+        blur_ratio: Float[np.ndarray, "K"] | float = 1.0,
         where: str = "zero",
     ) -> ZeroReference:
         """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
@@ -85,6 +88,8 @@ class ZeroReference:
             Mean image of the strip along the lines.
         uncertainty_m
             What each width may be wrong by in all frames alike, for example by texture at its edge.
+        blur_ratio
+            Blur of the front by that of the base.
         where
             What error messages name.
 
@@ -129,6 +134,7 @@ class ZeroReference:
             width,
             # The median costs a factor sqrt(pi/2) over the mean.
             np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m),
+            np.broadcast_to(np.asarray(blur_ratio, dtype=np.float64), seen.shape),
             np.clip(np.rint(image), 0, 255).astype(np.uint8),
         )
 
