@@ -36,7 +36,7 @@ AXES = "xy"
 
 def train(cache: Path, variants: int = VARIANTS) -> HapticClassifier:
     """A classifier of the classes as a user gets one: descriptions with ranges, built and fitted."""
-    kept = cache / f"training-{variants}.npz"
+    kept = cache / f"training-heights-{variants}.npz"
     if not kept.exists():
         found = [
             ContainerDescription.model_validate({"name": name, **given}) for name, given in CLASSES.items()
@@ -59,7 +59,8 @@ def touch_of(
             read[side] = fit_curve(*thing.curve(height, first + side, rng))
         except InputError:
             continue
-    return TouchReading(height, axis, (read[0], read[1]), thing.width(height, AXES.index(axis), rng))
+    width = thing.width(height, AXES.index(axis), rng)
+    return TouchReading(height, axis, (read[0], read[1]), width, thing.height_m)
 
 
 def explore_object(
@@ -167,6 +168,7 @@ def _curve_features(curve: TouchReading) -> list[float]:
         float(side),
         np.log(stiffness),
         np.log(curve.width_m),
+        np.log(curve.object_height_m),
     ]
 
 
@@ -218,6 +220,9 @@ def peers_on(data: FeatureSet, readings: Sequence[TouchReading], *, use_width: b
         if use_width:
             columns.append(np.log(data.width_m[:, level, [AXES.index(reading.axis)]]))
             row.append(float(np.log(reading.width_m)))
+    if use_width and data.height_m is not None:
+        columns.append(np.log(data.height_m)[:, None])
+        row.append(float(np.log(readings[0].object_height_m)))
     table = np.concatenate(columns, axis=1)
     return {
         name: str(model.fit(table, data.label).predict([row])[0]) for name, model in peer_models().items()

@@ -82,7 +82,9 @@ def campaign(
             out["planner9"] = explore(model9, touch, rng=rng).answer
         return out
 
-    made = Journal(folder / f"objects-{seed}.jsonl", {"study": "table 6.2 objects", "seed": seed})
+    made = Journal(
+        folder / f"objects-{seed}.jsonl", {"study": "table 6.2 objects with heights", "seed": seed}
+    )
     # Another model is another campaign: its answers must not be mixed with these.
     sums = [round(float(part.sum()), 6) for part in (model.mean, model.covariance, model9.covariance)]
     about = {"study": "table 6.2", "seed": seed, "variants": variants, "width": width, "model": sums}
@@ -113,10 +115,13 @@ def _object(made: Journal, kind: str, name: str, draw: int, seed: int) -> world.
             {
                 "k": [float(f"{k:.6g}") for k in thing.stiffness_N_per_m.ravel()],
                 "w": [float(f"{w:.6g}") for w in thing.width_m.ravel()],
+                "h": float(f"{thing.height_m:.6g}"),
             },
         )
     row = made.rows[key]
-    return world.RealObject(name, np.reshape(row["k"], (HEIGHTS, 4)), np.reshape(row["w"], (HEIGHTS, 2)))
+    return world.RealObject(
+        name, np.reshape(row["k"], (HEIGHTS, 4)), np.reshape(row["w"], (HEIGHTS, 2)), row["h"]
+    )
 
 
 def _rows(found: dict[str, Any], draws: int, about: str) -> list[dict[str, Any]]:

@@ -57,6 +57,28 @@ def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:
     assert np.exp(model.log_prior).sum() == pytest.approx(1)
 
 
+def test_an_object_of_another_height_is_of_no_class_that_feels_like_it() -> None:
+    data = synthetic(30)
+    rng = np.random.default_rng(1)
+    # Cups of 100 mm within 5 %; what is asked for is 50 mm tall, 13 standard deviations off, and feels like one of them.
+    tall = replace(data, height_m=0.1 * np.exp(rng.normal(0, 0.05, len(data))))
+    touches = [touch_of(tall, 3)(8, "y"), touch_of(tall, 3)(15, "x")]
+    short = [replace(one, object_height_m=0.05) for one in touches]
+    model = fit_model(tall)
+    assert update_belief(model, touches).answer == tall.label[3]
+    assert update_belief(model, short).answer == UNKNOWN
+    # Where the heights of the training objects or of this one are not known, they are no evidence.
+    plain = update_belief(fit_model(data), touches)
+    assert plain.answer == tall.label[3]
+    assert update_belief(fit_model(data), short).answer == tall.label[3]
+    unseen = [replace(one, object_height_m=np.nan) for one in touches]
+    np.testing.assert_allclose(
+        update_belief(model, unseen).probability,
+        update_belief(fit_model(data), unseen).probability,
+        atol=1e-3,
+    )
+
+
 def test_conditioning_in_steps_is_conditioning_at_once(model: HapticModel) -> None:
     touch = touch_of(synthetic(1, seed=5), 1)
     place, value, noise = evidence(model, (touch(4, "x"), touch(9, "y")))

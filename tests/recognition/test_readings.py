@@ -55,13 +55,15 @@ def test_what_hardly_moves_is_as_compliant_as_its_noise_lets_one_think(stiffness
 
 def test_curves_are_read_and_a_missing_side_is_taken_from_the_other(tmp_path: Path) -> None:
     path = tmp_path / "curves.csv"
-    lines = ["height,side,force_N,deformation_m,width_m"]
-    lines += [f"8,x+,{2000 * d},{d},0.061" for d in (0.001, 0.002, 0.003)]
-    lines += [f"12,y-,{500 * d},{d}," for d in (0.001, 0.002, 0.003)]
+    lines = ["height,side,force_N,deformation_m,width_m,object_height_m"]
+    lines += [f"8,x+,{2000 * d},{d},0.061,0.12" for d in (0.001, 0.002, 0.003)]
+    lines += [f"12,y-,{500 * d},{d},," for d in (0.001, 0.002, 0.003)]
     path.write_text("\n".join(lines))
     first, second = read_curves(path)
     assert (first.height, first.axis) == (8, "x")
     assert first.width_m == pytest.approx(0.061)
+    assert first.object_height_m == pytest.approx(0.12)
+    assert np.isnan(second.object_height_m)
     assert second.sides[0] is None
     grid = stiffness_grid((first, second))
     # Noise of 0.1 mm that is not there is taken off: 3 x 1e-8 of 14e-6.

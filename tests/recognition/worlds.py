@@ -41,7 +41,8 @@ def touch_of(data: FeatureSet, row: int, *, sigma: float = 0.02, rng: np.random.
         values = data.features[row, height - 1, column : column + 2, 0] * noise
         sides = [CurveCoefficients(float(v), float(v), 0.0, sigma, 0.1) for v in values]
         width = float(data.width_m[row, height - 1, column // 2])
-        return TouchReading(height, axis, (sides[0], sides[1]), width)
+        tall = np.nan if data.height_m is None else float(data.height_m[row])
+        return TouchReading(height, axis, (sides[0], sides[1]), width, tall)
 
     return touch
 

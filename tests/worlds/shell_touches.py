@@ -10,11 +10,12 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .shell_bodies import CLASSES, OTHERS, Description, draw, wall_of
+from .shell_bodies import CLASSES, OTHERS, Description, draw, knots_m, wall_of
 from .shells import Pinch, Revolution, side_stiffness
 
 __all__ = [
@@ -71,6 +72,7 @@ class TouchedObject:
     stiffness_N_per_m: np.ndarray  #: (16, 4), at each place, of the first part of the curve
     stiffening_per_m: np.ndarray  #: (16, 4), a of F = k d (1 + a d)
     width_m: np.ndarray  #: (16, 2), opening at contact along x and y
+    height_m: float  #: as seen: as wrong as the place of the gripper along it
     condition: Condition
     gain: float
     zero_N: float
@@ -101,30 +103,30 @@ class TouchedObject:
         return out
 
 
-#: Solids: stiffness [N/m] at a relative height, stiffening [1/m], widths along x and y [m], all with random parts.
-_SOLIDS: dict[str, Callable[[np.random.Generator, np.ndarray], tuple[np.ndarray, ...]]] = {
+#: Solids: stiffness [N/m] at a relative height, stiffening [1/m], widths along x and y and height [m], all with random parts.
+_SOLIDS: dict[str, Callable[[np.random.Generator, np.ndarray], tuple[Any, ...]]] = {
     # Rigid: what gives way is the gripper.
-    "wooden block": lambda rng, z: (np.full((len(z), 2), 3e5), 0 * z, rng.uniform(0.04, 0.08, 2) + 0 * z[:, None]),
-    "book": lambda rng, z: (np.tile([2e5, 6e3], (len(z), 1)), 0 * z, np.array([0.09, 0.03]) + 0 * z[:, None]),
+    "wooden block": lambda rng, z: (np.full((len(z), 2), 3e5), 0 * z, rng.uniform(0.04, 0.08, 2) + 0 * z[:, None], 0.1),
+    "book": lambda rng, z: (np.tile([2e5, 6e3], (len(z), 1)), 0 * z, np.array([0.09, 0.03]) + 0 * z[:, None], 0.2),
     # A flat punch of radius a on a half-space: 2 E a / (1 - nu^2), a = 8 mm.
     "foam block": lambda rng, z: (
-        np.full((len(z), 2), 0.016 * rng.uniform(4e4, 2e5)), 20 + 0 * z, rng.uniform(0.05, 0.08, 2) + 0 * z[:, None]
+        np.full((len(z), 2), 0.016 * rng.uniform(4e4, 2e5)), 20 + 0 * z, rng.uniform(0.05, 0.08, 2) + 0 * z[:, None], 0.1
     ),
     # Soft balls: flatter towards their poles, where the tips slide into a smaller chord.
     "rubber ball": lambda rng, z: _ball(rng.uniform(0.028, 0.036), 1.3e4, 60.0, z),
     "apple": lambda rng, z: _ball(rng.uniform(0.034, 0.042), 3.5e4, 0.0, z),
     "lemon": lambda rng, z: _ball(rng.uniform(0.024, 0.03), 4.5e3, 40.0, z),
     "plush toy": lambda rng, z: (
-        180 * np.exp(0.3 * rng.standard_normal((len(z), 2))), 300 + 0 * z, 0.07 + 0.02 * np.sin(np.outer(5 * z, [1, 1.3]))
+        180 * np.exp(0.3 * rng.standard_normal((len(z), 2))), 300 + 0 * z, 0.07 + 0.02 * np.sin(np.outer(5 * z, [1, 1.3])), 0.15
     ),
 }  # fmt: skip
 KINDS = (*OTHERS, *_SOLIDS)
 
 
-def _ball(radius: float, stiffness: float, stiffening: float, z: np.ndarray) -> tuple[np.ndarray, ...]:
+def _ball(radius: float, stiffness: float, stiffening: float, z: np.ndarray) -> tuple[Any, ...]:
     chord = 2 * radius * np.sqrt(np.maximum(1 - (2 * z - 1) ** 2, 0.04))
     along = np.sqrt(chord / (2 * radius)) * stiffness
-    return np.stack([along, along], 1), stiffening + 0 * z, np.stack([chord, chord], 1)
+    return np.stack([along, along], 1), stiffening + 0 * z, np.stack([chord, chord], 1), 2 * radius
 
 
 def known_object(seed: int, condition: str = "in range", cache: Path | None = None) -> TouchedObject:
@@ -140,9 +142,12 @@ def unknown_object(seed: int, condition: str = "in range", cache: Path | None = 
         return _touched(name, OTHERS[name], [seed, 21], condition, cache=cache)
     rng = np.random.default_rng([seed, 22])
     shift = rng.normal(0, CONDITIONS[condition].height_m) / 0.1
-    k, a, width = _SOLIDS[name](rng, np.clip((np.arange(HEIGHTS) + 0.5) / HEIGHTS + shift, 0.03, 0.97))
+    k, a, width, height = _SOLIDS[name](
+        rng, np.clip((np.arange(HEIGHTS) + 0.5) / HEIGHTS + shift, 0.03, 0.97)
+    )
+    sensors, seen = _sensors(condition, rng), _seen(height, [seed, 22], condition)
     return TouchedObject(
-        name, np.repeat(k, 2, axis=1), np.repeat(a[:, None], 4, axis=1), width, *_sensors(condition, rng)
+        name, np.repeat(k, 2, axis=1), np.repeat(a[:, None], 4, axis=1), width, seen, *sensors
     )
 
 
@@ -176,6 +181,12 @@ def _sensors(condition: str, rng: np.random.Generator) -> tuple[Condition, float
     return wrong, gain, wrong.zero_N * rng.standard_normal(), wrong.zero_m * rng.standard_normal()
 
 
+def _seen(height_m: float, seed: list[int], condition: str, session: int = 0) -> float:
+    """Height as seen."""
+    rng = np.random.default_rng([*seed, 2, session])
+    return height_m + CONDITIONS[condition].height_m * float(rng.standard_normal())
+
+
 def _touched(
     name: str,
     description: Description,
@@ -189,13 +200,15 @@ def _touched(
     wrong = CONDITIONS[condition]
     shape, pose = np.random.default_rng([*seed, 0]), np.random.default_rng([*seed, 1, session])
     sensors = _sensors(condition, pose)
+    modulus = 1 + shape.uniform(-wrong.modulus, wrong.modulus)
+    member = draw(description, shape, outside=wrong.outside)
+    seen = _seen(float(knots_m(member)[0][-1]), seed, condition, session)
     path = cache and cache / f"{'-'.join(map(str, [*seed, session]))}-{condition.replace(' ', '-')}.json"
     if path and path.exists():
         rows = json.loads(path.read_text(encoding="utf-8"))
         stiffness, width = (np.array(part, dtype=float) for part in rows)
     else:
-        modulus = 1 + shape.uniform(-wrong.modulus, wrong.modulus)
-        body = wall_of(draw(description, shape, outside=wrong.outside), modulus=modulus)
+        body = wall_of(member, modulus=modulus)
         offset = pose.normal(0, 1, 3) * [wrong.lateral_m, wrong.lateral_m, wrong.height_m]
         turn = Rotation.from_rotvec(pose.normal(0, wrong.tilt_rad, 3)).as_matrix()
         touches = None if places is None else sorted({(height - 1, side // 2) for height, side in places})
@@ -203,7 +216,7 @@ def _touched(
         if path:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(json.dumps([stiffness.tolist(), width.tolist()]), encoding="utf-8")
-    return TouchedObject(name, stiffness, np.zeros_like(stiffness), width, *sensors)
+    return TouchedObject(name, stiffness, np.zeros_like(stiffness), width, seen, *sensors)
 
 
 def felt(

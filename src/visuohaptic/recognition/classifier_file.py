@@ -159,7 +159,6 @@ def _squeezed(content: Any) -> SqueezedObject:
             None if side is None else CurveCoefficients(**{key: number(value) for key, value in side.items()})
             for side in one["sides"]
         )
-        readings.append(
-            TouchReading(int(one["height"]), str(one["axis"]), (first, second), number(one["width_m"]))
-        )
+        sizes = (number(one.get(key)) for key in ("width_m", "object_height_m"))
+        readings.append(TouchReading(int(one["height"]), str(one["axis"]), (first, second), *sizes))
     return SqueezedObject(str(content["label"]), str(content["name"]), tuple(readings))

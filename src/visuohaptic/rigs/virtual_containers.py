@@ -105,6 +105,7 @@ class RealObject:
     name: str
     stiffness_N_per_m: np.ndarray  #: (16, 4), by side
     width_m: np.ndarray  #: (16, 2), opening at contact, across x and across y
+    height_m: float  #: as seen
 
 
 def description(name: str) -> ContainerDescription:
@@ -294,7 +295,7 @@ def explore_container(thing: RealObject, rng: np.random.Generator) -> Any:
             for k in (0, 1)
         ]
         width = float(thing.width_m[height - 1, column // 2]) + rng.normal(0, np.sqrt(2) * NOISE_m)
-        return TouchReading(height, axis, (sides[0], sides[1]), width)
+        return TouchReading(height, axis, (sides[0], sides[1]), width, thing.height_m)
 
     return touch
 
@@ -355,7 +356,9 @@ def _felt(
     pair = np.arange(4 * HEIGHTS) ^ 1
     own = np.diag(coupling) + coupling[np.arange(4 * HEIGHTS), pair]
     # A tip on the clamped foot does not move at all.
-    return RealObject(name, 1 / np.maximum(own, 1e-9).reshape(HEIGHTS, 4), width)
+    return RealObject(
+        name, 1 / np.maximum(own, 1e-9).reshape(HEIGHTS, 4), width, height_m + rng.normal(0, POSE_m)
+    )
 
 
 def _hit(local: np.ndarray, triangles: np.ndarray, sign: float) -> tuple[np.ndarray, np.ndarray, float]:

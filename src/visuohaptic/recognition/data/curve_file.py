@@ -41,14 +41,15 @@ class _Sample:
     deformation_m: float
     force_N: float
     width_m: float
+    object_height_m: float
 
 
 def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[TouchReading, ...]:
     """Measured curves of one object, in the order of their first sample.
 
     The CSV has the columns ``height`` (1 .. 16) or ``at`` (0 .. 1 of the object's height), ``side`` (x+, x-, y+, y-),
-    ``force_N``, ``deformation_m``, and perhaps ``width_m``, the gripper's opening at contact, and ``curve``, any name that
-    keeps several curves of one place apart.
+    ``force_N``, ``deformation_m``, and perhaps ``width_m``, the gripper's opening at contact, ``object_height_m``, and
+    ``curve``, any name that keeps several curves of one place apart.
 
     Parameters
     ----------
@@ -101,6 +102,7 @@ def _touches(path: Path, samples: list[_Sample], noise: TouchNoise | None) -> tu
         curves.setdefault((one.curve, one.height, one.side), []).append(one)
     fits: dict[tuple[str, int, str], list[CurveCoefficients | None]] = {}
     widths: dict[tuple[str, int, str], float] = {}
+    heights: dict[tuple[str, int, str], float] = {}
     for (curve, height, side), rows in curves.items():
         d, f = np.array([(one.deformation_m, one.force_N) for one in rows]).T
         try:
@@ -109,10 +111,13 @@ def _touches(path: Path, samples: list[_Sample], noise: TouchNoise | None) -> tu
             raise InputError(path, error.problem, field=f"curve of {side}{height}") from error
         touch = curve, height, side[0]
         fits.setdefault(touch, [None, None])[side[1] == "-"] = found
-        wide = [one.width_m for one in rows if math.isfinite(one.width_m)]
-        widths[touch] = wide[-1] if wide else widths.get(touch, math.nan)
+        for sizes, key in ((widths, "width_m"), (heights, "object_height_m")):
+            known = [value for one in rows if math.isfinite(value := getattr(one, key))]
+            sizes[touch] = known[-1] if known else sizes.get(touch, math.nan)
     return tuple(
-        TouchReading(height, axis, (both[0], both[1]), widths[curve, height, axis])
+        TouchReading(
+            height, axis, (both[0], both[1]), widths[curve, height, axis], heights[curve, height, axis]
+        )
         for (curve, height, axis), both in fits.items()
     )
 
@@ -150,16 +155,22 @@ def _sample(path: Path, line: str, row: dict[str, str], place: str, more: tuple[
         height = min(math.floor(height * HEIGHTS), HEIGHTS - 1) + 1
     if height not in range(1, HEIGHTS + 1):
         raise InputError(path, f"found height {height:g}, expected 1 to {HEIGHTS}", field=line)
-    width = math.nan
-    if (row.get("width_m") or "").strip():
-        width = _float(path, line, row["width_m"])
-        if not 0 < width < 10:
-            raise InputError(path, f"found width {width:g} m, expected 0 to 10 m", field=line)
+    sizes = [_size(path, line, row, key) for key in ("width_m", "object_height_m")]
     label, name, curve = ((row.get(key) or "").strip() for key in ("label", "object", "curve"))
     if "label" in more and not label:
         raise InputError(path, "found no label, expected the class of the object", field=line)
     sample = _float(path, line, row["deformation_m"]), _float(path, line, row["force_N"])
-    return _Sample(label, name, curve, int(height), side, *sample, width)
+    return _Sample(label, name, curve, int(height), side, *sample, *sizes)
+
+
+def _size(path: Path, line: str, row: dict[str, str], key: str) -> float:
+    """A length of the object [m]; NaN where the line has none."""
+    if not (row.get(key) or "").strip():
+        return math.nan
+    size = _float(path, line, row[key])
+    if not 0 < size < 10:
+        raise InputError(path, f"found {key} {size:g}, expected 0 to 10 m", field=line)
+    return size
 
 
 def _float(path: Path, line: str, text: str | None) -> float:

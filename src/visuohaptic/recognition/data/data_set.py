@@ -50,12 +50,15 @@ class FeatureSet:
     label: tuple[str, ...]  #: class of each object
     name: tuple[str, ...]  #: of each object, unique
     nonlinear: bool = False  #: from curves under large deformation; otherwise I = i and II = 0
+    height_m: Float[np.ndarray, "n"] | None = None  #: of each object; None where it is not known
     #: Change of log i under each of c wrong poses, see :mod:`.pose_error`; None without maps of the objects.
     pose_errors: Float[np.ndarray, "n c 16 4"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.label)
         shapes = [(self.features, (count, HEIGHTS, 4, 3)), (self.width_m, (count, HEIGHTS, 2))]
+        if self.height_m is not None:
+            shapes.append((self.height_m, (count,)))
         if self.pose_errors is not None:
             copies = np.shape(self.pose_errors)[1] if np.ndim(self.pose_errors) == 4 else 1
             shapes.append((self.pose_errors, (count, max(copies, 1), HEIGHTS, 4)))
@@ -117,6 +120,7 @@ class FeatureSet:
             tuple(self.label[k] for k in index),
             tuple(self.name[k] for k in index),
             self.nonlinear,
+            None if self.height_m is None else self.height_m[index],
             None if self.pose_errors is None else self.pose_errors[index],
         )
 
@@ -158,8 +162,8 @@ def join_feature_sets(parts: Sequence[FeatureSet]) -> FeatureSet:
     Parameters
     ----------
     parts
-        At least one set, all linear or all from curves. Effects of wrong poses are kept where all sets have as
-        many of them.
+        At least one set, all linear or all from curves. Heights are kept where all sets have them, and effects of wrong
+        poses where all have as many of them.
 
     Raises
     ------
@@ -175,6 +179,7 @@ def join_feature_sets(parts: Sequence[FeatureSet]) -> FeatureSet:
     names = [name for part in parts for name in part.name]
     if len(set(names)) < len(names):
         names = [f"{k}/{name}" for k, part in enumerate(parts) for name in part.name]
+    heights = [part.height_m for part in parts if part.height_m is not None]
     errors = [part.pose_errors for part in parts if part.pose_errors is not None]
     alike = len(errors) == len(parts) and len({one.shape[1] for one in errors}) == 1
     return FeatureSet(
@@ -183,6 +188,7 @@ def join_feature_sets(parts: Sequence[FeatureSet]) -> FeatureSet:
         tuple(label for part in parts for label in part.label),
         tuple(names),
         parts[0].nonlinear,
+        np.concatenate(heights) if len(heights) == len(parts) else None,
         np.concatenate(errors) if alike else None,
     )
 
@@ -209,7 +215,7 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
     """
     folder = Path(folder)
     listed = _manifest(folder)
-    features, widths, labels, names, nonlinear = [], [], [], [], False
+    features, widths, heights, labels, names, nonlinear = [], [], [], [], [], False
     pose_errors: list[np.ndarray] = []
     for number, entry in enumerate(listed):
         path = folder / entry["file"]
@@ -238,6 +244,8 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
         across_x = np.linalg.norm(points[:, 0, :2] - points[:, 1, :2], axis=1)
         across_y = np.linalg.norm(points[:, 2, :2] - points[:, 3, :2], axis=1)
         widths.append(np.stack([across_x, across_y], axis=1))
+        # The places are the middles of equal parts of the height.
+        heights.append(float(np.ptp(points[:, 0, 2])) * HEIGHTS / (HEIGHTS - 1))
         labels.append(str(entry["class"]))
         names.append(Path(entry["file"]).stem)
         if surface:
@@ -250,6 +258,7 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
         tuple(labels),
         tuple(names),
         nonlinear,
+        np.array(heights) if min(heights) > 0 else None,
         np.stack(pose_errors).astype(np.float32) if len(pose_errors) == len(listed) else None,
     )
 
@@ -265,9 +274,9 @@ def save_feature_set(path: Path | str, found: FeatureSet) -> None:
         Feature set.
     """
     # Half precision: a thousandth of what is a standard deviation anyway.
-    extra: dict[str, Any] = (
-        {} if found.pose_errors is None else {"pose_errors": np.asarray(found.pose_errors, np.float16)}
-    )
+    extra: dict[str, Any] = {} if found.height_m is None else {"height_m": np.asarray(found.height_m, float)}
+    if found.pose_errors is not None:
+        extra["pose_errors"] = np.asarray(found.pose_errors, np.float16)
     with atomic_path(path) as temporary:
         np.savez_compressed(
             temporary,
@@ -305,6 +314,7 @@ def load_feature_set(source: Path | str) -> FeatureSet:
             tuple(str(text) for text in data["label"]),
             tuple(str(text) for text in data["name"]),
             bool(data["nonlinear"]),
+            data.get("height_m"),
             data["pose_errors"].astype(np.float32) if "pose_errors" in data else None,
         )
     except InputError as error:
@@ -315,6 +325,8 @@ def load_feature_set(source: Path | str) -> FeatureSet:
         raise InputError(path, "has numbers that are not finite", field="features")
     if found.pose_errors is not None and not np.isfinite(found.pose_errors).all():
         raise InputError(path, "has numbers that are not finite", field="pose_errors")
+    if found.height_m is not None and not (np.isfinite(found.height_m) & (found.height_m > 0)).all():
+        raise InputError(path, "has heights that are not finite and positive", field="height_m")
     if not (found.features[..., 0] > 0).all():
         raise InputError(path, "has stiffness that is not positive", field="features")
     return found

@@ -51,6 +51,7 @@ class TouchReading:
     axis: str  #: "x" or "y", that the tips press along
     sides: tuple[CurveCoefficients | None, CurveCoefficients | None]  #: + and -; None: not measured
     width_m: float = math.nan  #: opening of the gripper at contact
+    object_height_m: float = math.nan  #: of the object as seen, by which the touch was placed
 
     @classmethod
     def of_stiffness(

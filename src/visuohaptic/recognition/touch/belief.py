@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from ..data.readings import TouchReading
 from .haptic_model import HapticModel
-from .unknown_class import FIRST_WIDTH
+from .unknown_class import FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = [
     "WIDTH_VARIANCE",
@@ -101,6 +101,12 @@ def evidence(
             place.append(FIRST_WIDTH + 2 * (reading.height - 1) + column // 2)
             value.append(np.log(reading.width_m))
             noise.append(WIDTH_VARIANCE)
+    tall = [one.object_height_m for one in readings if one.object_height_m > 0]
+    if model.settings.use_width and tall:
+        # It is one measurement, that all touches were placed by.
+        place.append(HEIGHT)
+        value.append(np.log(np.mean(tall) / USUAL_HEIGHT_m))
+        noise.append(WIDTH_VARIANCE)
     return np.array(place, dtype=np.int64), np.array(value, dtype=float), np.array(noise, dtype=float)
 
 

@@ -7,6 +7,7 @@ classes; what is added to the log odds of "unknown" is as much as lets only the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,7 +149,9 @@ def reading_of(data: FeatureSet, row: int, height: int, axis: str, model: Haptic
     for k in (column, column + 1):
         i, full, second = (float(value) for value in data.features[row, height - 1, k])
         sides.append(CurveCoefficients(i, full, second, model.protocol.relative_sigma(i), float("nan")))
-    return TouchReading(height, axis, (sides[0], sides[1]), float(data.width_m[row, height - 1, column // 2]))
+    tall = math.nan if data.height_m is None else float(data.height_m[row])
+    width = float(data.width_m[row, height - 1, column // 2])
+    return TouchReading(height, axis, (sides[0], sides[1]), width, tall)
 
 
 def _explored(
@@ -189,8 +192,10 @@ def _as_touched(data: FeatureSet, row: int, model: HapticModel, rng: np.random.G
     features = one.features.copy()
     features[..., 0] = moved(data.features[..., 0]) * np.exp(settings.gain * rng.standard_normal())
     width = moved(data.width_m) + settings.width_m * rng.standard_normal(one.width_m.shape)
+    pose_m = settings.pose_m * (CARELESS if rng.random() < 0.5 else 1.0)
+    tall = None if data.height_m is None else moved(data.height_m) + pose_m * rng.standard_normal(1)
     return noisy_copies(
-        replace(one, features=features, width_m=width), 1, rng, protocol=model.protocol,
-        pose_m=settings.pose_m * (CARELESS if rng.random() < 0.5 else 1.0),
+        replace(one, features=features, width_m=width, height_m=tall), 1, rng, protocol=model.protocol,
+        pose_m=pose_m,
         discrepancy=settings.discrepancy, keep=False,
     )  # fmt: skip

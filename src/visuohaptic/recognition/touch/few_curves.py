@@ -23,15 +23,15 @@ from ..data.places import HEIGHTS
 from ..data.protocol import TouchProtocol
 from .belief import evidence
 from .haptic_model import OUTSIDE, ClassStatistics, HapticModel, ModelSettings, assemble, pose_covariance
-from .unknown_class import ANYTHING, FIRST_WIDTH, smooth_profile, unknown_kinds
+from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, smooth_profile, unknown_kinds
 
 __all__ = ["learn_from_curves"]
 
 #: What containers differ by before any is touched, in grooves and shoulders, too; as :data:`.ANYTHING`, and the places over
 #: which a profile is smooth. Root mean squares over classes of glass, tin and plastic, waists and bowls.
-POPULATION, SMOOTH = (1.5, 0.6, 0.3, 0.2), 2.5
+POPULATION, SMOOTH = (1.5, 0.6, 0.3, 0.2, 0.4), 2.5
 #: What objects of a class differ by, as :data:`.ANYTHING`: root mean squares over the nine shipped classes.
-WITHIN = (0.34, 0.15, 0.045, 0.047)
+WITHIN = (0.34, 0.15, 0.045, 0.047, 0.1)
 #: And each place by itself: walls are 1.5 % thicker or thinner.
 ROUGH = 0.03
 #: Factors of it that are tried where several objects of a class were squeezed.
@@ -40,7 +40,7 @@ FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: sides are alike; much where the fingers of a hand read what they like.
 PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
 #: What a simulated class is wrong by: walls and moduli are known to 10 % (k goes with E t^2), lengths to 3 %.
-TRANSFER = (0.22, 0.1, 0.03, 0.02)
+TRANSFER = (0.22, 0.1, 0.03, 0.02, 0.03)
 #: Width of a container, where none was measured [m].
 _USUAL_WIDTH_m = 0.07
 
@@ -142,8 +142,8 @@ def _likelihood(
 
 def _container_within(stiff: float = 1.0, wide: float = 1.0) -> Float[np.ndarray, "p p"]:
     """What objects of a class differ by, :data:`WITHIN` by two factors, in stiffness and in width."""
-    level, bend, size, shape = WITHIN
-    smooth = smooth_profile(stiff * level, stiff * bend, wide * size, wide * shape, reach=SMOOTH)
+    level, bend, *outline = WITHIN
+    smooth = smooth_profile(stiff * level, stiff * bend, *(wide * part for part in outline), reach=SMOOTH)
     return smooth + ROUGH**2 * np.eye(len(smooth))
 
 
@@ -203,10 +203,11 @@ def _population(
         means = np.stack([one.mean for one in simulated])
         return means.mean(axis=0), unknown_kinds(means)[0]
     place, value, _ = (np.concatenate(part) for part in zip(*read, strict=True))
-    wide = place >= FIRST_WIDTH
-    mean = np.full(HEIGHTS * 6, value[~wide].mean() if (~wide).any() else 0.0)
-    mean[FIRST_WIDTH:] = value[wide].mean() if wide.any() else np.log(_USUAL_WIDTH_m)
-    return mean, smooth_profile(*POPULATION, reach=SMOOTH)
+    kind = np.repeat(np.arange(3), [FIRST_WIDTH, HEIGHT - FIRST_WIDTH, 1])
+    usual = np.array([0.0, np.log(_USUAL_WIDTH_m), 0.0])
+    for k in np.unique(kind[place]):
+        usual[k] = value[kind[place] == k].mean()
+    return usual[kind], smooth_profile(*POPULATION, reach=SMOOTH)
 
 
 def _pose(
@@ -215,13 +216,13 @@ def _pose(
     """What wrong poses do to an object of these features."""
     one = FeatureSet.of_stiffness(
         np.exp(mean[:FIRST_WIDTH]).reshape(1, HEIGHTS, 4),
-        np.exp(mean[FIRST_WIDTH:]).reshape(1, HEIGHTS, 2),
+        np.exp(mean[FIRST_WIDTH:HEIGHT]).reshape(1, HEIGHTS, 2),
         ["any"],
     )
     return pose_covariance(one, mean[None], settings, protocol)
 
 
 def _anything(settings: ModelSettings, protocol: TouchProtocol) -> ClassStatistics:
-    mean = np.zeros(HEIGHTS * 6)
+    mean = np.zeros(FEATURES)
     wide = smooth_profile(*ANYTHING, reach=5.0)
     return ClassStatistics(mean, 0 * wide, wide, 0 * wide)

@@ -1,7 +1,7 @@
 """What the planner knows of its candidates: Gaussians over all that one exploration could read.
 
-Symbols: g answers, k trained classes (a group has several), c Gaussians, m nuisances, p = 96 features: logarithms of 64
-stiffnesses (height * 4 + side) and of 32 widths (height * 2 + axis).
+Symbols: g answers, k trained classes (a group has several), c Gaussians, m nuisances, p = 97 features: logarithms of 64
+stiffnesses (height * 4 + side), of 32 widths (height * 2 + axis) and of the height of the object.
 
 An exploration of an object of class k reads, at the places that it touches,
 
@@ -33,7 +33,7 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.pose_error import POSE_m
 from ..data.protocol import TouchProtocol
-from .unknown_class import FEATURES, FIRST_WIDTH, unknown_kinds
+from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m, unknown_kinds
 
 __all__ = [
     "NUISANCES",
@@ -79,7 +79,7 @@ class ModelSettings:
     zero_N: float = 0.05  #: wrong zero of the force of all touches
     zero_m: float = 5e-5  #: wrong contact, and with it deformation, of all touches
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
-    use_width: bool = True  #: widths count as evidence
+    use_width: bool = True  #: widths and the height of the object count as evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,6 +160,8 @@ def class_statistics(
             "fit_model", "no class has two objects, expected some that show what objects of a class differ by"
         )
     within = _within(away, number, _discrepancy(settings))
+    if data.height_m is None:
+        within[:, HEIGHT, HEIGHT] = ANYTHING[4] ** 2
     out = {}
     for k, name in enumerate(data.classes):
         rows = number == k
@@ -239,7 +241,7 @@ def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticM
 
 
 def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray, "n p"]:
-    """Logarithms of the stiffness [N/m] and of the width [m] of objects.
+    """Logarithms of the stiffness [N/m], of the width [m] and of the height of objects by :data:`USUAL_HEIGHT_m`.
 
     Parameters
     ----------
@@ -249,7 +251,8 @@ def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray,
         Resolution of the stiffness.
     """
     stiffness = protocol.seen_stiffness(data.features[..., 0].reshape(len(data), -1))[0]
-    return np.concatenate([stiffness, np.log(data.width_m).reshape(len(data), -1)], axis=1)
+    tall = np.zeros(len(data)) if data.height_m is None else np.log(data.height_m / USUAL_HEIGHT_m)
+    return np.column_stack([stiffness, np.log(data.width_m).reshape(len(data), -1), tall])
 
 
 def nuisance_effects(
@@ -323,8 +326,9 @@ def pose_covariance(
             flat = tilted.reshape(count, -1)
             out[:FIRST_WIDTH, :FIRST_WIDTH] += flat.T @ flat / count
     spread = (settings.width_m / data.width_m.mean(axis=0)) ** 2
-    out[np.arange(FIRST_WIDTH, FEATURES), np.arange(FIRST_WIDTH, FEATURES)] += spread.ravel()
-    return out
+    # The top is seen as well as the gripper is placed.
+    tall = (settings.pose_m / USUAL_HEIGHT_m * np.exp(-features[:, HEIGHT].mean())) ** 2
+    return out + np.diag(np.concatenate([np.zeros(FIRST_WIDTH), spread.ravel(), [tall]]))
 
 
 def _within(
@@ -370,8 +374,8 @@ def _slopes(features: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
     """Change of each feature from one height to the next."""
     count = len(features)
     stiffness = np.gradient(features[:, :FIRST_WIDTH].reshape(count, HEIGHTS, 4), axis=1)
-    width = np.gradient(features[:, FIRST_WIDTH:].reshape(count, HEIGHTS, 2), axis=1)
-    return np.concatenate([stiffness.reshape(count, -1), width.reshape(count, -1)], axis=1)
+    width = np.gradient(features[:, FIRST_WIDTH:HEIGHT].reshape(count, HEIGHTS, 2), axis=1)
+    return np.column_stack([stiffness.reshape(count, -1), width.reshape(count, -1), np.zeros(count)])
 
 
 def _discrepancy(settings: ModelSettings) -> Float[np.ndarray, "p"]:

@@ -81,7 +81,9 @@ class BayesSqueezer:
             Force against deformation there.
         """
         level, axis = self._asked
-        self.readings.append(TouchReading(level, axis, (curve_fit(curve), None), 2.0 * curve.surface_m))
+        self.readings.append(
+            TouchReading(level, axis, (curve_fit(curve), None), 2.0 * curve.surface_m, self.height_m)
+        )
 
     def belief(self) -> Mapping[str, float]:
         """Posterior probability of every class and of the unknown class."""

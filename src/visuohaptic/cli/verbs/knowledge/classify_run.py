@@ -17,7 +17,7 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
 reads   a classifier of classify train, and a CSV file of curves with the columns
-          height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m]
+          height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
         or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
         and perhaps the width [m], as: 5200 5150 0.071
 writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
@@ -172,7 +172,9 @@ def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
     from ....recognition.touch.bayes import explore
 
     def touch(height: int, axis: str) -> TouchReading:
-        sys.stderr.write(f"touch {axis}{height}: stiffness of {axis}+ and {axis}- [N/m], width [m]? ")
+        sys.stderr.write(
+            f"touch {axis}{height}: stiffness of {axis}+ and {axis}- [N/m], width, height of the object [m]? "
+        )
         sys.stderr.flush()
         line = sys.stdin.readline()
         words = line.split()
@@ -180,16 +182,15 @@ def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
             numbers = [float(word) for word in words]
         except ValueError as error:
             raise InputError("stdin", f"found {line.strip()!r}, expected numbers") from error
-        if len(numbers) not in (2, 3) or not all(0 < value < 1e12 for value in numbers):
+        if not 2 <= len(numbers) <= 4 or not all(0 < value < 1e12 for value in numbers):
             raise InputError(
-                "stdin", f"found {line.strip()!r}, expected two stiffnesses, and perhaps a width"
+                "stdin", f"found {line.strip()!r}, expected two stiffnesses, and perhaps a width and a height"
             )
         sides = [
             CurveCoefficients(value, value, float("nan"), model.protocol.relative_sigma(value), float("nan"))
             for value in numbers[:2]
         ]
-        width = numbers[2] if len(numbers) > 2 else float("nan")
-        return TouchReading(height, axis, (sides[0], sides[1]), width)
+        return TouchReading(height, axis, (sides[0], sides[1]), *numbers[2:])
 
     return explore(
         model,
