@@ -118,6 +118,20 @@ def test_every_region_has_its_own_events() -> None:
     assert not events.moving
 
 
+def test_a_ripple_beside_what_presses_does_not_take_its_region() -> None:
+    """Something fixed is pressed ever deeper; once, its contact is narrower and a ripple comes up 2.5 cm beside it."""
+    events, raised = ContactEvents(), []
+    for i in range(30):
+        travel = 1e-3 * i
+        depths = {0.07: travel - 0.005, 0.10: travel - 0.005}
+        if i == 15:
+            depths = {0.025: 2e-4, 0.10: travel - 0.005}
+        if i > 15:
+            depths = {0.10: travel - 0.005}
+        raised += events.update(_profile(i * FRAME, depths), travel_m=travel)
+    assert [e.kind for e in raised] == [EventKind.CONTACT]
+
+
 def test_frames_without_a_contour_are_passed_over() -> None:
     events, raised = ContactEvents(), []
     for i in range(20):

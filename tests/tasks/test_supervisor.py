@@ -136,14 +136,15 @@ def test_a_task_that_hangs_leaves_nothing_moving():
 
 
 @pytest.mark.parametrize("name", ["drive", "turn"])
-def test_at_the_limit_only_a_retreat_passes(name):
+@pytest.mark.parametrize("force_N", [20.0, math.inf])
+def test_at_the_limit_only_a_retreat_passes(name, force_N):
     base = Rolling()
     command = (0.2, 0.0) if name == "drive" else (0.0, 0.3)
     with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda: base.now) as guard:
         watched = guard.base(base)
         watched.state()
         watched.drive(*command)
-        guard.note_force(0.0, 20.0)
+        guard.note_force(0.0, force_N)
         assert not base.velocity.any()  # before the task decides anything
         watched.drive(*command)
         assert not base.velocity.any()
@@ -305,3 +306,6 @@ def test_force_of_what_sensors_say():
     assert math.isnan(force_of(Reading()))
     Reading.reason = "saturated"
     assert force_of(Reading()) == 5.0
+    # Foam that is full and not read: any force, at which only a retreat passes.
+    Reading.force_N = math.nan
+    assert force_of(Reading()) == math.inf

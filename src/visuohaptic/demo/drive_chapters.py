@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.geometry import compose_2d, relative_2d
-from ..core.objects import HapticTag
 from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.path_plan import Plan
 from ..navigation.problem.planning_problem import PlanningProblem
@@ -203,17 +202,13 @@ def _travelled(
 
 
 def _why(name: str, mission: Mission) -> str:
+    from ..report.run_tables import tag_text
+
     tag = mission.tags.get(name)
     if tag is None or tag.static_friction_N is None:
         return ""
-    others = [f"{other} {_word(tag)}" for other, tag in mission.tags.items() if other != name]
-    return f" (it takes {tag.static_friction_N.value:.1f} N; {', '.join(others)})"
-
-
-def _word(tag: HapticTag) -> str:
-    if tag.fixed:
-        return "does not move"
-    return f"{tag.static_friction_N.value:.1f} N" if tag.static_friction_N else "is not known"
+    others = [f"{other}: {tag_text(tag)}" for other, tag in mission.tags.items() if other != name]
+    return f" (it takes {tag.static_friction_N.value:.1f} N; {'; '.join(others)})"
 
 
 def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:

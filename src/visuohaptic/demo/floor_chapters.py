@@ -38,6 +38,8 @@ MIN_FIT = 0.94
 BESIDE_M = 2 * ROBOT.radius_m + 0.2
 #: It looks from so far before the first thing that is in the way, and from as far to either side [m].
 LOOK_M, ASIDE_M = 0.9, 0.45
+#: Two deviations of the laser and of the map between scans that show the same side [m].
+LINK_M = 0.03
 #: Standard deviation of a place that the laser has seen, by the map's and the laser's errors [m].
 SEEN_SIGMA_M = 0.03
 
@@ -162,8 +164,7 @@ def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
 
 
 def _pose(values: Sequence[float]) -> tuple[float, float, float]:
-    x, y, heading = (float(value) for value in values)
-    return x, y, heading
+    return float(values[0]), float(values[1]), float(values[2])
 
 
 def find_the_door_blocked(mission: Mission) -> ChapterResult:
@@ -193,8 +194,9 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     blocked = without_pushing(_problem(mission, known.map_now))
     if blocked.reachable:
         return done(f"nothing new is in the way, {len(groups)} new beside it")
-    known.obstacle_points_m = tuple(near)
     known.ahead_rad = _across(near, path)
+    near = _whole(near, known.ahead_rad)
+    known.obstacle_points_m = tuple(near)
     for one in near:
         (x, y), wide = near_side(one, known.ahead_rad)
         mission.log(f"  something new at ({x:.2f}, {y:.2f}) m, {100 * wide:.0f} cm wide as seen")
@@ -263,6 +265,21 @@ def _across(groups: Sequence[Float[np.ndarray, "k 2"]], path: Float[np.ndarray, 
     _, _, axes = np.linalg.svd(middles - middles.mean(axis=0))
     normal = axes[1] * np.sign(axes[1] @ (math.cos(heading), math.sin(heading)))
     return math.atan2(normal[1], normal[0])
+
+
+def _whole(groups: Sequence[Float[np.ndarray, "k 2"]], heading_rad: float) -> list[Float[np.ndarray, "k 2"]]:
+    """Objects: each is taken to be as deep as its near side is wide, and what is seen in there is of it."""
+    turn, whole = rotation_2d(heading_rad), list[Float[np.ndarray, "k 2"]]()
+    for one in sorted(groups, key=lambda group: -float(np.ptp(group @ turn[:, 1]))):
+        for number, wider in enumerate(whole):
+            low, high = (wider @ turn).min(axis=0) - LINK_M, (wider @ turn).max(axis=0) + LINK_M
+            high[0] = max(high[0], low[0] + high[1] - low[1])
+            if ((one @ turn > low) & (one @ turn < high)).all():
+                whole[number] = np.concatenate([wider, one])
+                break
+        else:
+            whole.append(one)
+    return sorted(whole, key=lambda group: float(group[:, 1].mean()))
 
 
 def _place_claim(mission: Mission, group: Float[np.ndarray, "k 2"]) -> Claim:

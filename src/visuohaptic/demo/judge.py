@@ -56,6 +56,7 @@ RULES: dict[str, Rule] = {
     # A push is planned with a margin of 10 % of its force; the foam's noise is 0.1 N at least.
     "friction": Rule(tolerance=0.1, fraction=0.10),
     "fixed": Rule(),
+    "withstood": Rule(),
     # Fingers open a centimetre wider than an outline: half of it on either side.
     "shape": Rule(tolerance=0.005),
     "height": Rule(tolerance=0.008),

@@ -12,6 +12,7 @@ from ..core.geometry import compose_2d, polygon_centroid, relative_2d, rotation_
 from ..core.objects import Estimate, HapticTag
 from ..core.robots import FrameSource
 from ..navigation.problem.planning_problem import MovableObject
+from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
@@ -102,7 +103,7 @@ def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) ->
         heading_rad=one.path.start[2],
     )
     outline = _moved(outline, true, known.pose)
-    ready = felt.fixed is not None
+    ready = felt.fixed is not None or felt.min_static_friction_N is not None
     if ready and mission.memory is not None:
         mission.remembered[one.name] = mission.memory.keep_floor_object(outline, felt)
     mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
@@ -162,7 +163,15 @@ def tag_claims(true: SimulatedObstacle, tag: HapticTag | None) -> list[Claim]:
     """
     if tag is None:
         return []
-    claims = [Claim("fixed", true.name, bool(tag.fixed), not true.movable)]
+    claims, bound = [], tag.min_static_friction_N
+    needed_N = true.static_friction_N if true.movable else math.inf
+    if tag.fixed is not None:
+        sure = fixed_probability(bound, EXPLORE.max_force_N) if tag.fixed and bound is not None else 1.0
+        fixed = needed_N > EXPLORE.max_force_N
+        claims.append(Claim("fixed", true.name, tag.fixed, fixed, probability=sure))
+    if bound is not None:
+        # Two deviations below what was felt.
+        claims.append(Claim("withstood", true.name, True, needed_N > bound, probability=BOUND_PROBABILITY))
     felt = tag.static_friction_N
     if felt is not None and true.movable:
         claims.append(Claim("friction", true.name, felt.value, true.static_friction_N, sigma=felt.sigma))
@@ -204,7 +213,7 @@ def _felt_text(tag: HapticTag) -> str:
 
 def _against_truth(one: DemoObject) -> list[Measure]:
     true, tag = one.path.obstacle, one.tag
-    rows = [Measure(f"{one.name}: fixed", tag.fixed, not true.movable)]
+    rows = [Measure(f"{one.name}: needs more than [N]", tag.min_static_friction_N, true.static_friction_N)]
     if true.movable:
         for what, felt, value in (
             ("static", tag.static_friction_N, true.static_friction_N),

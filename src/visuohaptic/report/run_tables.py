@@ -102,6 +102,8 @@ def tag_text(tag: HapticTag) -> str:
         parts.append(f"friction {estimate_text(friction)} N")
     elif tag.fixed is not None:
         parts.append("movable")
+    elif tag.min_static_friction_N is not None:
+        parts.append(f"needs more than {tag.min_static_friction_N:.1f} N")
     if tag.falls:
         parts.append("falls")
     return ", ".join(parts) or "nothing observed"

@@ -29,5 +29,6 @@ from .push_record import reaches_limit as reaches_limit
 from .push_record import record_push as record_push
 from .push_record import stop_reason as stop_reason
 from .tag import TagSettings as TagSettings
+from .tag import fixed_probability as fixed_probability
 from .tag import predictive_interval as predictive_interval
 from .tag import tag_from_push as tag_from_push

@@ -252,7 +252,8 @@ class ContactEvents:
         gap = self.settings.region_gap_m
         for region in self._regions:
             region.seen = False
-        for contact in profile.contacts:
+        # The deepest first: a region goes on with what presses, not with a ripple that has come up beside it.
+        for contact in sorted(profile.contacts, key=lambda one: -float(np.max(one.delta_m, initial=0.0))):
             low, high = contact.s_start_m, contact.s_end_m
             known = [r for r in self._regions if low <= r.high_m + gap and high >= r.low_m - gap]
             if not known:

@@ -302,19 +302,19 @@ class SupervisorCore(Closing):
         t_s
             Of the reading [s].
         force_N
-            Its size [N]; NaN: it was not read.
+            Its size [N]; NaN: it was not read; infinite: foam is full.
         frozen
             It is a copy of the last one although it may not be.
         """
         with self._lock:
             last_s, last_N = self._force
-            if math.isfinite(force_N) and t_s > last_s:
+            if not math.isnan(force_N) and t_s > last_s:
                 rose_N = force_N - last_N if math.isfinite(last_s + last_N) else 0.0
                 self._rate_N_s = max(rose_N / (t_s - last_s), 0.0)
                 self._force, self._felt_s = (t_s, force_N), self._clock()
                 # Until the next reading, which takes as long as this one has.
                 self._judge_force(t_s - last_s if self._rate_N_s else 0.0)
-        self.note("the force", t_s if math.isfinite(force_N) else math.nan, frozen=frozen)
+        self.note("the force", math.nan if math.isnan(force_N) else t_s, frozen=frozen)
 
     def _judge_force(self, passed_s: float) -> None:
         """Stop what presses at the limit, now or in ``passed_s`` and half the time in which it brakes evenly."""

@@ -19,20 +19,19 @@ __all__ = ["WatchedFrames", "WatchedSenses", "WatchedSensor", "force_of"]
 
 
 def force_of(reading: Any) -> float:
-    """Size of the force in a reading [N]; NaN where it is not valid.
+    """Size of the force in a reading [N]; NaN where it is not valid, infinite where foam is full.
 
     Parameters
     ----------
     reading
         With ``force_N``, a number or a vector; what is not ``valid`` counts where it is only saturated: that is a
-        force of at least as much.
+        force of at least as much, and of any size where it was not read.
     """
     force = float(np.linalg.norm(np.atleast_1d(np.asarray(reading.force_N, dtype=float))))
-    usable = getattr(reading, "valid", True) or str(getattr(reading, "reason", "")) in (
-        "saturated",
-        "unloading",
-    )
-    return force if usable else math.nan
+    reason = str(getattr(reading, "reason", ""))
+    if reason == "saturated" and math.isnan(force):
+        return math.inf
+    return force if getattr(reading, "valid", True) or reason in ("saturated", "unloading") else math.nan
 
 
 class WatchedFrames(Closing):

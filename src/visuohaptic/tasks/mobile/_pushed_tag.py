@@ -98,7 +98,11 @@ class PushRecording:
         return (None, None) if contact is None else (fit_contact(contact), state)
 
     def tag(
-        self, fit: PrimitiveFit | None, events: Sequence[Event], stopped_by: StopReason | None
+        self,
+        fit: PrimitiveFit | None,
+        events: Sequence[Event],
+        stopped_by: StopReason | None,
+        max_force_N: float,
     ) -> HapticTag:
         """Friction, deformability and rotation of what was pushed.
 
@@ -110,6 +114,8 @@ class PushRecording:
             Of the push.
         stopped_by
             Why the push ended.
+        max_force_N
+            What the platform can push [N].
         """
         best = fit.best if fit is not None else None
         centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
@@ -120,7 +126,12 @@ class PushRecording:
             self.profiles, self.travels_m(), lateral_m=self._laterals_m(), angle_rad=self._turn_rad(flat)
         )
         return tag_from_push(
-            push, events=events, stopped_by=stopped_by, primitive=best, object_centre_m=centre
+            push,
+            events=events,
+            stopped_by=stopped_by,
+            max_force_N=max_force_N,
+            primitive=best,
+            object_centre_m=centre,
         )
 
     def _laterals_m(self) -> Float[np.ndarray, "N"]:

@@ -93,7 +93,7 @@ def explore_obstacle(
     """Drive straight on until something is touched, push it, stand still, back off.
 
     The platform stops when the foam reaches densification or the force reaches
-    what it can push (then the obstacle is fixed), when the object has been
+    what it can push (then the obstacle needs more than was felt), when the object has been
     pushed by ``push_m`` (then it is movable), or when it falls.
 
     Parameters
@@ -137,10 +137,9 @@ def explore_obstacle(
     require_members(base, MobileBase, "explore_obstacle")
     require_members(source, FrameSource, "explore_obstacle", "frame source", members=("__iter__",))
     settings = settings or ExploreSettings()
-    material = sensor.setup.material
     task = ExploreTask(
         settings,
-        max_deflection_m=settings.strain_fraction * material.densification_strain * material.width_m,
+        max_deflection_m=settings.max_deflection_m(sensor.setup.material),
         sight_m=0.0 if scene is None else scene.sight_m,
     )
     senses = _Senses(sensor, scene)
@@ -248,9 +247,9 @@ class _Senses:
         # What a robot that fails has said last is no evidence.
         failed = task.ending.outcome == ExploreOutcome.DEVICE_FAILED
         enough = task.touched and not failed and len(recording.profiles) >= 2
-        tag = recording.tag(fit, self.events, task.stopped_by) if enough else HapticTag()
-        if tag.fixed and task.stopped_by is StopReason.TOO_HEAVY:
-            tag = tag.updated(min_static_friction_N=task.settings.max_force_N)
+        tag = HapticTag()
+        if enough:
+            tag = recording.tag(fit, self.events, task.stopped_by, task.settings.max_force_N)
         return ObstacleExploration(
             task.ending,
             tag,

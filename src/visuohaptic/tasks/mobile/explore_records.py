@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from ...core.ranges import POSITIVE, check_ranges
+
+if TYPE_CHECKING:
+    from ...sensing.foam.material.foam_material import FoamMaterial
 
 __all__ = ["ExploreCommand", "ExploreObservation", "ExploreOutcome", "ExploreSettings", "ExploreState"]
 
@@ -36,13 +40,15 @@ class ExploreOutcome(StrEnum):
 class ExploreSettings:
     """Speeds, distances and limits of an exploration."""
 
-    #: where something may be touched at any time
+    #: where something may be touched at any time; never faster than the foam takes up, see ``stopping_speed_m_s``
     approach_m_s: float = field(default=0.05, metadata=POSITIVE)
     #: where the floor ahead is seen to be free, only with scene tracking; what looks like the floor is not
     #: seen: faster than this the foam could not take up such a touch
     cruise_m_s: float = field(default=0.06, metadata=POSITIVE)
     #: how hard the platform may brake before what it sees
     brake_m_s2: float = field(default=0.3, metadata=POSITIVE)
+    #: from a touch to the brake: the frame that first shows it, and the one in which it is read, at 30 Hz
+    reaction_s: float = field(default=2 / 30, metadata=POSITIVE)
     near_m: float = 0.02  #: gap from foam to obstacle at which it is down to ``approach_m_s``
     free_ahead_m: float = 0.0  #: floor before the foam that is known to be free at the start
     push_m_s: float = field(default=0.03, metadata=POSITIVE)
@@ -59,6 +65,27 @@ class ExploreSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+
+    def max_deflection_m(self, material: FoamMaterial) -> float:
+        """Deflection at which to stop: beyond it the force is that of solid foam [m].
+
+        Parameters
+        ----------
+        material
+            Of the foam.
+        """
+        return self.strain_fraction * material.densification_strain * material.width_m
+
+    def stopping_speed_m_s(self, depth_m: float) -> float:
+        """Largest speed [m/s] from which the platform stands within a depth of foam: v t + v^2 / (2 a) = depth.
+
+        Parameters
+        ----------
+        depth_m
+            That the foam may take up [m].
+        """
+        t_s, a_m_s2 = self.reaction_s, self.brake_m_s2
+        return a_m_s2 * (math.sqrt(t_s**2 + 2.0 * depth_m / a_m_s2) - t_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ...sensing.push.push_record import StopLimits, StopReason, stop_reason
 from ..framework.machine import Machine, Rule
@@ -51,7 +52,9 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         }
         super().__init__({"explore": self.settings, "max_deflection_m": max_deflection_m, "sight_m": sight_m})
         self.limits = StopLimits(max_deflection_m, self.settings.max_force_N, self.settings.push_m)
-        self.ahead = LookAhead(sight_m, self.settings)
+        # Whatever was asked for: what is touched unseen must not bear more than the foam takes up.
+        slow_m_s = min(self.settings.approach_m_s, self.settings.stopping_speed_m_s(max_deflection_m))
+        self.ahead = LookAhead(sight_m, replace(self.settings, approach_m_s=slow_m_s))
         self.stopped_by: StopReason | None = None
         self.touched = False
         # The foam is compliant: its first reading at the limit is enough.
@@ -60,7 +63,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         )
         self._first: ExploreObservation | None = None
         self._halted_s = self._back_travel_m = math.nan
-        self._command = ExploreCommand(self.settings.approach_m_s)
+        self._command = ExploreCommand(slow_m_s)
 
     def halt(self) -> ExploreCommand:
         """The platform stands still."""
@@ -77,7 +80,8 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         passed_s = max(seen.base_t_s - self._first.base_t_s, seen.t_s - self._first.t_s)
         if passed_s > self.settings.timeout_s:
             self.end(False, ExploreOutcome.TIMED_OUT, f"after {passed_s:.1f} s")
-        elif allowed is GuardState.UNREAD:
+        elif allowed is GuardState.UNREAD and pressing:
+            # Foam that has been pressed full may stay unread: it need not be read to leave.
             why = f"{self.settings.blind_frames} frames in a row cannot be trusted"
             self.end(False, ExploreOutcome.SENSOR_FAILED, why)
         elif allowed is GuardState.TOO_HEAVY:
@@ -106,6 +110,10 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
                 reason = StopReason.PUSHED_FAR
             if reason is not None:
                 self._stop(reason, seen)
+            elif math.isfinite(seen.deflection_m):
+                # Slower as the foam fills: it stands before the foam is dense, and the force stays read.
+                left_m = max(self.limits.deflection_m / s.strain_fraction - seen.deflection_m, 0.0)
+                self._command = ExploreCommand(min(s.push_m_s, s.stopping_speed_m_s(left_m)))
         elif self.state is ExploreState.HALT:
             if seen.base_t_s - self._halted_s >= s.halt_s:
                 self.go(ExploreState.BACK_OFF, f"stood for {s.halt_s:g} s")

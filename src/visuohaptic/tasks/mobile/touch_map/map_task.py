@@ -324,6 +324,9 @@ def map_by_touch(
     require_members(base, MobileBase, "map_by_touch")
     require_members(source, FrameSource, "map_by_touch", "frame source", members=("__iter__",))
     settings, explore = settings or MapSettings(), explore or _exploration()
+    # Along a wall another one is met with the whole foam: as fast as that takes up.
+    safe_m_s = explore.stopping_speed_m_s(explore.max_deflection_m(sensor.setup.material))
+    settings = replace(settings, along_m_s=min(settings.along_m_s, safe_m_s))
     guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.blind_frames)
     task = TouchMapTask(settings)
     found = _Contacts(settings, haptic_map, base.state(), on_contact)
