@@ -146,3 +146,48 @@ def test_a_damaged_bag_gives_what_is_whole(tmp_path: Path) -> None:
     strange = SqliteBag(tmp_path / "other.db3")
     assert list(strange.messages()) == []
     assert "no such table" in str(strange.damage)
+
+
+def messages_of(folder: Path) -> list[tuple[str, str, int, bytes]]:
+    """What rosbags reads: topic, type, time and bytes of each message."""
+    with rosbag2.Reader(folder) as reader:
+        return [(link.topic, link.msgtype, t_ns, bytes(data)) for link, t_ns, data in reader.messages()]
+
+
+def test_a_bag_in_sqlite_is_written(tmp_path: Path, bag: Path) -> None:
+    """From every storage: rosbags reads the same messages from the new bag as from the one that it has written itself."""
+    assert main(["recording", "recover", str(bag), "--out", str(tmp_path / "copy")]) == 0
+    assert {path.name for path in (tmp_path / "copy").iterdir()} == {"copy_0.db3", "metadata.yaml"}
+    before, after = messages_of(bag), messages_of(tmp_path / "copy")
+    assert len(before) == len(kinds()) + len(IMAGES)
+    assert after == before
+    with rosbag2.Reader(tmp_path / "copy") as reader:
+        assert (reader.start_time, reader.message_count) == (1_000_000_000, len(before))
+        assert {link.msgdef.format.name for link in reader.connections} == {"MSG"}
+    assert (
+        main(["recording", "recover", str(bag), "--out", str(tmp_path / "copy")]) == 2
+    )  # never over another one
+
+
+def test_a_bag_in_sqlite_becomes_mcap(tmp_path: Path, bag: Path) -> None:
+    assert main(["recording", "recover", str(bag), "--out", str(tmp_path / "run.mcap")]) == 0
+    file = open_bag(tmp_path / "run.mcap")
+    found = [(m.topic, m.datatype, m.log_time_ns, m.data) for m in file.messages()]
+    assert sorted(found) == sorted(messages_of(bag))
+    assert [m.data for m in file.messages({"/t0"})] == [
+        STORE.serialize_cdr(kinds()["std_msgs/msg/String"], "std_msgs/msg/String")
+    ]
+    (text,) = (file.decode(message) for message in file.messages({"/t0"}))
+    assert text.data == "Größe"
+
+
+def test_an_empty_or_cut_recording_becomes_a_bag(tmp_path: Path) -> None:
+    with rosbag2.Writer(tmp_path / "empty", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP):
+        pass
+    assert main(["recording", "recover", str(tmp_path / "empty"), "--out", str(tmp_path / "none")]) == 0
+    assert messages_of(tmp_path / "none") == []
+    write(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3, 9)
+    (path,) = (tmp_path / "bag").glob("*.db3")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert main(["recording", "recover", str(path), "--out", str(tmp_path / "rest")]) == 0
+    assert len(messages_of(tmp_path / "rest")) <= len(kinds()) + len(IMAGES)

@@ -36,7 +36,13 @@ PATIENCE_S = 30.0
 class Robot(RclpyNode):
     """The other side: what ``ros2 lifecycle``, ``ros2 param`` and ``ros2 service`` do, with rclpy alone."""
 
-    def call(self, service: str, kind: str, fields: Callable[[Any], None] | None = None) -> Any:
+    def call(
+        self,
+        service: str,
+        kind: str,
+        fields: Callable[[Any], None] | None = None,
+        patience_s: float = PATIENCE_S,
+    ) -> Any:
         message = interface(kind)
         client = self.inner.create_client(message, service)
         assert client.wait_for_service(PATIENCE_S), service
@@ -44,7 +50,7 @@ class Robot(RclpyNode):
         if fields is not None:
             fields(request)
         future = client.call_async(request)
-        assert until(future.done, PATIENCE_S), service
+        assert until(future.done, patience_s), service
         self.inner.destroy_client(client)
         return future.result()
 
@@ -65,8 +71,8 @@ class Robot(RclpyNode):
 
         return self.call(f"/{node}/set_parameters", "rcl_interfaces/srv/SetParameters", fill).results[0]
 
-    def trigger(self, service: str) -> Any:
-        return self.call(service, "std_srvs/srv/Trigger")
+    def trigger(self, service: str, patience_s: float = PATIENCE_S) -> Any:
+        return self.call(service, "std_srvs/srv/Trigger", patience_s=patience_s)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What a killed run has left is made whole: tables, MCAP recordings, depth sequences."""
+"""What a killed run has left is made whole: tables, recordings, depth sequences."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Literal
 from ..core.errors import InputError, MissingExtraError
 from ..core.files import atomic_path, check_unlocked, read_head, whole_lines, write_text
 from .depth.depth_sequence_out import recover_sequence
-from .ros.mcap_records import MCAP_MAGIC, McapFile
+from .ros.mcap_records import MCAP_MAGIC
+from .ros.sqlite_bag import is_bag, open_bag, write_bag
 from .sinks.tables import pack_rows
 
 __all__ = ["Recovered", "recover"]
@@ -24,20 +25,21 @@ class Recovered:
     """What was made whole."""
 
     path: Path  #: the whole file or folder
-    kind: Literal["CSV", "Parquet", "MCAP", "depth sequence"]
+    kind: Literal["CSV", "Parquet", "MCAP", "bag", "depth sequence"]
     count: int  #: rows, messages or frames
 
 
 def recover(path: Path | str, out: Path | str | None = None) -> Recovered:
     """Write all whole rows, messages or frames of an unfinished recording as a finished one.
 
-    The unfinished file stays as it is; a folder is completed in place.
+    The unfinished file stays as it is; the folder of a depth sequence is completed in place. A recording of ROS 2 messages
+    becomes what the name of ``out`` says: ``NAME.mcap``, or a folder with a bag of rosbag2 in SQLite.
 
     Parameters
     ----------
     path
-        ``NAME.csv.part``, ``NAME.parquet.part``, ``NAME.mcap.part``, a cut MCAP file, or the folder of a depth
-        sequence whose writer was stopped.
+        ``NAME.csv.part``, ``NAME.parquet.part``, ``NAME.mcap.part``, a cut MCAP file, a bag of rosbag2, or the folder of
+        a depth sequence whose writer was stopped.
     out
         New file; by default the name without ``.part``.
 
@@ -47,16 +49,20 @@ def recover(path: Path | str, out: Path | str | None = None) -> Recovered:
         There is nothing to recover, another run is still writing it, or ``out`` exists.
     """
     path = Path(path)
-    if path.is_dir():
+    bag = is_bag(path)
+    if path.is_dir() and not bag:
         return Recovered(path, "depth sequence", recover_sequence(path))
-    check_unlocked(path)
+    if not bag:
+        check_unlocked(path)
     if out is None and path.suffix != ".part":
         raise InputError(path, "does not end with .part", remedy="name the new file with --out")
     target = path.with_suffix("") if out is None else Path(out)
     if target.exists():
         raise InputError(target, "exists", remedy="name a new file with --out")
-    head = read_head(path, len(MCAP_MAGIC))
+    head = MCAP_MAGIC if bag else read_head(path, len(MCAP_MAGIC))
     if head == MCAP_MAGIC:
+        if not target.suffix:
+            return Recovered(target, "bag", write_bag(open_bag(path), target))
         return Recovered(target, "MCAP", _mcap(path, target))
     if head[:4] == _ARROW:
         return Recovered(target, "Parquet", pack_rows(path, target))
@@ -77,7 +83,7 @@ def _mcap(path: Path, target: Path) -> int:
         from mcap.writer import Writer
     except ImportError as error:
         raise MissingExtraError("mcap", "recording", "writing MCAP") from error
-    file = McapFile(path)
+    file = open_bag(path)
     channels: dict[int, int] = {}
     schemas: dict[int, int] = {0: 0}
     count = 0

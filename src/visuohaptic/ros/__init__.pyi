@@ -15,6 +15,7 @@ from .markers import text_marker as text_marker
 from .robots.gripper import RosGripper as RosGripper
 from .robots.mobile_base import RosBase as RosBase
 from .robots.probe_arm import RosArm as RosArm
+from .sink import LATCHED_TYPES as LATCHED_TYPES
 from .sink import RosSink as RosSink
 from .transports.open_node import TRANSPORTS as TRANSPORTS
 from .transports.open_node import open_node as open_node

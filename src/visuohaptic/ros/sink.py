@@ -11,10 +11,10 @@ from .markers import contact_markers
 from .transports.topic_node import RosPublisher, TopicNode
 from .wire.graph import Qos
 
-__all__ = ["RosSink"]
+__all__ = ["LATCHED_TYPES", "RosSink"]
 
 #: Maps and markers stay until they are replaced: who comes late sees them, too.
-_LATCHED = {"nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"}
+LATCHED_TYPES = {"nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"}
 
 
 class RosSink(MeasurementSink):
@@ -49,7 +49,7 @@ class RosSink(MeasurementSink):
         """
         with self._lock:
             if topic not in self._publishers:
-                qos = Qos(latched=True, depth=1) if datatype in _LATCHED else None
+                qos = Qos(latched=True, depth=1) if datatype in LATCHED_TYPES else None
                 self._publishers[topic] = self._node.advertise(topic.lstrip("/"), datatype, qos)
             return self._publishers[topic]
 

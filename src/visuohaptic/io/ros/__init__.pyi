@@ -21,3 +21,4 @@ from .ros_messages import wrench as wrench
 from .sqlite_bag import SqliteBag as SqliteBag
 from .sqlite_bag import is_bag as is_bag
 from .sqlite_bag import open_bag as open_bag
+from .sqlite_bag import write_bag as write_bag

@@ -1,4 +1,4 @@
-"""Bags of rosbag2 in SQLite: one ``.db3`` file, or a folder of them, read as an MCAP recording is."""
+"""Bags of rosbag2 in SQLite: one ``.db3`` file, or a folder of them, read as an MCAP recording is, and written."""
 
 from __future__ import annotations
 
@@ -9,15 +9,28 @@ from contextlib import closing
 from pathlib import Path
 
 from ...core.errors import InputError
-from ...core.files import read_head
+from ...core.files import read_head, save_yaml
+from ...core.files.plain_json import dumps
 from ._ros_definitions import definition
 from .mcap_records import McapDamage, McapFile, McapMessage, RecordedChannel, RecordedSchema
 
-__all__ = ["SqliteBag", "is_bag", "open_bag"]
+__all__ = ["SqliteBag", "is_bag", "open_bag", "write_bag"]
 
 _log = logging.getLogger(__name__)
 
 _MAGIC = b"SQLite format 3\0"
+#: Schema 4 of rosbag2_storage_sqlite3, as Iron and later write it.
+_TABLES = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL,
+    offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+    encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+INSERT INTO schema VALUES (4, 'jazzy');
+"""
 
 
 def is_bag(path: Path) -> bool:
@@ -126,6 +139,72 @@ class SqliteBag(McapFile):
                 self.schemas[channel] = RecordedSchema(datatype, kind, text.encode())
             known[number] = (name, datatype, channel, channel)
         return known
+
+
+def write_bag(recording: McapFile, folder: Path) -> int:
+    """Write a recording as a bag in SQLite; returns how many messages.
+
+    Parameters
+    ----------
+    recording
+        With its messages as CDR, which are written as they are.
+    folder
+        The bag's, which is created; ``metadata.yaml`` comes last, so that a folder with it is whole.
+
+    Raises
+    ------
+    InputError
+        The folder is there, or cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be created ({error.strerror})") from error
+    counts: dict[tuple[str, str, str], int] = {}  # by name, type and format of a topic
+    times: list[int] = []
+    file = folder / f"{folder.name}_0.db3"
+    with closing(sqlite3.connect(file)) as bag:
+        bag.executescript(_TABLES)
+        for message in recording.messages():
+            topic = (message.topic, message.datatype, recording.channels[message.channel].encoding)
+            if topic not in counts:
+                counts[topic] = 0
+                bag.execute("INSERT INTO topics VALUES (?, ?, ?, ?, '', '')", (len(counts), *topic))
+            number = list(counts).index(topic) + 1
+            bag.execute(
+                "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
+                (number, message.log_time_ns, message.data),
+            )
+            counts[topic] += 1
+            times = [min([message.log_time_ns, *times[:1]]), max([message.log_time_ns, *times[1:]])]
+        for kind in {schema.name: schema for schema in recording.schemas.values()}.values():
+            words = (kind.name, kind.encoding, kind.data.decode())
+            bag.execute("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, '')", words)
+        first, last = times or (0, 0)
+        about = {
+            "version": 9,
+            "storage_identifier": "sqlite3",
+            "duration": {"nanoseconds": last - first},
+            "starting_time": {"nanoseconds_since_epoch": first},
+            "message_count": sum(counts.values()),
+            "topics_with_message_count": [
+                {"topic_metadata": {"name": name, "type": kind, "serialization_format": form,
+                                    "offered_qos_profiles": [], "type_description_hash": ""},
+                 "message_count": count}
+                for (name, kind, form), count in counts.items()
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file.name],
+            "files": [{"path": file.name, "starting_time": {"nanoseconds_since_epoch": first},
+                       "duration": {"nanoseconds": last - first}, "message_count": sum(counts.values())}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }  # fmt: skip
+        bag.execute("INSERT INTO metadata VALUES (1, 9, ?)", (dumps(about),))
+        bag.commit()
+    save_yaml(folder / "metadata.yaml", {"rosbag2_bagfile_information": about})
+    return sum(counts.values())
 
 
 def _number(path: Path) -> tuple[int, str]:

@@ -93,7 +93,21 @@ class RosPublisher:
         DeviceError
             The node is closed.
         """
-        data = encode(message, self._kind)
+        self.send(encode(message, self._kind))
+
+    def send(self, data: bytes) -> None:
+        """Send a message that is CDR already, as a recording holds it.
+
+        Parameters
+        ----------
+        data
+            Of the topic's type, with its encapsulation header.
+
+        Raises
+        ------
+        DeviceError
+            The node is closed.
+        """
         with self._lock:
             if self._closed():
                 raise DeviceError(f"{self.topic}: cannot be published, its node is closed")

@@ -1,4 +1,4 @@
-"""``visuohaptic recording recover``: a killed run's recording made whole."""
+"""``visuohaptic recording recover``: a killed run's recording made whole, or a bag another kind of bag."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ __all__ = ["EPILOG", "add_arguments", "needs", "run"]
 
 EPILOG = """\
 reads   what a run that was killed, or met a full disk, has left: NAME.csv.part, NAME.parquet.part, NAME.mcap.part,
-        a cut MCAP file, or the folder of a depth sequence without sequence.yaml
-writes  all whole rows, messages or frames: NAME without .part, or the file --out; never over another file
+        a cut MCAP file, a bag of rosbag2 (also a damaged one), or the folder of a depth sequence without sequence.yaml
+writes  all whole rows, messages or frames: NAME without .part, or the file --out; never over another file.
+        ROS 2 messages become MCAP where --out ends in .mcap, else a folder with a bag of rosbag2 in SQLite
 
 example: visuohaptic recording recover run.mcap.part
 """
@@ -19,7 +20,9 @@ example: visuohaptic recording recover run.mcap.part
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("path", type=Path, help="the unfinished file, or the folder of a depth sequence")
+    parser.add_argument(
+        "path", type=Path, help="the unfinished file, the bag, or the folder of a depth sequence"
+    )
     parser.add_argument("--out", type=Path, help="the new file (default: the name without .part)")
 
 
@@ -34,7 +37,7 @@ def needs(args: Any) -> set[str]:
     return {
         library
         for kind, library in ((".mcap", "mcap"), (".parquet", "pyarrow"))
-        if kind in (args.path.suffix, args.path.with_suffix("").suffix)
+        if kind in (args.path.suffix, args.path.with_suffix("").suffix, getattr(args.out, "suffix", ""))
     }
 
 
