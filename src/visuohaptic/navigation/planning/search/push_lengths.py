@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from .drives import changed_drives_cost
 from .push_heuristic import PushHeuristic
+from .push_risk import replanning_units
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
 
@@ -27,7 +28,9 @@ STEPS_M = (0.05, 0.0125)
 def refine_lengths(
     heuristic: PushHeuristic, start: Float[np.ndarray, "2"], plan: SearchResult, deadline: Deadline
 ) -> tuple[tuple[PushStep, ...], float]:
-    """Pushes of a plan with the lengths of least cost, and that cost [cells at full speed].
+    """Pushes of a plan with the lengths of least expected cost, and what they and the drives cost [cells at full speed].
+
+    Expected is what has to be pushed again where a push ends in the way of a later drive.
 
     Parameters
     ----------
@@ -42,6 +45,7 @@ def refine_lengths(
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
+    risk = replanning_units(heuristic, steps, start) * scale
     # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
     for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
         first = longer = sign * step_m / domain.map.resolution_m
@@ -50,9 +54,13 @@ def refine_lengths(
             pushes = heuristic.pushes_units(tried) * scale
             tried_cost = float("inf")
             if tried:
-                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, cost - pushes)
-            if tried_cost < cost:
-                steps, cost, longer = tried, tried_cost, 2.0 * longer
+                most = cost + risk - pushes
+                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, most)
+            tried_risk = 0.0
+            if tried_cost < cost + risk:
+                tried_risk = replanning_units(heuristic, tried, start) * scale
+            if tried_cost + tried_risk < cost + risk:
+                steps, cost, risk, longer = tried, tried_cost, tried_risk, 2.0 * longer
             elif longer != first:
                 longer = first
             else:
