@@ -12,7 +12,7 @@ from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
 from .drive_tasks import drive_tasks
 from .search.drives import pull_string
-from .search.push_risk import end_covariance
+from .search.push_lengths import end_covariance
 from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
 from .search.search_domain import (

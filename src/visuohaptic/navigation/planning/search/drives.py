@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Float, Float32, Int32
 
-from .cell_paths import cheapest_cells, resampled
+from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import PushStep
 from .search_domain import SearchDomain
 
@@ -332,7 +332,7 @@ def _pulled_piece(
         return np.zeros((0, 2)), float("inf")
     cells, clearance, low, _ = found
     radius, slow = domain.radius, domain.slow
-    path = np.concatenate([[start - low], _thinned(domain, clearance, cells + 0.5), [goal - low]])
+    path = np.concatenate([[start - low], thinned(domain, clearance, cells + 0.5), [goal - low]])
     for _ in range(2):  # a second look joins pieces that were cut by the window
         kept, cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
         path = path[kept]
@@ -347,20 +347,6 @@ def _pulled_piece(
         if gain < 1e-3:
             break
     return path + low, float(cost)
-
-
-def _thinned(
-    domain: SearchDomain, clearance: Float32[np.ndarray, "r c"], path: Float[np.ndarray, "k 2"]
-) -> Float[np.ndarray, "n 2"]:
-    """Points a block apart on a path from cell to cell, and all of it where the straight line between is not clear."""
-    from ._travel_kernels import segment_cost
-
-    kept = [0]
-    for last in range(domain.block, len(path) - 1 + domain.block, domain.block):
-        first, last = kept[-1], min(last, len(path) - 1)
-        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False)
-        kept += [last] if np.isfinite(cost) else range(first + 1, last + 1)
-    return path[kept]
 
 
 def _cells_along(
@@ -389,28 +375,7 @@ def _cells_along(
     corridor = np.where(wide > 0, clearance, np.float32(0.0))
     while True:
         cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1, beside=(shifts, low))
-        closed = _unclear_steps(domain, shifts, corridor, cells, low)
+        closed = unclear_steps(domain, shifts, corridor, cells, low)
         if not len(closed):
             return (cells, clearance, low.astype(np.float64), cost) if len(cells) else None
         corridor[closed[:, 1], closed[:, 0]] = 0.0
-
-
-def _unclear_steps(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    clearance: Float32[np.ndarray, "r c"],
-    cells: Float[np.ndarray, "k 2"],
-    low: Int[np.ndarray, "2"],
-) -> Int[np.ndarray, "n 2"]:
-    """Cells (x, y) of a path that are reached by a diagonal step that comes too near to something."""
-    places = cells.astype(int)
-    clear = clearance[places[:, 1], places[:, 0]]
-    diagonal = np.abs(np.diff(places, axis=0)).sum(axis=1) > 1
-    # The middle of a diagonal step is nearer to a corner than both of its ends, those of other steps are not by as much.
-    radius = domain.robot.radius_m / domain.map.resolution_m
-    tight = np.flatnonzero(diagonal & (np.minimum(clear[1:], clear[:-1]) < np.hypot(radius, np.sqrt(0.5))))
-    middle = cells + low + 0.5
-    near = [
-        k + 1 for k in tight.tolist() if not domain.clear_straight(shifts, middle[k], middle[k + 1][None])[0]
-    ]
-    return places[near]
