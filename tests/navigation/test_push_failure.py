@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import shapely
+from benchmarks._plan_child import described, problem_of
 
+from tests.worlds.floor_scenes import off_centre
+from visuohaptic.navigation.planning import make_plan
+from visuohaptic.navigation.problem import PushCosts
 from visuohaptic.navigation.pushing import PushModel, PushUncertainty, line_path
 from visuohaptic.reproduce.pushes.push_failure import simulated_failure
 
@@ -45,7 +51,6 @@ def test_a_platform_that_begins_in_the_outline_is_moved_back():
 
 def test_the_declared_end_of_a_push_holds_what_the_centre_of_friction_does():
     """A box whose centre of friction is c to the side turns by c / (c^2 + lever^2) per metre while it sticks."""
-    from visuohaptic.navigation.planning import make_plan
     from visuohaptic.navigation.problem import MovableObject, PlanningProblem, plan_from_json
 
     from .plan_scenes import ROBOT, STOOL, box, rooms, with_objects
@@ -65,3 +70,36 @@ def test_the_declared_end_of_a_push_holds_what_the_centre_of_friction_does():
     assert 0.5 * expected < np.sqrt(covariance[2, 2]) < 1.35 * expected
     again = plan_from_json(make_plan(PlanningProblem(grid, ROBOT, *ends, (stool,))).to_json())
     assert np.allclose(again.pushes[0].end_covariance, covariance, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [2, 6, 14])
+def test_a_push_goes_farther_where_its_end_might_close_the_way(seed):
+    """What another push costs at least, times how often ends drawn from the declared covariance close the passage.
+
+    Whether a disc gets from where it backs off to the goal is seen in the plane, without cells.
+    """
+    world = off_centre(seed)
+    problem = problem_of(described(world, 0.05))
+    (body,), radius_m = world.bodies, world.robot.radius_m
+    walls = shapely.union_all([shapely.Polygon(wall) for wall in world.walls]).buffer(radius_m)
+    room = shapely.box(0.0, 0.0, *world.size_m) - walls
+    own = body.outline_m - problem.objects[0].centre_m
+    lengths, closed = [], []
+    for priced in (True, False):
+        push = make_plan(problem, PushCosts(price_ends=priced)).pushes[0]
+        rng = np.random.default_rng(3)
+        ends = rng.multivariate_normal(np.array([*push.goal_m, 0.0]), push.end_covariance, 400)
+        ways = shapely.points([push.path_m[-1], problem.goal_m])
+        count = 0
+        for x, y, turn in ends:
+            c, s = np.cos(turn), np.sin(turn)
+            outline = shapely.Polygon(own @ np.array([[c, s], [-s, c]]) + (x, y))
+            free = room - outline.buffer(radius_m)
+            # Backed off by 3 cm the disc may be a little nearer to an outline that has turned.
+            near = [(shapely.distance(part, ways) < 0.05).all() for part in getattr(free, "geoms", [free])]
+            count += not any(near)
+        lengths.append(float(np.hypot(*push.displacement_m)))
+        closed.append(count / len(ends))
+    assert lengths[0] > lengths[1]
+    # 400 draws: the difference is known to 0.03.
+    assert closed[0] < closed[1] - 0.05

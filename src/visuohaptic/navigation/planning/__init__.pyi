@@ -14,8 +14,6 @@ from .policies import alternatives as alternatives
 from .policies import make_plan as make_plan
 from .policies import via_exploration as via_exploration
 from .policies import without_pushing as without_pushing
-from .replanning import after_exploration as after_exploration
-from .replanning import after_failure as after_failure
 from .replanning import after_push as after_push
 from .sideward_plan import SidewardCheck as SidewardCheck
 from .sideward_plan import via_sideward as via_sideward

@@ -11,8 +11,8 @@ from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
 from .drive_tasks import drive_tasks
-from .push_ends import end_covariance
 from .search.drives import pull_string
+from .search.push_lengths import end_covariance
 from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
 from .search.search_domain import (

@@ -1,4 +1,4 @@
-"""What changes after a task: a push that worked or failed, an object that was explored (Alt 2016, Sec. 4.2.1)."""
+"""What changes after a push that worked (Alt 2016, Sec. 4.2.1)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..problem.planning_problem import MovableObject, PlanningProblem
 from .search.object_cells import clear_cells, fill_cells
 from .search.search_domain import grid_from_world
 
-__all__ = ["after_exploration", "after_failure", "after_push"]
+__all__ = ["after_push"]
 
 
 def after_push(
@@ -61,51 +61,12 @@ def after_push(
     filled = np.zeros(grid.shape, dtype=bool)
     fill_cells(filled, grid_from_world(grid, moved.footprint_m))
     cells[filled] = OCCUPIED
-    return _with(problem, moved, robot_m, OccupancyMap(cells, grid.resolution_m, grid.origin))
-
-
-def after_failure(
-    problem: PlanningProblem, id: str, robot_m: Float[np.ndarray, "2"], *, fixed: bool = True
-) -> PlanningProblem:
-    """The problem after a failed push: the counter of failures grows.
-
-    Parameters
-    ----------
-    problem
-        As it was before.
-    id
-        The object.
-    robot_m
-        Where the robot is now: x, y [m], map frame.
-    fixed
-        Whether no plan goes through this object until it is explored again; if not, as after an object that
-        slipped away, only the probability of failure rises.
-    """
-    obj = _object(problem, id)
-    tag = obj.tag or HapticTag()
-    failed = tag.updated(explored=tag.explored + 1, failed=tag.failed + 1)
-    if fixed:
-        failed = failed.updated(fixed=True)
-    return _with(problem, replace(obj, tag=failed), robot_m)
-
-
-def after_exploration(
-    problem: PlanningProblem, id: str, tag: HapticTag, robot_m: Float[np.ndarray, "2"]
-) -> PlanningProblem:
-    """The problem with what an exploration has found: decide by planning again.
-
-    Parameters
-    ----------
-    problem
-        As it was before.
-    id
-        The object.
-    tag
-        What was measured.
-    robot_m
-        Where the robot is now: x, y [m], map frame.
-    """
-    return _with(problem, replace(_object(problem, id), tag=tag), robot_m)
+    return replace(
+        problem,
+        map=OccupancyMap(cells, grid.resolution_m, grid.origin),
+        start_m=np.asarray(robot_m),
+        objects=tuple(moved if other.id == id else other for other in problem.objects),
+    )
 
 
 def _object(problem: PlanningProblem, id: str) -> MovableObject:
@@ -114,13 +75,3 @@ def _object(problem: PlanningProblem, id: str) -> MovableObject:
             return obj
     names = ", ".join(obj.id for obj in problem.objects) or "none"
     raise InputError("problem", f"has no object '{id}', there are: {names}", field="objects")
-
-
-def _with(
-    problem: PlanningProblem,
-    changed: MovableObject,
-    robot_m: Float[np.ndarray, "2"],
-    grid: OccupancyMap | None = None,
-) -> PlanningProblem:
-    objects = tuple(changed if obj.id == changed.id else obj for obj in problem.objects)
-    return replace(problem, map=grid or problem.map, start_m=np.asarray(robot_m), objects=objects)

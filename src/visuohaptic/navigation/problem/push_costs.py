@@ -48,6 +48,7 @@ class PushCosts:
     oblique_failure: float = 0.15  #: added risk of a push oblique to a face
     risk_s: float = 0.0  #: added seconds per -log(1 - p): how much reliability is worth
     longest_push_m: float = 2.0  #: r_mani of Eq. (4.3)
+    price_ends: bool = True  #: whether lengths allow for ends that may block the plan's later drives
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,8 +56,8 @@ def sampled_pushes(
     *,
     uncertainty: PushUncertainty | None = None,
     samples: int = 40,
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
-    """Poses of an object before and after a push, for samples of contact friction, centre of friction and pose.
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n k 3"], Bool[np.ndarray, "n"]]:
+    """Poses of an object before a push and along it, for samples of contact friction, centre of friction and pose.
 
     The push begins earlier on its line where the object was sampled into the platform.
 
@@ -80,7 +80,8 @@ def sampled_pushes(
 
     Returns
     -------
-    Poses before, poses after, and whether the object blocks the whole approach: then it stays where it was.
+    Poses before, poses where the platform is at each of its own, and whether the object blocks the whole approach:
+    then it stays where it was.
     """
     from ._push_kernels import GAP, YAW, X, push_object
 
@@ -95,7 +96,7 @@ def sampled_pushes(
     shifts = uncertainty.centre_m * rng.standard_normal((samples, 2))
     sigma = np.array([uncertainty.place_m, uncertainty.place_m, uncertainty.yaw_rad])
     before = np.asarray(object_m, dtype=np.float64) + sigma * rng.standard_normal((samples, 3))
-    after, blocked = before.copy(), np.ones(samples, dtype=bool)
+    along, blocked = before[:, None].repeat(len(path), axis=1), np.ones(samples, dtype=bool)
     trace = np.zeros((len(path) + 1, 8))
     for k in range(samples):
         support = model.support_m + shifts[k]
@@ -106,6 +107,7 @@ def sampled_pushes(
                 radius_m, line, before[k], trace,
             )  # fmt: skip
             if trace[0, GAP] >= -INSIDE_M:
-                after[k], blocked[k] = trace[len(line) - 1, X : YAW + 1], False
+                along[k] = trace[len(line) - len(path) : len(line), X : YAW + 1]
+                blocked[k] = False
                 break
-    return before, after, blocked
+    return before, along, blocked

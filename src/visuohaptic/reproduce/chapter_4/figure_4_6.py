@@ -14,6 +14,7 @@ from ...navigation.planning.joint_graph import JointGraph
 from ...navigation.planning.policies import alternatives, make_plan
 from ...navigation.problem.node_types import ManipulationNode
 from ...navigation.problem.path_plan import Plan
+from ...navigation.problem.push_costs import PushCosts
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of
@@ -40,7 +41,7 @@ def run(out: Output) -> None:
         Receives tables, pictures and comparisons; its seed and size are used.
     """
     problem = office()
-    plans = alternatives(problem)
+    plans = alternatives(problem, PushCosts(price_ends=False))  # the text knows the end of a push
     push, detour = plans["cheapest"], plans["no pushing"]
     detached = make_plan(office((5.3, 3.6)))
     regions = regions_of(problem.map)

@@ -87,9 +87,10 @@ def simulated_failure(
     target = np.asarray(object_m[:2]) + chord * max(
         0.0, 1.0 - _approach_m(model, object_m, path, radius_m) / max(float(np.hypot(*chord)), 1e-9)
     )
-    before, after, blocked = sampled_pushes(
+    before, along, blocked = sampled_pushes(
         model, object_m, path, radius_m, rng, uncertainty=uncertainty, samples=samples
     )
+    after = along[:, -1]
     off = np.hypot(*(after[:, :2] - target).T) > ARRIVAL_M
     return float((blocked | off | (np.abs(after[:, 2] - before[:, 2]) > MAX_TURN_RAD)).mean())
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Float32, Int16, Int32
+from jaxtyping import Float, Float32, Int, Int16, Int32
 
 from .push_states import seed_cells
 from .search_domain import SearchDomain
 
-__all__ = ["cheapest_cells", "resampled"]
+__all__ = ["cheapest_cells", "resampled", "thinned", "unclear_steps"]
 
 
 def cheapest_cells(
@@ -88,3 +88,62 @@ def resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
     return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
+
+
+def thinned(
+    domain: SearchDomain, clearance: Float32[np.ndarray, "r c"], path: Float[np.ndarray, "k 2"]
+) -> Float[np.ndarray, "n 2"]:
+    """Points a block apart on a path from cell to cell, and all of it where the straight line between is not clear.
+
+    Parameters
+    ----------
+    domain
+        Radius and speeds of the robot, edge of a block.
+    clearance
+        Of the layer [cells].
+    path
+        From its corner [cells].
+    """
+    from ._travel_kernels import segment_cost
+
+    kept = [0]
+    for last in range(domain.block, len(path) - 1 + domain.block, domain.block):
+        first, last = kept[-1], min(last, len(path) - 1)
+        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False)
+        kept += [last] if np.isfinite(cost) else range(first + 1, last + 1)
+    return path[kept]
+
+
+def unclear_steps(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    clearance: Float32[np.ndarray, "r c"],
+    cells: Float[np.ndarray, "k 2"],
+    low: Int[np.ndarray, "2"],
+) -> Int[np.ndarray, "n 2"]:
+    """Cells (x, y) of a path that are reached by a diagonal step that comes too near to something.
+
+    Parameters
+    ----------
+    domain
+        Static map and bodies.
+    shifts
+        Of the bodies from where the map has them [cells].
+    clearance
+        Of the layer [cells].
+    cells
+        Of the path, from the layer's corner.
+    low
+        That corner on the map (x, y) [cells].
+    """
+    places = cells.astype(int)
+    clear = clearance[places[:, 1], places[:, 0]]
+    diagonal = np.abs(np.diff(places, axis=0)).sum(axis=1) > 1
+    # The middle of a diagonal step is nearer to a corner than both of its ends, those of other steps are not by as much.
+    radius = domain.robot.radius_m / domain.map.resolution_m
+    tight = np.flatnonzero(diagonal & (np.minimum(clear[1:], clear[:-1]) < np.hypot(radius, np.sqrt(0.5))))
+    middle = cells + low + 0.5
+    near = [
+        k + 1 for k in tight.tolist() if not domain.clear_straight(shifts, middle[k], middle[k + 1][None])[0]
+    ]
+    return places[near]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Float, Float32, Int32
 
-from .cell_paths import cheapest_cells, resampled
+from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import PushStep
 from .search_domain import SearchDomain
 
-__all__ = ["changed_drives_cost", "drive_cost", "drives_cost", "pull_string"]
+__all__ = ["changed_drives_cost", "drive_cost", "drives_cells", "drives_cost", "pull_string"]
 
 #: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
@@ -47,7 +47,7 @@ def pull_string(
     nowhere = np.zeros((0, 2)), float("inf")
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0
-    block, nodes, _ = _drive(domain, shifts, start, goal)
+    block, nodes, *_ = _drive(domain, shifts, start, goal)
     if not len(nodes):
         return nowhere
     pieces = _pieces(domain, shifts, nodes, block, start, goal)
@@ -148,23 +148,39 @@ def changed_drives_cost(
     for old, new in zip(_ends(domain, steps, start, goal), _ends(domain, changed, start, goal), strict=True):
         key = _key(*new)
         if key not in domain.drives:
-            block, nodes, cost = _drive(domain, *old)
+            block, nodes, cost, cells = _drive(domain, *old)
             if _key(*old[1:]) == _key(*new[1:]) and not _near_path(domain, nodes, block, old[0], new[0]):
-                domain.drives[key] = block, nodes, cost
+                domain.drives[key] = block, nodes, cost, cells
                 total += cost
                 continue
             # From where the new drive begins to the old one, along that, and to where the new one ends.
             ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
                     ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
             nodes = np.concatenate([ends[0], nodes, ends[1]])
-            cost = _cost_along(domain, new[0], nodes, block, *new[1:])
+            cost, cells = _cost_along(domain, new[0], nodes, block, *new[1:])
             if not np.isfinite(cost):
                 return cost
-            domain.drives[key] = block, nodes, cost
+            domain.drives[key] = block, nodes, cost, cells
         total += domain.drives[key][2]
         if total >= most:
             return float("inf")
     return total
+
+
+def drives_cells(
+    domain: SearchDomain,
+    steps: tuple[PushStep, ...],
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> list[Float[np.ndarray, "n 2"]]:
+    """Points of every drive of a plan, a cell apart [cells].
+
+    Parameters
+    ----------
+    domain, steps, start, goal
+        As of :func:`drives_cost`.
+    """
+    return [_drive(domain, *end)[3] for end in _ends(domain, steps, start, goal)]
 
 
 def _near_path(
@@ -224,8 +240,8 @@ def _drive(
     goal: Float[np.ndarray, "2"],
     *,
     complete: bool = True,
-) -> tuple[int, Float[np.ndarray, "k 2"], float]:
-    """Edge of a block, blocks (x, y) along which the map has a drive, and what it costs there.
+) -> tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]:
+    """Edge of a block, blocks (x, y) along which the map has a drive, what it costs there, and its cells.
 
     A block is as clear as its clearest cell: where the map has no drive along the path over the lattice, half as
     large blocks are tried, down to the cells, if the answer has to be ``complete``.
@@ -235,18 +251,18 @@ def _drive(
     key = _key(shifts, start, goal)
     known = domain.drives.get(key)
     if known is None or (complete and not np.isfinite(known[2])):
-        block, cost = domain.block, float("inf")
+        block, cost, cells = domain.block, float("inf"), np.zeros((0, 2))
         nodes, _ = _over_lattice(domain, shifts, start, goal)
         while True:
             if len(nodes):
-                cost = _cost_along(domain, shifts, nodes, block, start, goal)
+                cost, cells = _cost_along(domain, shifts, nodes, block, start, goal)
             if np.isfinite(cost) or not len(nodes) or block == 1 or not complete:
                 break
             block //= 2
             layer = domain.clearance_with(shifts)
             layer = layer if block == 1 else largest_in_blocks(layer, block)
             nodes, _ = cheapest_cells(domain, layer, start, goal, block, None, domain.labels(block))
-        domain.drives[key] = block, nodes if np.isfinite(cost) else nodes[:0], cost
+        domain.drives[key] = block, nodes if np.isfinite(cost) else nodes[:0], cost, cells
     return domain.drives[key]
 
 
@@ -257,20 +273,22 @@ def _cost_along(
     block: int,
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
-) -> float:
-    """What a drive along a path over blocks costs on the map, passages included [cells at full speed]."""
-    found = (
-        _cells_along(domain, shifts, piece, block, *ends)
-        for piece, *ends in _pieces(domain, shifts, nodes, block, start, goal)
-    )
-    cost = sum(float("inf") if piece is None else piece[3] for piece in found)
+) -> tuple[float, Float[np.ndarray, "n 2"]]:
+    """What a drive along a path over blocks costs on the map, passages included, and the middles of its cells [cells]."""
+    cost, parts = 0.0, [start[None]]
+    for piece, *ends in _pieces(domain, shifts, nodes, block, start, goal):
+        found = _cells_along(domain, shifts, piece, block, *ends)
+        if found is None:
+            return float("inf"), np.zeros((0, 2))
+        cost += found[3]
+        parts.append(found[0] + found[2] + 0.5)
     labels = domain.labels(block)
     if labels.size:
         places = nodes.astype(int)
         on_path = labels[places[:, 1], places[:, 0]]
         left = on_path[:-1][(on_path[:-1] > 0) & (on_path[1:] == 0)]
         cost += sum(domain.passages[number - 1][2] for number in left) / domain.seconds(1.0)
-    return cost
+    return cost, np.concatenate([*parts, goal[None]])
 
 
 def _pieces(
@@ -314,7 +332,7 @@ def _pulled_piece(
         return np.zeros((0, 2)), float("inf")
     cells, clearance, low, _ = found
     radius, slow = domain.radius, domain.slow
-    path = np.concatenate([[start - low], _thinned(domain, clearance, cells + 0.5), [goal - low]])
+    path = np.concatenate([[start - low], thinned(domain, clearance, cells + 0.5), [goal - low]])
     for _ in range(2):  # a second look joins pieces that were cut by the window
         kept, cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
         path = path[kept]
@@ -329,20 +347,6 @@ def _pulled_piece(
         if gain < 1e-3:
             break
     return path + low, float(cost)
-
-
-def _thinned(
-    domain: SearchDomain, clearance: Float32[np.ndarray, "r c"], path: Float[np.ndarray, "k 2"]
-) -> Float[np.ndarray, "n 2"]:
-    """Points a block apart on a path from cell to cell, and all of it where the straight line between is not clear."""
-    from ._travel_kernels import segment_cost
-
-    kept = [0]
-    for last in range(domain.block, len(path) - 1 + domain.block, domain.block):
-        first, last = kept[-1], min(last, len(path) - 1)
-        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False)
-        kept += [last] if np.isfinite(cost) else range(first + 1, last + 1)
-    return path[kept]
 
 
 def _cells_along(
@@ -371,28 +375,7 @@ def _cells_along(
     corridor = np.where(wide > 0, clearance, np.float32(0.0))
     while True:
         cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1, beside=(shifts, low))
-        closed = _unclear_steps(domain, shifts, corridor, cells, low)
+        closed = unclear_steps(domain, shifts, corridor, cells, low)
         if not len(closed):
             return (cells, clearance, low.astype(np.float64), cost) if len(cells) else None
         corridor[closed[:, 1], closed[:, 0]] = 0.0
-
-
-def _unclear_steps(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    clearance: Float32[np.ndarray, "r c"],
-    cells: Float[np.ndarray, "k 2"],
-    low: Int[np.ndarray, "2"],
-) -> Int[np.ndarray, "n 2"]:
-    """Cells (x, y) of a path that are reached by a diagonal step that comes too near to something."""
-    places = cells.astype(int)
-    clear = clearance[places[:, 1], places[:, 0]]
-    diagonal = np.abs(np.diff(places, axis=0)).sum(axis=1) > 1
-    # The middle of a diagonal step is nearer to a corner than both of its ends, those of other steps are not by as much.
-    radius = domain.robot.radius_m / domain.map.resolution_m
-    tight = np.flatnonzero(diagonal & (np.minimum(clear[1:], clear[:-1]) < np.hypot(radius, np.sqrt(0.5))))
-    middle = cells + low + 0.5
-    near = [
-        k + 1 for k in tight.tolist() if not domain.clear_straight(shifts, middle[k], middle[k + 1][None])[0]
-    ]
-    return places[near]

@@ -257,7 +257,7 @@ class _Search:
                 break
             body, first = (domain.bodies[index],), SearchState(0.0, self.start, np.zeros((1, 2)))
             alone = replace(
-                domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, paths={}, boxes=[],
+                domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, paths={}, ends={}, boxes=[],
             )  # fmt: skip
             cells, _ = seed_cells(
                 lattice, self.start, domain.radius, domain.slow, heuristic.units, block=alone.block

@@ -63,13 +63,18 @@ class SearchDomain:
     #: the lattice with the bodies that stay where they are, by those that do not
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
 
-    #: drives that were looked for, by shifts, start and goal: edge of a block, blocks, cost
-    drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float]] = field(
-        default_factory=dict, repr=False
+    #: drives that were looked for, by shifts, start and goal: edge of a block, blocks, cost, cells
+    drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]] = (
+        field(default_factory=dict, repr=False)
     )
 
     #: the same over the lattice: blocks, cost
     paths: dict[tuple[bytes, ...], tuple[Float[np.ndarray, "k 2"], float]] = field(
+        default_factory=dict, repr=False
+    )
+
+    #: poses of a body along simulated pushes, by body and contact: how far they go [m], pushes by rows by x, y, turn
+    ends: dict[tuple[int, int], tuple[float, Float[np.ndarray, "n k 3"]]] = field(
         default_factory=dict, repr=False
     )
 
