@@ -29,7 +29,8 @@ __all__ = ["FaceCells", "FramePair", "ObstacleSettings", "StripImage"]
 #: Edge of the square whose mean is removed [bins]: a few times the largest parallax, so that no texture that it
 #: could show is lost, and smaller than the penumbra of what walks by.
 _MEAN_BINS = 15
-_BORDER = _MEAN_BINS // 2
+#: At the border the mean is not that of the surroundings: nothing is compared there, and there must be more.
+_BORDER, _MIN_ROWS = _MEAN_BINS // 2, _MEAN_BINS + 1
 #: Grey level that is added before the logarithm: black is dark, not infinitely so.
 _BLACK = 5.0
 #: Degrees of freedom of the residuals: tails of occlusions, highlights and the borders of cast shadows.
@@ -69,9 +70,8 @@ class ObstacleSettings:
     parallax_bins: float = field(default=4.0, metadata=above(1.0))
     #: declared rate of false alarms
     alarms_per_minute: float = field(default=0.2, metadata=POSITIVE)
-    disturbed: float = field(
-        default=0.02, metadata=within(1e-6, 0.5)
-    )  #: fraction of frames that may show anything
+    #: fraction of frames that may show anything
+    disturbed: float = field(default=0.02, metadata=within(1e-6, 0.5))
     #: weight of a pixel's log ratio, lambda: near V / (correlated_bins l) of textured faces
     weight: float = field(default=0.05, metadata=POSITIVE)
     correlated_bins: float = 4.0  #: bins of one independent sample: blur of the lens, and interpolation
@@ -136,7 +136,7 @@ class FaceCells:
         self.settings, height_m, width_m = settings, settings.height_m, settings.width_m
         camera, pose = floor_view.camera, floor_view.T_camera_plane
         n = self.binning = -(-camera.width // settings.max_columns)
-        self.shape = (min(rows, camera.height) // n, camera.width // n)
+        self.shape = (min(max(rows, _MIN_ROWS * n), camera.height) // n, camera.width // n)
         self._rotation, self._origin = pose.rotation, pose.translation_m
         # Pixels of an ideal camera without distortion, in bins.
         bins = np.array([[1 / n, 0, 0.5 / n - 0.5], [0, 1 / n, 0.5 / n - 0.5], [0, 0, 1.0]])
@@ -152,7 +152,7 @@ class FaceCells:
         with np.errstate(divide="ignore"):
             ground = np.where(middle[:, 2] < 0, eye[0] - eye[2] * middle[:, 0] / middle[:, 2], np.inf)
         seen = np.flatnonzero(np.isfinite(ground))
-        if len(seen) < 2 or not eye[2] > height_m:
+        if len(seen) < _MIN_ROWS or not eye[2] > height_m:
             raise InputError(
                 "ObstacleDetector",
                 f"found {len(seen)} rows of floor from a height of {eye[2]:.3g} m, expected a camera above "
@@ -209,7 +209,6 @@ class FaceCells:
         around = (_MEAN_BINS, _MEAN_BINS)
         detail = cv2.log(binned + np.float32(_BLACK))
         detail -= cv2.blur(detail, around)
-        # At the border the mean is not that of the surroundings.
         detail = cv2.copyMakeBorder(
             detail[_BORDER:-_BORDER, _BORDER:-_BORDER], *4 * (_BORDER,), cv2.BORDER_CONSTANT, value=math.nan
         )
