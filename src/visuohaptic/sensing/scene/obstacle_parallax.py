@@ -38,8 +38,8 @@ _FREEDOM = 4.0
 #: Standard deviation of the registration [bins]: a third of a bin is a uniform error of half a bin each way.
 _REGISTRATION_BINS = 0.3
 #: Its part that all pixels of a face share: faces are not quite square to the drive, and interpolation blurs
-#: the two frames differently. Errors of the range are 2 mm (rms) on the open drives of ``benchmarks.scene_evidence``.
-_SYSTEMATIC_BINS = 0.15
+#: the two frames differently. Errors of the range are 1.5 to 4 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
+_SYSTEMATIC_BINS = 0.2
 #: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
 _QUARTER_SIGMAS = 0.3186
 #: Residuals of a noiseless image [grey levels]: those of rounding, 1 / sqrt(12), of both.
