@@ -17,7 +17,7 @@ from ...core.files import file_size
 from ...core.measurement import Reason, Wrench
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
-__all__ = ["ForceTable", "read_force_table", "read_reference_table", "read_wrench_table"]
+__all__ = ["ForceTable", "read_columns", "read_force_table", "read_reference_table", "read_wrench_table"]
 
 #: What a reference may record: its column, that of its standard deviation, and newtons of one unit.
 _REFERENCE_COLUMNS = (
@@ -58,7 +58,7 @@ def read_force_table(path: Path | str) -> ForceTable:
     InputError
         With the line of the first bad field.
     """
-    columns = _read(Path(path), FORCE_COLUMNS)
+    columns = read_columns(Path(path), FORCE_COLUMNS)
     profiles: tuple[dict[str, np.ndarray], ...] = ()
     if all(name in columns for name in PROFILE_COLUMNS):
         rows = zip(*(columns[name] for name in PROFILE_COLUMNS), strict=True)
@@ -90,7 +90,7 @@ def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
     InputError
         With the line of the first bad field.
     """
-    columns = _read(Path(path), WRENCH_COLUMNS)
+    columns = read_columns(Path(path), WRENCH_COLUMNS)
     values = np.array([columns[name] for name in WRENCH_COLUMNS[3:]], dtype=np.float64).T.reshape(-1, 12)
     return tuple(
         Wrench(t_s, valid, reason, row[:3], row[3:6], np.diag(row[6:] ** 2))
@@ -131,7 +131,7 @@ def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
         )
     force, sigma, newton = known[0]
     has_sigma = sigma in header
-    columns = _read(path, ("t_s", force, *((sigma,) if has_sigma else ())))
+    columns = read_columns(path, ("t_s", force, *((sigma,) if has_sigma else ())))
     found = {
         "t_s": np.array(columns["t_s"], dtype=np.float64),
         "force_N": newton * np.array(columns[force], dtype=np.float64),
@@ -157,7 +157,21 @@ def _header(path: Path) -> list[str]:
         raise InputError(path, f"is not CSV text ({error})") from error
 
 
-def _read(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
+def read_columns(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
+    """Read some columns of a table by their names.
+
+    Parameters
+    ----------
+    path
+        CSV or Parquet file.
+    expected
+        Names of the columns; others are left alone.
+
+    Raises
+    ------
+    InputError
+        With the line of the first bad field, or what columns are missing.
+    """
     file_size(path)
     if path.suffix == ".parquet":
         return _read_parquet(path, expected)

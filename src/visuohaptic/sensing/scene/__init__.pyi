@@ -21,9 +21,12 @@ from .object_fit import upright as upright
 from .object_motion import ObjectTracker as ObjectTracker
 from .obstacle_mask import Obstacle as Obstacle
 from .obstacle_mask import ObstacleDetector as ObstacleDetector
-from .obstacle_mask import ObstacleSettings as ObstacleSettings
 from .obstacle_memory import ObstacleMemory as ObstacleMemory
 from .obstacle_memory import ObstacleMemorySettings as ObstacleMemorySettings
+from .obstacle_parallax import FaceCells as FaceCells
+from .obstacle_parallax import FramePair as FramePair
+from .obstacle_parallax import ObstacleSettings as ObstacleSettings
+from .obstacle_parallax import StripImage as StripImage
 from .scene_file import Odometry as Odometry
 from .scene_file import SceneConfig as SceneConfig
 from .scene_file import SceneSensor as SceneSensor

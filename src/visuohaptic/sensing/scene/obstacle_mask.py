@@ -21,51 +21,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import UInt8
 
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.measurement import Motion, Reason
-from ...core.ranges import POSITIVE, above, at_least, check_ranges, within
 from .floor_motion import chain, inverse
-from .obstacle_parallax import FaceCells, FramePair, StripImage
+from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImage
 
-__all__ = ["Obstacle", "ObstacleDetector", "ObstacleSettings"]
+__all__ = ["Obstacle", "ObstacleDetector"]
 
 #: Frames are compared this often in a baseline: closer ones show the same pixels once more.
 _COMPARISONS = 6
 #: Frames of a usual camera in a minute: there are no more comparisons than that.
 _FRAMES_PER_MINUTE = 1800.0
-
-
-@dataclass(frozen=True, slots=True)
-class ObstacleSettings:
-    """How obstacles are told from the floor."""
-
-    #: height of the strip at the image's upper border [px]; it ends above the foam
-    rows: int = field(default=450, metadata=at_least(8))
-    #: pixels are averaged until the strip is at most so wide [bins]
-    max_columns: int = field(default=400, metadata=at_least(50))
-    #: obstacles are at least so high: the foam's edge passes over what is lower
-    height_m: float = field(default=0.05, metadata=POSITIVE)
-    width_m: float = field(default=0.02, metadata=POSITIVE)  #: and so wide
-    #: what the top of the lowest obstacle moves against the floor between two frames that are compared [bins]
-    parallax_bins: float = field(default=4.0, metadata=above(1.0))
-    #: declared rate of false alarms
-    alarms_per_minute: float = field(default=0.2, metadata=POSITIVE)
-    disturbed: float = field(
-        default=0.02, metadata=within(1e-6, 0.5)
-    )  #: fraction of frames that may show anything
-    #: weight of a pixel's log ratio, lambda: near V / (correlated_bins l) of textured faces
-    weight: float = field(default=0.05, metadata=POSITIVE)
-    correlated_bins: float = 4.0  #: bins of one independent sample: blur of the lens, and interpolation
-    stale_s: float = 1.0  #: without a comparison for so long nothing is known
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,10 +80,7 @@ class ObstacleDetector:
         edge = floor_view.T_camera_plane.apply(np.array([self.front_m, 0.0, s.height_m]))
         foam = floor_view.camera.project(edge)[1]
         rows = s.rows if not foam >= 8 else min(s.rows, int(foam))
-        self._cells = FaceCells(
-            floor_view, rows=rows, max_columns=s.max_columns, height_m=s.height_m,
-            parallax_bins=s.parallax_bins, width_m=s.width_m,
-        )  # fmt: skip
+        self._cells = FaceCells(floor_view, rows, s)
         shape = (len(self._cells.range_m), len(self._cells.lateral_m))
         #: one frame says at most so much, and so much is asked for
         self._limit = math.log(1.0 / s.disturbed)
@@ -118,7 +88,7 @@ class ObstacleDetector:
         self._needed = math.ceil(self._threshold / self._limit)
         self._step_m = self._cells.baseline_m / _COMPARISONS
         self._evidence = np.zeros(shape)
-        self._keys: deque[tuple[StripImage, np.ndarray, np.ndarray]] = deque()
+        self._keys: deque[tuple[StripImage, np.ndarray, np.ndarray]] = deque(maxlen=3 * _COMPARISONS)
         self._restart()
 
     def _restart(self) -> None:
@@ -160,7 +130,10 @@ class ObstacleDetector:
         if not motion.valid:
             self._restart()
         else:
-            self._pose = chain(self._pose, np.array([*motion.translation_m, motion.rotation_rad]))
+            step = np.array([*motion.translation_m, motion.rotation_rad])
+            self._pose = chain(self._pose, step)
+            self._standing = (self._standing - step[:2]) @ rotation_2d(step[2])
+            self._range_m -= step[0]
             # Wheels are wrong by a scale: errors of successive frames add up like lengths.
             self._sigma = self._sigma + np.sqrt(np.diag(motion.covariance))
         way = np.linalg.norm((self._pose - self._compared_at)[:2])
@@ -170,8 +143,7 @@ class ObstacleDetector:
             self._compare(now, hidden, motion.t_s)
             self._keys.append((now, self._pose, self._sigma))
         if self._comparisons < self._needed or motion.t_s - self._compared_s > self.settings.stale_s:
-            lost = Reason.LOST if not motion.valid else Reason.STALE
-            reason = lost if self._comparisons >= self._needed else Reason.NOT_ZEROED
+            reason = Reason.STALE if self._comparisons >= self._needed else Reason.NOT_ZEROED
             mask = np.zeros(cells.shape, np.uint8)
             return Obstacle(mask, cells.binning, False, reason, np.nan, np.inf, np.nan, False)
         return self._nearest()
@@ -185,7 +157,7 @@ class ObstacleDetector:
             return
         before, pose, sigma = self._keys[0]
         motion = chain(inverse(pose), self._pose)
-        pair = self._cells.pair(now, before, motion, self._sigma - sigma, hidden, s.correlated_bins)
+        pair = self._cells.pair(now, before, motion, self._sigma - sigma, hidden)
         ratio, squares = self._cells.compare(pair)
         evidence = s.weight * ratio - 0.5 * s.weight**2 * s.correlated_bins * squares
         # The same factor for all ranges of a direction keeps their order.
@@ -213,16 +185,17 @@ class ObstacleDetector:
 
     def _locate(self, pair: FramePair) -> None:
         """Cells above the threshold, and the range of those that are nearest."""
-        s, cells = self.settings, self._cells
+        cells = self._cells
         standing = np.flatnonzero(self._evidence.max(axis=0) > self._threshold)
         best = self._evidence[:, standing].argmax(axis=0)
         self._standing = np.column_stack([cells.range_m[best], cells.lateral_m[standing]])
+        self._at_border = False
         if not len(standing):
             return
         # Neighbours whose ranges differ by a cell are one face.
         one = best <= best.min() + 1
         nearest, face = int(np.median(best[one])), standing[one]
-        found, sigma = cells.locate(pair, nearest, face, s.correlated_bins)
+        found, sigma = cells.locate(pair, nearest, face)
         # The range is measured in units of the drive.
         away = found - cells.eye_x_m
         self._standing[one, 0] = found
@@ -231,20 +204,15 @@ class ObstacleDetector:
 
     def _nearest(self) -> Obstacle:
         """What the last comparison found, from where the platform is now."""
-        n = self._cells.binning
+        near, sigma, y = self._range_m - self.front_m, self._sigma_m, self._y_m
         if not len(self._standing):
-            return Obstacle(self._mask(), n, True, Reason.OK, np.inf, np.inf, np.nan, False)
-        near = self._range_m - self._ahead_m() - self.front_m
-        return Obstacle(self._mask(), n, True, Reason.OK, near, self._sigma_m, self._y_m, self._at_border)
-
-    def _ahead_m(self) -> float:
-        """Drive since the last comparison."""
-        return float(chain(inverse(self._compared_at), self._pose)[0])
+            near, sigma, y = np.inf, np.inf, np.nan
+        return Obstacle(self._mask(), self._cells.binning, True, Reason.OK, near, sigma, y, self._at_border)
 
     def _mask(self) -> UInt8[np.ndarray, "rows columns"]:
         """255 from the upper border down to the foot of what stands, as the platform sees it now."""
         half, mask = 0.5 * self.settings.width_m, np.zeros(self._cells.shape, np.uint8)
-        for x, y in self._standing - [self._ahead_m(), 0.0]:
+        for x, y in self._standing:
             foot = self.floor_view.project(np.array([[x, y - half], [x, y + half]])) / self._cells.binning
             u, v = np.clip(np.rint(np.nan_to_num(foot)), 0, mask.shape[::-1]).astype(int).T
             mask[: v.max(), u.min() : u.max()] = 255

@@ -15,20 +15,22 @@ the pixels that see one cell of (range, lateral position) at the height of the l
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, above, at_least, check_ranges, within
 
-__all__ = ["FaceCells", "FramePair", "StripImage"]
+__all__ = ["FaceCells", "FramePair", "ObstacleSettings", "StripImage"]
 
 #: Edge of the square whose mean is removed [bins]: a few times the largest parallax, so that no texture that it
 #: could show is lost, and smaller than the penumbra of what walks by.
 _MEAN_BINS = 15
-_BORDER = _MEAN_BINS // 2
+#: At the border the mean is not that of the surroundings: nothing is compared there, and there must be more.
+_BORDER, _MIN_ROWS = _MEAN_BINS // 2, _MEAN_BINS + 1
 #: Grey level that is added before the logarithm: black is dark, not infinitely so.
 _BLACK = 5.0
 #: Degrees of freedom of the residuals: tails of occlusions, highlights and the borders of cast shadows.
@@ -36,21 +38,47 @@ _FREEDOM = 4.0
 #: Standard deviation of the registration [bins]: a third of a bin is a uniform error of half a bin each way.
 _REGISTRATION_BINS = 0.3
 #: Its part that all pixels of a face share: faces are not quite square to the drive, and interpolation blurs
-#: the two frames differently. Errors of the range are 2 mm (rms) on the open drives of ``benchmarks.scene_evidence``.
-_SYSTEMATIC_BINS = 0.15
+#: the two frames differently. Errors of the range are 1.5 to 4 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
+_SYSTEMATIC_BINS = 0.2
 #: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
 _QUARTER_SIGMAS = 0.3186
 #: Residuals of a noiseless image [grey levels]: those of rounding, 1 / sqrt(12), of both.
 _MIN_NOISE = 0.4
 #: Tails of the residuals in the steps of the refinement: wide at first, since an edge that is off by its own width
-#: looks like an outlier; 0: none left.
-_TAILS = (64.0, 16.0, 4.0, 1.0, 0.0)
+#: looks like an outlier.
+_TAILS = (64.0, 16.0, 4.0, 1.0)
 #: Steps of the derivatives by (x, y, theta) [m, rad]: a small part of a bin; no motion is known better than that.
 _STEPS = (2e-4, 2e-4, 5e-4)
 #: A face whose range is wrong by a step of the cells moves by this much too much or too little [bins].
 _STEP_BINS = 0.7
 #: Where the strip shows the horizon, ranges end after this many steps.
 _MAX_RANGES = 48
+
+
+@dataclass(frozen=True, slots=True)
+class ObstacleSettings:
+    """How obstacles are told from the floor."""
+
+    #: height of the strip at the image's upper border [px]; it ends above the foam
+    rows: int = field(default=450, metadata=at_least(8))
+    #: pixels are averaged until the strip is at most so wide [bins]
+    max_columns: int = field(default=400, metadata=at_least(50))
+    #: obstacles are at least so high: the foam's edge passes over what is lower
+    height_m: float = field(default=0.05, metadata=POSITIVE)
+    width_m: float = field(default=0.02, metadata=POSITIVE)  #: and so wide
+    #: what the top of the lowest obstacle moves against the floor between two frames that are compared [bins]
+    parallax_bins: float = field(default=4.0, metadata=above(1.0))
+    #: declared rate of false alarms
+    alarms_per_minute: float = field(default=0.2, metadata=POSITIVE)
+    #: fraction of frames that may show anything
+    disturbed: float = field(default=0.02, metadata=within(1e-6, 0.5))
+    #: weight of a pixel's log ratio, lambda: near V / (correlated_bins l) of textured faces
+    weight: float = field(default=0.05, metadata=POSITIVE)
+    correlated_bins: float = 4.0  #: bins of one independent sample: blur of the lens, and interpolation
+    stale_s: float = 1.0  #: without a comparison for so long nothing is known
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,14 +111,8 @@ class FaceCells:
         The floor plane as the camera sees it; x ahead, y to the left.
     rows
         Height of the strip at the image's upper border [px].
-    max_columns
-        Pixels are averaged until the strip has at most this many columns.
-    height_m
-        Height of the lowest face.
-    parallax_bins
-        The top of such a face moves by this much against the floor between the frames that are compared.
-    width_m
-        Width of a cell.
+    settings
+        Size of the cells and of the lowest face, and how far apart frames are compared.
 
     Attributes
     ----------
@@ -110,19 +132,11 @@ class FaceCells:
         Last range at which the lowest face is in view up to its top, now and a baseline before.
     """
 
-    def __init__(
-        self,
-        floor_view: PlaneView,
-        *,
-        rows: int,
-        max_columns: int,
-        height_m: float,
-        parallax_bins: float,
-        width_m: float,
-    ) -> None:
+    def __init__(self, floor_view: PlaneView, rows: int, settings: ObstacleSettings) -> None:
+        self.settings, height_m, width_m = settings, settings.height_m, settings.width_m
         camera, pose = floor_view.camera, floor_view.T_camera_plane
-        n = self.binning = -(-camera.width // max_columns)
-        self.shape = (min(rows, camera.height) // n, camera.width // n)
+        n = self.binning = -(-camera.width // settings.max_columns)
+        self.shape = (min(max(rows, _MIN_ROWS * n), camera.height) // n, camera.width // n)
         self._rotation, self._origin = pose.rotation, pose.translation_m
         # Pixels of an ideal camera without distortion, in bins.
         bins = np.array([[1 / n, 0, 0.5 / n - 0.5], [0, 1 / n, 0.5 / n - 0.5], [0, 0, 1.0]])
@@ -138,7 +152,7 @@ class FaceCells:
         with np.errstate(divide="ignore"):
             ground = np.where(middle[:, 2] < 0, eye[0] - eye[2] * middle[:, 0] / middle[:, 2], np.inf)
         seen = np.flatnonzero(np.isfinite(ground))
-        if len(seen) < 2 or not eye[2] > height_m:
+        if len(seen) < _MIN_ROWS or not eye[2] > height_m:
             raise InputError(
                 "ObstacleDetector",
                 f"found {len(seen)} rows of floor from a height of {eye[2]:.3g} m, expected a camera above "
@@ -150,7 +164,7 @@ class FaceCells:
         row = seen[len(seen) // 2]
         bin_m = abs(float(ground[row] - ground[row - 1]))
         rise = height_m / (eye[2] - height_m)
-        self.baseline_m = parallax_bins * bin_m / rise
+        self.baseline_m = settings.parallax_bins * bin_m / rise
         away = float(ground[row]) - self.eye_x_m
         step = _STEP_BINS * away * bin_m / (self.baseline_m * (1.0 + rise))
         self.range_m = np.arange(self.near_m, min(far_m, self.near_m + _MAX_RANGES * step), step)
@@ -158,20 +172,20 @@ class FaceCells:
         self.face_far_m -= self.baseline_m
         half = math.ceil(0.5 * self.shape[1] / self._matrix[0, 0] * math.hypot(eye[2], away) / width_m)
         self.lateral_m = (np.arange(-half, half) + 0.5) * width_m
-        self._cells = [self._seen_by(x, eye, rays, height_m, width_m) for x in self.range_m]
+        self._cells = [self._seen_by(x, eye, rays) for x in self.range_m]
         count = len(self.lateral_m)
         self.in_view = np.array([np.bincount(cell, minlength=count + 1)[:-1] > 0 for _, cell in self._cells])
 
     def _seen_by(
-        self, x_m: float, eye: np.ndarray, rays: np.ndarray, height_m: float, width_m: float
+        self, x_m: float, eye: np.ndarray, rays: np.ndarray
     ) -> tuple[slice, Int[np.ndarray, "pixels"]]:
         """Rows of the strip that see the face at one range, and the lateral cell of each of their pixels."""
         with np.errstate(divide="ignore", invalid="ignore"):
             along = (x_m - eye[0]) / rays[..., 0]
             y, z = eye[1] + along * rays[..., 1], eye[2] + along * rays[..., 2]
-            cell = np.floor((y - self.lateral_m[0]) / width_m + 0.5)
+            cell = np.floor((y - self.lateral_m[0]) / self.settings.width_m + 0.5)
         count = len(self.lateral_m)
-        inside = (along > 0) & (z > 0) & (z < height_m) & (cell >= 0) & (cell < count)
+        inside = (along > 0) & (z > 0) & (z < self.settings.height_m) & (cell >= 0) & (cell < count)
         rows = np.flatnonzero(inside.any(axis=1))
         part = slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 1)
         return part, np.where(inside, cell, count)[part].astype(np.intp).ravel()
@@ -195,21 +209,15 @@ class FaceCells:
         around = (_MEAN_BINS, _MEAN_BINS)
         detail = cv2.log(binned + np.float32(_BLACK))
         detail -= cv2.blur(detail, around)
-        # At the border the mean is not that of the surroundings.
         detail = cv2.copyMakeBorder(
             detail[_BORDER:-_BORDER, _BORDER:-_BORDER], *4 * (_BORDER,), cv2.BORDER_CONSTANT, value=math.nan
         )
         return StripImage(detail, cv2.blur(binned, around) + np.float32(_BLACK))
 
     def pair(
-        self,
-        now: StripImage,
-        before: StripImage,
-        motion: Float[np.ndarray, "3"],
-        sigma: Float[np.ndarray, "3"],
+        self, now: StripImage, before: StripImage, motion: Float[np.ndarray, "3"], sigma: Float[np.ndarray, "3"],
         hidden: UInt8[np.ndarray, "rows columns"],
-        correlated_bins: float,
-    ) -> FramePair:
+    ) -> FramePair:  # fmt: skip
         """Two frames, the motion between them that suits the floor best, and how well it explains each pixel.
 
         The floor of the strip itself refines the motion, since wheels whose scale is wrong by 3 % lift all of it by a
@@ -224,8 +232,6 @@ class FaceCells:
             (x, y, theta) of the platform between them and its standard deviations [m, rad].
         hidden
             Not 0 where the floor is known to be hidden now.
-        correlated_bins
-            Bins of one independent sample.
         """
         import cv2
 
@@ -234,37 +240,37 @@ class FaceCells:
             # Sobel's weights sum up to 8 for a slope of one.
             slope = cv2.Sobel(now.detail, cv2.CV_32F, *axis, scale=0.125)
             variance += _REGISTRATION_BINS**2 * slope * slope
-        refined, prior = np.array(motion, dtype=np.float64), 1.0 / np.maximum(sigma, _STEPS) ** 2
-        information, slopes = np.diag(prior), None
-        # Every other bin of both directions: neighbours are not independent.
-        level, edges, open_ = now.level[::2, ::2], variance[::2, ::2], (hidden == 0)[::2, ::2]
+        refined, spread = self._refine(now, before, motion, sigma, np.where(hidden, np.nan, variance))
+        floor = now.detail - self._floor_before(before, refined)
+        scale = _scale(floor, variance, now.level)
+        by_floor = cv2.log(1.0 + floor * floor * scale)
+        return FramePair(now, before, self._view(refined), spread, scale, np.asarray(by_floor))
+
+    def _refine(
+        self, now: StripImage, before: StripImage, motion: np.ndarray, sigma: np.ndarray, variance: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Motion by the floor, NaN in ``variance`` where it is hidden, and the standard deviation of the drive."""
+        refined, prior = np.array(motion, dtype=np.float64), np.diag(np.maximum(sigma, _STEPS) ** -2.0)
+        information, slopes = prior, None
+        # Every other bin of both directions, which stand for all: neighbours are not independent.
+        sparse, fraction = (slice(None, None, 2), slice(None, None, 2)), 4.0 / self.settings.correlated_bins
         for tail in _TAILS:
             moved = self._floor_before(before, refined)
-            floor = now.detail - moved
-            sparse = floor[::2, ::2]
-            known = np.isfinite(sparse + edges)
-            quarter = np.quantile(np.abs(sparse * level)[known], 0.25) if known.any() else 0.0
-            noise = max(float(quarter) / _QUARTER_SIGMAS, _MIN_NOISE)
-            if not tail:
-                break
             if slopes is None:
                 stepped = [self._floor_before(before, refined + step) for step in np.diag(_STEPS)]
-                slopes = np.stack([(m - moved)[::2, ::2] / h for m, h in zip(stepped, _STEPS, strict=True)])
-                slopes = np.where(np.isfinite(slopes), slopes, np.float32(0.0)).reshape(3, -1)
-            sparse = np.where(known, sparse, np.float32(0.0))
-            scale = 1.0 / (_FREEDOM * (edges + (noise / level) ** 2))
-            weight = (_FREEDOM + 1.0) * scale / (1.0 + sparse * sparse * scale / tail)
-            # A quarter of the bins stands for all.
-            weighted = (
-                slopes * np.where(known & open_, 4.0 / correlated_bins * weight, np.float32(0.0)).ravel()
-            )
-            information = weighted @ slopes.T + np.diag(prior)
-            pull = weighted @ sparse.ravel() + prior * (motion - refined)
+                slopes = np.stack(
+                    [(m - moved)[sparse].ravel() / h for m, h in zip(stepped, _STEPS, strict=True)]
+                )
+                slopes[~np.isfinite(slopes)] = 0.0
+            floor = (now.detail - moved)[sparse]
+            scale = _scale(floor, variance[sparse], now.level[sparse])
+            weight = fraction * (_FREEDOM + 1.0) * scale / (1.0 + floor * floor * scale / tail)
+            known = np.isfinite(weight)
+            weighted = slopes * np.where(known, weight, np.float32(0.0)).ravel()
+            information = weighted @ slopes.T + prior
+            pull = weighted @ np.where(known, floor, np.float32(0.0)).ravel() + prior @ (motion - refined)
             refined = refined + np.linalg.solve(information, pull)
-        scale = 1.0 / (_FREEDOM * (variance + (noise / now.level) ** 2))
-        by_floor = cv2.log(1.0 + floor * floor * scale)
-        spread = float(np.sqrt(np.linalg.inv(information)[0, 0]))
-        return FramePair(now, before, self._view(refined), spread, scale, by_floor)
+        return refined, float(np.sqrt(np.linalg.inv(information)[0, 0]))
 
     def _view(self, motion: Float[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
         """Rotation and translation of the camera's axes from now to before."""
@@ -293,9 +299,7 @@ class FaceCells:
             sums[1, k] = np.bincount(cell, ratio * ratio, count + 1)[:-1]
         return sums
 
-    def locate(
-        self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"], correlated_bins: float
-    ) -> tuple[float, float]:
+    def locate(self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"]) -> tuple[float, float]:
         """Range of a face and its standard deviation [m], by its likelihood over the same pixels.
 
         Parameters
@@ -306,8 +310,6 @@ class FaceCells:
             Index of the range from where the search starts.
         laterals
             Indices of the lateral cells that show the face.
-        correlated_bins
-            Bins of one independent sample.
         """
         found, step = float(self.range_m[at]), float(self.range_m[1] - self.range_m[0])
         bend = 1.0
@@ -318,7 +320,8 @@ class FaceCells:
             rows, cell = self._cells[k]
             seen = np.isin(cell, laterals)
             below, middle, beyond = (
-                float(self._ratio(pair, found + side * width, rows).ravel()[seen].sum()) / correlated_bins
+                float(self._ratio(pair, found + side * width, rows).ravel()[seen].sum())
+                / self.settings.correlated_bins
                 for side in (-1, 0, 1)
             )
             bend = max(2.0 * middle - below - beyond, 1e-3) / width**2
@@ -336,12 +339,7 @@ class FaceCells:
         return np.asarray(better)
 
     def _moved(
-        self,
-        before: StripImage,
-        view: tuple[np.ndarray, np.ndarray],
-        axis: int,
-        x_m: float,
-        rows: slice,
+        self, before: StripImage, view: tuple[np.ndarray, np.ndarray], axis: int, x_m: float, rows: slice
     ) -> Float32[np.ndarray, "rows columns"]:
         """The earlier frame as it would look now were all of it on the plane at ``x_m`` along an axis; NaN: unseen."""
         import cv2
@@ -350,13 +348,17 @@ class FaceCells:
         bent = turn + np.outer(shift, normal) / (normal @ self._origin + x_m)
         plane = self._matrix @ bent @ self._inverse
         plane[:, 2] += plane[:, 1] * rows.start
-        return np.asarray(
-            cv2.warpPerspective(
-                before.detail,
-                plane,
-                (self.shape[1], rows.stop - rows.start),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=math.nan,
-            )
+        size, flags = (self.shape[1], rows.stop - rows.start), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        border = cv2.BORDER_CONSTANT
+        moved = cv2.warpPerspective(
+            before.detail, plane, size, flags=flags, borderMode=border, borderValue=math.nan
         )
+        return np.asarray(moved)
+
+
+def _scale(residual: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """1 / (degrees of freedom times variance) of residuals, with the noise that they show themselves."""
+    known = np.isfinite(residual + variance)
+    quarter = np.quantile(np.abs(residual * level)[known][::4], 0.25) if known.any() else 0.0
+    noise = max(float(quarter) / _QUARTER_SIGMAS, _MIN_NOISE)
+    return np.asarray(1.0 / (_FREEDOM * (variance + (noise / level) ** 2)), dtype=np.float32)

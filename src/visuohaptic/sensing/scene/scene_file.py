@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -20,12 +19,13 @@ from ...core.errors import InputError
 from ...core.files import load_yaml_model
 from ...core.measurement import ForceProfile
 from ...core.robots import BaseState
+from ...io.sinks.table_reader import read_columns
 from ..config_fields import PoseSection, Positive, Section
 from ..foam.sensor import FoamSensor
 from ..foam.strip.config import FoamSensorConfig, FoamSetup
 from ..foam.strip.zero import ZeroReference
 from .ego_motion import EgoMotionSettings
-from .obstacle_mask import ObstacleSettings
+from .obstacle_parallax import ObstacleSettings
 from .scene_regions import SceneSettings
 from .scene_tracker import SceneReading, SceneTracker
 
@@ -262,44 +262,23 @@ def read_odometry(path: Path | str) -> Odometry:
     Raises
     ------
     InputError
-        With the line and column of the first bad field.
+        With the place of the first bad field.
     """
-    path, columns = Path(path), ("t_s", "speed_m_s", "turn_rate_rad_s")
-    rows: list[list[float]] = []
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(stream)
-            missing = [name for name in columns if name not in (reader.fieldnames or [])]
-            if missing:
-                raise InputError(
-                    path,
-                    f"found columns {', '.join(reader.fieldnames or []) or 'none'}; missing: {', '.join(missing)}",
-                    field="line 1",
-                )
-            for row in reader:
-                rows.append([_number(path, reader.line_num, name, row[name]) for name in columns])
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"not a CSV file ({error})") from error
-    if not rows:
+    path, names = Path(path), ("t_s", "speed_m_s", "turn_rate_rad_s")
+    columns = read_columns(path, names)
+    values = np.array([columns[name] for name in names], dtype=np.float64)
+    if not values.size:
         raise InputError(path, "has no rows, expected at least one")
-    values = np.array(rows)
-    late = np.flatnonzero(np.diff(values[:, 0]) <= 0)
+    row, column = np.nonzero(~np.isfinite(values.T))
+    if len(row):
+        raise InputError(
+            path, "found no finite number, expected one", field=f"line {row[0] + 2}, {names[column[0]]}"
+        )
+    late = np.flatnonzero(np.diff(values[0]) <= 0)
     if len(late):
         raise InputError(
             path,
-            f"found {values[late[0] + 1, 0]:g} s after {values[late[0], 0]:g} s, expected times that increase",
+            f"found {values[0, late[0] + 1]:g} s after {values[0, late[0]]:g} s, expected times that increase",
             field=f"line {int(late[0]) + 3}, t_s",
         )
-    return Odometry(*values.T)
-
-
-def _number(path: Path, line: int, name: str, text: str | None) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(path, f"found {text!r}, expected a number", field=f"line {line}, {name}")
-    return value
+    return Odometry(*values)

@@ -22,31 +22,11 @@ if TYPE_CHECKING:
 __all__ = ["SCENE_COLUMNS", "SceneTable", "write_scene"]
 
 SCENE_COLUMNS = (
-    "t_s",
-    "valid",
-    "reason",
-    "x_m",
-    "y_m",
-    "heading_rad",
-    "x_sigma_m",
-    "y_sigma_m",
-    "heading_sigma_rad",
-    "floor_valid",
-    "floor_points",
-    "object_valid",
-    "object_reason",
-    "object_angle_rad",
-    "object_angle_sigma_rad",
-    "object_tilt_rad",
-    "object_shift_x_m",
-    "object_shift_y_m",
-    "object_points",
-    "obstacle_valid",
-    "proximity_m",
-    "proximity_sigma_m",
-    "proximity_remembered",
-    "events",
-)
+    "t_s", "valid", "reason", "x_m", "y_m", "heading_rad", "x_sigma_m", "y_sigma_m", "heading_sigma_rad",
+    "floor_valid", "floor_points", "object_valid", "object_reason", "object_angle_rad", "object_angle_sigma_rad",
+    "object_tilt_rad", "object_shift_x_m", "object_shift_y_m", "object_points", "obstacle_valid", "proximity_m",
+    "proximity_sigma_m", "proximity_remembered", "events",
+)  # fmt: skip
 
 
 def _values(reading: SceneReading) -> dict[str, Any]:

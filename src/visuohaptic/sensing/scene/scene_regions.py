@@ -16,7 +16,8 @@ from .ego_motion import EgoMotionSettings
 from .floor_motion import FloorMotionSettings
 from .object_events import ObjectMotionSettings
 from .object_motion import ObjectTracker
-from .obstacle_mask import Obstacle, ObstacleSettings
+from .obstacle_mask import Obstacle
+from .obstacle_parallax import ObstacleSettings
 
 __all__ = ["FLOOR", "OBJECT", "SceneRegions", "SceneSettings"]
 
