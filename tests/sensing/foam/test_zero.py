@@ -50,7 +50,7 @@ def test_a_file_without_its_image_is_refused(tmp_path, damage) -> None:
     text = path.read_text()
     start = text.index("image_png:")
     other = {
-        "older": "foam_grey: [" + ", ".join(["150.0"] * K) + "]\ngain: 150.0\n",
+        "older": "",
         "no base64": "image_png: '?'\n",
         "no picture": "image_png: aGVsbG8=\n",
     }

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...tracking.contours.contour import PIXEL_PX, SHARED_NOISE
-from ._posterior_kernels import EDGE
+from ...tracking.contours.contour import SHARED_NOISE
 from .material.foam_material import FoamMaterial
 from .posterior import DECAY_PER_WIDTH, REST_PX, EdgePosterior, EdgeStates
 from .profile import FoamContour, FoamReading
@@ -129,26 +128,7 @@ def measure_deflection(
     # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
-    merged = _merged_m(strip, delta, np.hypot(sigma, systematic), states)
-    found = fill_gaps(geometry, delta, sigma, noise, np.hypot(systematic, merged), raw, states)
-    return replace(found, hidden_m=np.maximum(found.hidden_m, merged), light_m=light)
-
-
-def _merged_m(
-    strip: ObservedStrip, delta_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"], states: EdgeStates
-) -> Float[np.ndarray, "K"]:
-    """What a shadow may hide: where its edge comes up to that of foam at rest, both are seen as one step."""
-    from scipy.ndimage import binary_opening, label
-
-    small = delta_m < EDGE * np.hypot(strip.blur_px, PIXEL_PX) * strip.pixel_m
-    merged, pressed = states.foam & small, states.foam & (delta_m > 3.0 * sigma_m)
-    # One or two shadows alone are chance where the foam goes on to be pressed deeper.
-    contacts, _ = label(pressed | states.shadow)
-    deep = np.isin(contacts, contacts[states.foam & ~small])
-    shadow = binary_opening(states.shadow, np.ones(_BRIDGED_POINTS + 1)) | (states.shadow & ~deep)
-    runs, _ = label(merged | states.shadow)
-    beside = merged & pressed & np.isin(runs, runs[shadow])
-    return np.where(beside, delta_m, 0.0)
+    return replace(fill_gaps(geometry, delta, sigma, noise, systematic, raw, states), light_m=light)
 
 
 def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:

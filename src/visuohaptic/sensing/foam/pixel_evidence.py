@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
 from ...tracking.contours.contour import PIXEL_PX
 from ._chain_kernels import FOAM, OCCLUDER, SHADOW
@@ -141,7 +141,8 @@ def _shadow_evidence(
     # A point whose texture agrees by chance leaves residuals that look independent; its neighbours know better.
     known = np.isfinite(alike)
     texture[known] /= np.nanmedian(neighbours(alike)[known], axis=1)
-    light, foam = float(np.nanmedian(gain)), _resting_grey(zero.image, at.resting)
+    stop = int(0.9 * at.resting.min())
+    light, foam = float(np.nanmedian(gain)), zero.image[:, :, stop // 2 : stop].mean(axis=(1, 2))
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = np.hypot(_SAME_GREY * light * foam, math.sqrt(variance))
 
@@ -169,21 +170,4 @@ def _shadow_evidence(
         + np.nan_to_num(_INDEPENDENT * near)
     )
     result: Float[np.ndarray, "K"] = np.clip(odds_shadow, -MAX_ODDS, MAX_ODDS)
-    return result
-
-
-def _resting_grey(
-    image: UInt8[np.ndarray, "K parallels samples"], resting: Float[np.ndarray, "K"]
-) -> Float[np.ndarray, "K"]:
-    """Grey level of the foam before its front at rest.
-
-    Parameters
-    ----------
-    image
-        Strip at rest.
-    resting
-        Place of the front [samples].
-    """
-    stop = int(0.9 * resting.min())
-    result: Float[np.ndarray, "K"] = image[:, :, stop // 2 : stop].mean(axis=(1, 2))
     return result

@@ -71,14 +71,9 @@ def light_shift_px(
 def _means(profile: Float[np.ndarray, "K samples"], at: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 2"]:
     """Mean grey levels between three places of each line [samples]; NaN where there is none."""
     total = np.pad(np.cumsum(profile, axis=1, dtype=np.float64), ((0, 0), (1, 0)))
-    known = np.nan_to_num(np.rint(at), nan=0.0).astype(np.int64)
-    place = np.clip(known, 0, profile.shape[1])
-    count = np.diff(place, axis=1)
-    result: Float[np.ndarray, "K 2"] = np.where(
-        (count > 0) & np.isfinite(at).all(axis=1, keepdims=True),
-        np.diff(np.take_along_axis(total, place, axis=1), axis=1) / np.maximum(count, 1),
-        np.nan,
-    )
+    place = np.clip(np.rint(np.nan_to_num(at)), 0, profile.shape[1]).astype(np.int64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        result: Float[np.ndarray, "K 2"] = np.diff(np.take_along_axis(total, place, axis=1)) / np.diff(place)
     return result
 
 

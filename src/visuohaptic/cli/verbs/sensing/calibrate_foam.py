@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("data", type=Path, help="CSV of strain and stress")
     parser.add_argument("--out", type=Path, default=Path("foam.yaml"), help="file to write (foam.yaml)")
     parser.add_argument(
-        "--plate", type=Path, help="CSV of contours under a narrow plate: calibrates the tension"
+        "--plate", type=Path, help="CSV of contours under a narrow plate: calibrates tension and expansion"
     )
     parser.add_argument(
         "--width",
@@ -94,6 +94,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "tension_ratio": material.tension.ratio,
         "tension_sigma": material.tension.sigma,
         "tension_calibrated": material.tension.calibrated,
+        "lateral_expansion": material.tension.lateral,
+        "lateral_expansion_sigma": material.tension.lateral_sigma,
         "notes": list(found.notes),
     }
     for line in _lines(result):
@@ -115,7 +117,8 @@ def _lines(result: dict[str, Any]) -> list[str]:
         + f"; used: {result['curve']}",
         f"working strain {low:.2f} to {high:.2f}, saturated beyond {result['densification_strain']:.2f}",
         f"lost work in a loop: {100 * result['hysteresis_loss']:.0f} %",
-        f"tension ratio {result['tension_ratio']:.2f} +- {result['tension_sigma']:.2f} ({kind})",
+        f"tension ratio {result['tension_ratio']:.2f} +- {result['tension_sigma']:.2f}, lateral expansion "
+        f"{result['lateral_expansion']:.2f} +- {result['lateral_expansion_sigma']:.2f} ({kind})",
         *result["notes"],
         f"wrote {result['out']}" + (f" and {result['plot']}" if result["plot"] else ""),
     ]

@@ -33,7 +33,7 @@ from jaxtyping import Float
 from ....core.errors import CalibrationError
 from .foam_material import FoamMaterial
 from .records import PlateRecord
-from .tension import Tension, relief_stress
+from .tension import Tension, softening
 
 __all__ = ["BOUNDARIES", "Boundary", "calibrate_tension", "contour_force"]
 
@@ -72,7 +72,7 @@ def contour_force(
     slope = np.diff(np.maximum(delta_m, 0.0)) / spacing
     middle = 0.5 * (strain[1:] + strain[:-1])
     sine2 = slope**2 / (1 + slope**2)
-    return enlarged, material.height_m * float(relief_stress(material.narrow, middle) @ (sine2 * spacing))
+    return enlarged, material.height_m * float(softening(material.narrow, middle) @ (sine2 * spacing))
 
 
 def calibrate_tension(

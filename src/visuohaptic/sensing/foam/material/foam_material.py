@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ....core.errors import InputError
 from .hysteresis import HysteresisLaw
 from .stress_curve import CurveKind, StressCurve
-from .tension import Tension, relief_stress
+from .tension import Tension, softening
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -119,7 +119,7 @@ class FoamMaterial:
     @cached_property
     def softening_table_Pa(self) -> Float[np.ndarray, "256"]:
         """Softening of the tension law at 256 even strains from 0 to 1.2 times the calibrated end."""
-        return relief_stress(self.narrow, np.linspace(0.0, self.softening_end, 256))
+        return softening(self.narrow, np.linspace(0.0, self.softening_end, 256))
 
     @property
     def softening_end(self) -> float:

@@ -42,11 +42,6 @@ class _ZeroFile(Section):
     blur_ratio: Numbers
     #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
     image_png: str | None = None
-    # Fields of older versions, so that their files are refused for what they lack.
-    gain: FiniteFloat | None = None
-    foam_grey: Numbers | None = None
-    front_ratio: Numbers | None = None
-    contrast: Numbers | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
