@@ -110,6 +110,9 @@ class ClassStatistics:
     within: Float[np.ndarray, "p p"]  #: what its objects differ by
     pose: Float[np.ndarray, "p p"]  #: what wrong poses do
     spreads: tuple[float, ...] = (1.0, OUTSIDE)  #: l of its Gaussians
+    touched: bool = (
+        False  #: its objects were, each by its own exploration: nuisances are in ``within`` already
+    )
 
 
 def fit_model(
@@ -198,9 +201,9 @@ def assemble(
     kinds = unknown_kinds(np.stack([one.mean for one in learned.values()]))
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
-        effect = nuisance_effects(one.mean, one.pose, settings, protocol)
+        effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
         # The height is among the poses.
-        shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + own
+        shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + (not one.touched) * own
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
         chance = fraction[name_of[part]] / alike / len(one.spreads) / len(POSES)
