@@ -72,8 +72,7 @@ def learn_from_curves(
     InputError
         Fewer than two classes, or an object without a reading.
     """
-    settings = ModelSettings() if settings is None else settings
-    protocol = TouchProtocol() if protocol is None else protocol
+    settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     learned = dict(simulated or {})
     labels = dict.fromkeys(one.label for one in squeezed)
     if len({*learned, *labels}) < 2:
@@ -184,10 +183,7 @@ def _own_within(
     usual: Float[np.ndarray, "p p"],
     objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> Float[np.ndarray, "p p"]:
-    """What objects of one class differ by: as those of all do, by a factor that its own readings say (its posterior mean).
-
-    A hand holds a soft bear alike each time, and closes on nothing in many ways.
-    """
+    """What objects of one class differ by: as those of all do, by a factor that its own readings say (its posterior mean)."""
     square = np.array(FACTORS) ** 2
     score = np.array([_likelihood(mean, spread, factor * usual, [objects]) for factor in square])
     weight = np.exp(score - score.max())
