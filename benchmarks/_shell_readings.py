@@ -26,6 +26,7 @@ from visuohaptic.recognition import (
     save_feature_set,
     walk,
 )
+from visuohaptic.recognition.touch import update_belief
 
 #: Touches at most, and objects of a class that the classifier is trained on.
 MAX_TOUCHES, VARIANTS = 10, 30
@@ -82,6 +83,33 @@ def explore_object(
     return found, readings
 
 
+def _answers(
+    classifier: HapticClassifier, readings: Sequence[TouchReading], *, use_width: bool
+) -> list[tuple[str, float]]:
+    """Answer and confidence after each touch."""
+    model = classifier.model(use_width=use_width)
+    found = [update_belief(model, readings[: k + 1]) for k in range(len(readings))]
+    return [(one.answer, one.confidence) for one in found]
+
+
+def touches_at_accuracy(rows: Sequence[dict[str, Any]], accuracy: float) -> float:
+    """Mean number of planned touches at the lowest confidence, in percent, at which this fraction is right.
+
+    Where the accuracy is never reached, that of the whole explorations.
+    """
+    for percent in range(1, 100):
+        stop = [
+            next(
+                (k for k, (_, sure) in enumerate(row["path"]) if 100 * sure >= percent), len(row["path"]) - 1
+            )
+            for row in rows
+        ]
+        right = [row["path"][k][0] == row["class"] for k, row in zip(stop, rows, strict=True)]
+        if np.mean(right) >= accuracy - 1e-9:
+            return float(np.mean(stop)) + 1
+    return float(np.mean([row["touches"] for row in rows]))
+
+
 @one_blas_thread()
 def known_row(
     classifier: HapticClassifier, thing: TouchedObject, seed: int, *, use_width: bool
@@ -106,6 +134,7 @@ def known_row(
         "answer": found.answer,
         "confidence": found.confidence,
         "touches": len(readings),
+        "path": _answers(classifier, readings, use_width=use_width),
         "random": by_chance.answer,
         "random_touches": len(chance_readings),
         "tree": tree_answer,
@@ -251,6 +280,7 @@ def reading_figures(
         name: np.mean([row[name] for row in rows]) for name in ("touches", "random_touches", "tree_touches")
     }
     equal = {name: float(np.mean([row[name] == row["class"] for row in rows])) for name in ("random", "tree")}
+    fair = touches_at_accuracy(rows, equal["tree"])
     (right_floor, right_aim), (unknown_floor, unknown_aim), (error_floor, error_aim) = limits
     return [
         {"name": f"{label}: right", "ours": float(right.mean()), "unit": "1", "floor": right_floor, "aim": right_aim,
@@ -263,9 +293,9 @@ def reading_figures(
         {"name": f"{label}: touches by random order", "ours": float(touches["touches"] / touches["random_touches"]),
          "unit": "1", "floor": 0.75, "aim": 0.5, "higher_is_better": False,
          "note": f"{touches['touches']:.2f} by {touches['random_touches']:.2f}, right {equal['random']:.2f}"},
-        {"name": f"{label}: touches by the tree", "ours": float(touches["touches"] / touches["tree_touches"]),
+        {"name": f"{label}: touches by the tree, as often right", "ours": float(fair / touches["tree_touches"]),
          "unit": "1", "floor": 1.0, "aim": 0.7, "higher_is_better": False,
-         "note": f"{touches['touches']:.2f} by {touches['tree_touches']:.2f}, right {equal['tree']:.2f}"},
+         "note": f"{fair:.2f} by {touches['tree_touches']:.2f}, right {equal['tree']:.2f}; to 99 % {touches['touches']:.2f}"},
     ]  # fmt: skip
 
 

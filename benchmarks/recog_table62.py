@@ -29,7 +29,7 @@ from visuohaptic.recognition.touch import (
     fit_model,
     update_belief,
 )
-from visuohaptic.recognition.trees import grow_tree, train_tree, walk
+from visuohaptic.recognition.trees import train_tree, walk
 from visuohaptic.rigs import virtual_containers as world
 
 from ._journal import Journal
@@ -61,7 +61,7 @@ def campaign(
     model9 = calibrate(fit_model(three, settings=settings), three, rng)
     five = data.of_classes(FIVE, world.GROUPS)
     tree, tree9 = train_tree(five), train_tree(three)
-    plain = grow_tree(five, reuse=0.0, alpha=tree.alpha, samples=0)
+    plain = train_tree(five, reuse=0.0, alpha=tree.alpha, samples=0)
 
     def judge(name: str, draw: int, thing: world.RealObject, salt: int) -> dict[str, Any]:
         rng = np.random.default_rng([seed, draw, len(name), salt])

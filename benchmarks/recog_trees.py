@@ -70,12 +70,12 @@ def table(data: FeatureSet, groups: dict[str, Any] | None = None) -> list[dict[s
             }
         )
     five = data.of_classes(FIVE, GROUPS if groups is None else groups)
-    from visuohaptic.recognition.trees import grow_tree
+    from visuohaptic.recognition.trees import train_tree
 
     rows.append(
         {
             "name": "training again with a pruning that is known",
-            "ours": 1e3 * cpu_seconds(lambda: grow_tree(five, alpha=0.002), repeats=3),
+            "ours": 1e3 * cpu_seconds(lambda: train_tree(five, alpha=0.002), repeats=3),
             "unit": "ms CPU",
             "note": f"{len(five)} objects of five classes",
         }

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.recognition.data import FeatureSet, TouchProtocol, TouchReading, noisy_copies, travel_seconds
+from visuohaptic.recognition.data import (
+    FeatureSet,
+    TouchProtocol,
+    TouchReading,
+    join_feature_sets,
+    travel_seconds,
+)
 from visuohaptic.recognition.touch import (
     UNKNOWN,
     HapticModel,
@@ -24,7 +30,7 @@ from visuohaptic.recognition.touch import (
 )
 from visuohaptic.recognition.trees import mean_touches, train_tree
 
-from .worlds import synthetic, touch_of
+from .worlds import as_explored, synthetic, touch_of
 
 
 @pytest.fixture(scope="module")
@@ -201,7 +207,7 @@ def test_known_objects_are_found_with_fewer_touches_than_the_tree(model: HapticM
 
 def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
     data = synthetic(2)
-    strange = noisy_copies(data, 1, np.random.default_rng(0), keep=False)
+    strange = as_explored(data, np.random.default_rng(0))
     strange.features[..., 0] *= 60.0
     for row in range(len(data)):
         touch = touch_of(strange, row)
@@ -224,7 +230,8 @@ def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
     confidence, hit = [], []
     # Half of them outside the range of the training, all by a poor pose.
     for seed, spread in ((4, 0.4), (5, 0.7)):
-        unseen = noisy_copies(synthetic(25, seed=seed, spread=spread), 2, rng, pose_m=0.005, keep=False)
+        objects = synthetic(25, seed=seed, spread=spread)
+        unseen = as_explored(join_feature_sets([objects, objects]), rng, pose_m=0.005)
         for row in range(len(unseen)):
             touch = touch_of(unseen, row, rng=rng)
             readings = [touch(int(rng.integers(1, 17)), "xy"[int(rng.integers(2))]) for _ in range(2)]

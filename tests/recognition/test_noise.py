@@ -3,26 +3,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.core import InputError
-from visuohaptic.recognition.data import TouchProtocol, fit_curve, noisy_copies
+from visuohaptic.recognition.data import TouchProtocol, as_measured, fit_curve
 
 from .worlds import synthetic
 
 
-def test_copies_are_as_noisy_as_a_touch_and_carry_their_class() -> None:
-    data = synthetic(40)
-    copies = noisy_copies(data, 5, np.random.default_rng(0), pose_m=0.0, discrepancy=0.06, keep=False)
-    assert copies.label == data.label * 5
-    away = np.log(copies.features[..., 0]).reshape(5, *data.features.shape[:3]) - np.log(
-        data.features[..., 0]
-    )
-    sigma = TouchProtocol().relative_sigma(float(np.median(data.features[:, 8, 0, 0])))
-    assert away[:, :, 8, 0].std() == pytest.approx(np.hypot(sigma, 0.06), rel=0.2)
-    np.testing.assert_array_equal(
-        noisy_copies(data, 1, np.random.default_rng(0)).features[:120], data.features
-    )
-    with pytest.raises(InputError, match="expected at least 1"):
-        noisy_copies(data, 0, np.random.default_rng(0))
+def test_explorations_are_as_noisy_as_a_touch() -> None:
+    true = np.log(np.tile(synthetic(40).features[..., 0], (5, 1, 1)))
+    away = as_measured(true, np.random.default_rng(0), pose_m=0.0, discrepancy=0.06) - true
+    sigma = TouchProtocol().relative_sigma(float(np.exp(np.median(true[:, 8, 0]))))
+    assert away[:, 8, 0].std() == pytest.approx(np.hypot(sigma, 0.06), rel=0.2)
 
 
 @pytest.mark.parametrize("stiffness", [300.0, 4000.0, 15e3])

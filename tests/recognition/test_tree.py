@@ -13,7 +13,6 @@ from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import normalised
 from visuohaptic.recognition.trees import (
     SAMPLES,
-    grow_tree,
     grown,
     load_tree,
     mean_touches,
@@ -110,7 +109,7 @@ def test_known_pruning_while_growing_is_pruning_after_it() -> None:
 
 def test_each_alpha_prunes_to_the_least_cost_of_all_subtrees() -> None:
     data = synthetic(20, spread=0.8)
-    tree = grow_tree(data, samples=0)
+    tree = train_tree(data, alpha=0.0, samples=0)
     alphas = pruning_alphas(tree)
     assert (np.diff(alphas) > 0).all()
     total = tree.counts[0].sum()
@@ -164,7 +163,7 @@ def test_without_reuse_and_draws_it_is_the_tree_of_scikit_learn() -> None:
     data = synthetic(20, spread=0.6)
     x = np.log1p(scaled_features(data.features[..., 0], "centre"))
     peer = DecisionTreeClassifier(random_state=0, ccp_alpha=0.0).fit(x, data.number)
-    tree = grow_tree(data, reuse=0.0, samples=0)
+    tree = train_tree(data, alpha=0.0, reuse=0.0, samples=0)
     assert np.count_nonzero(tree.feature < 0) == peer.get_n_leaves()
     found = np.array([tree.classes.index(name) for name in predict(tree, data.features[..., 0])])
     assert np.array_equal(found, peer.predict(x))
@@ -172,13 +171,13 @@ def test_without_reuse_and_draws_it_is_the_tree_of_scikit_learn() -> None:
 
 def test_reuse_saves_touches() -> None:
     data = synthetic(60, spread=0.5)
-    fresh, thrifty = grow_tree(data, reuse=0.0, alpha=0.01), grow_tree(data, reuse=0.3, alpha=0.01)
+    fresh, thrifty = train_tree(data, reuse=0.0, alpha=0.01), train_tree(data, reuse=0.3, alpha=0.01)
     assert mean_touches(thrifty) <= mean_touches(fresh)
 
 
 def test_more_cost_of_a_leaf_never_makes_a_larger_tree() -> None:
     data = synthetic(25, spread=0.8)
-    sizes = [len(grow_tree(data, alpha=alpha).feature) for alpha in (0, 0.002, 0.01, 0.05, 1.0)]
+    sizes = [len(train_tree(data, alpha=alpha).feature) for alpha in (0, 0.002, 0.01, 0.05, 1.0)]
     assert sizes == sorted(sizes, reverse=True)
     assert sizes[-1] == 1
 

@@ -9,7 +9,6 @@ from .data.data_set import join_feature_sets as join_feature_sets
 from .data.data_set import load_feature_set as load_feature_set
 from .data.data_set import read_build as read_build
 from .data.data_set import save_feature_set as save_feature_set
-from .data.noise import noisy_copies as noisy_copies
 from .data.places import HEIGHTS as HEIGHTS
 from .data.places import SIDES as SIDES
 from .data.places import Touch as Touch
@@ -42,7 +41,6 @@ from .touch.steps import planner_follower as planner_follower
 from .touch.steps import planner_steps as planner_steps
 from .touch.steps import tree_follower as tree_follower
 from .touch.steps import tree_steps as tree_steps
-from .trees.tree import grow_tree as grow_tree
 from .trees.tree import train_tree as train_tree
 from .trees.tree_file import load_tree as load_tree
 from .trees.tree_file import save_tree as save_tree

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import call
 from pathlib import Path
 from typing import Any, cast
 
@@ -188,7 +189,7 @@ class HapticClassifier:
             partial(_calibrated, used, groups, seed, use_width=True),
             partial(_calibrated, used, groups, seed, use_width=False),
         ]
-        found = dict(map_tasks(_called, parts, name="classify train", workers=workers))
+        found = dict(map_tasks(call, parts, name="classify train", workers=workers))
         tree, wide, plain = found[0], found[1], found[2]
         calibration = (
             (wide.temperature, wide.unknown_log_odds),
@@ -348,10 +349,6 @@ def _calibrated(
 ) -> HapticModel:
     model = fit_model(used, groups, settings=ModelSettings(use_width=use_width))
     return calibrate(model, used, np.random.default_rng(seed), explorations=EXPLORATIONS)
-
-
-def _called(part: Callable[[], Any]) -> Any:
-    return part()
 
 
 def _loaded(source: FeatureSet | Path | str) -> FeatureSet:

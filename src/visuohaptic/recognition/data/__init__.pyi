@@ -7,7 +7,6 @@ from .data_set import load_feature_set as load_feature_set
 from .data_set import read_build as read_build
 from .data_set import save_feature_set as save_feature_set
 from .noise import as_measured as as_measured
-from .noise import noisy_copies as noisy_copies
 from .places import HEIGHTS as HEIGHTS
 from .places import SIDES as SIDES
 from .places import Touch as Touch

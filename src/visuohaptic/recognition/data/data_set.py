@@ -114,15 +114,10 @@ class FeatureSet:
             Mask of the objects, or their numbers.
         """
         index = np.arange(len(self))[chosen]
-        return FeatureSet(
-            self.features[index],
-            self.width_m[index],
-            tuple(self.label[k] for k in index),
-            tuple(self.name[k] for k in index),
-            self.nonlinear,
-            None if self.height_m is None else self.height_m[index],
-            None if self.pose_errors is None else self.pose_errors[index],
-        )
+        known = ("features", "width_m", "height_m", "pose_errors")
+        arrays = {name: value[index] for name in known if (value := getattr(self, name)) is not None}
+        label, name = (tuple(part[k] for k in index) for part in (self.label, self.name))
+        return replace(self, **arrays, label=label, name=name)
 
     def of_classes(
         self, classes: Sequence[str], groups: Mapping[str, Sequence[str]] | None = None
@@ -321,14 +316,12 @@ def load_feature_set(source: Path | str) -> FeatureSet:
         raise InputError(path, error.problem, field=error.field) from error
     except (TypeError, ValueError) as error:
         raise InputError(path, f"is not a feature set ({error})", remedy=remedy) from error
-    if not (np.isfinite(found.features[..., 0]).all() and np.isfinite(found.width_m).all()):
-        raise InputError(path, "has numbers that are not finite", field="features")
-    if found.pose_errors is not None and not np.isfinite(found.pose_errors).all():
-        raise InputError(path, "has numbers that are not finite", field="pose_errors")
-    if found.height_m is not None and not (np.isfinite(found.height_m) & (found.height_m > 0)).all():
-        raise InputError(path, "has heights that are not finite and positive", field="height_m")
-    if not (found.features[..., 0] > 0).all():
-        raise InputError(path, "has stiffness that is not positive", field="features")
+    numbers = {"features": found.features[..., 0], "width_m": found.width_m, "height_m": found.height_m}
+    for name, value in (numbers | {"pose_errors": found.pose_errors}).items():
+        if value is not None and not np.isfinite(value).all():
+            raise InputError(path, "has numbers that are not finite", field=name)
+        if name in ("features", "height_m") and value is not None and not (value > 0).all():
+            raise InputError(path, "has numbers that are not positive", field=name)
     return found
 
 

@@ -2,67 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from .data_set import FeatureSet, join_feature_sets
 from .pose_error import POSE_m
 from .protocol import TouchProtocol
 
-__all__ = ["as_measured", "noisy_copies"]
-
-
-def noisy_copies(
-    data: FeatureSet,
-    copies: int,
-    rng: np.random.Generator,
-    *,
-    protocol: TouchProtocol | None = None,
-    pose_m: float = 0.002,
-    discrepancy: float = 0.06,
-    keep: bool = True,
-) -> FeatureSet:
-    """Objects with the noise of an exploration: a tree that learns from them leaves wider gaps.
-
-    Parameters
-    ----------
-    data
-        Objects without noise.
-    copies
-        Of each object.
-    rng
-        Source of the noise.
-    protocol
-        How a touch is done: the noise of a stiffness follows from it.
-    pose_m
-        Standard deviation of the height of all touches of a copy; where the effects of
-        wrong poses are known from maps, these are sampled, scaled by this.
-    discrepancy
-        Relative standard deviation by which simulation is wrong, by place.
-    keep
-        The objects themselves come first.
-    """
-    if copies < 1:
-        raise InputError("noisy_copies", f"found {copies}, expected at least 1", field="copies")
-    stiffness = np.log(data.features[..., 0])
-    parts = [data] if keep else []
-    for copy in range(copies):
-        measured = as_measured(
-            stiffness,
-            rng,
-            pose_errors=data.pose_errors,
-            protocol=protocol,
-            pose_m=pose_m,
-            discrepancy=discrepancy,
-        )
-        features = data.features.copy()
-        features[..., 0] = np.exp(measured)
-        names = tuple(f"{name}~{copy}" for name in data.name)
-        parts.append(replace(data, features=features, name=names))
-    return join_feature_sets(parts)
+__all__ = ["as_measured"]
 
 
 def as_measured(

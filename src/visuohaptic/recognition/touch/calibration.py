@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from ..data.data_set import FeatureSet
-from ..data.noise import noisy_copies
+from ..data.noise import as_measured
 from ..data.readings import CurveCoefficients, TouchReading
 from .bayes import TOUCHES
 from .belief import evidence, log_likelihood
@@ -194,8 +194,9 @@ def _as_touched(data: FeatureSet, row: int, model: HapticModel, rng: np.random.G
     width = moved(data.width_m) + settings.width_m * rng.standard_normal(one.width_m.shape)
     pose_m = settings.pose_m * (CARELESS if rng.random() < 0.5 else 1.0)
     tall = None if data.height_m is None else moved(data.height_m) + pose_m * rng.standard_normal(1)
-    return noisy_copies(
-        replace(one, features=features, width_m=width, height_m=tall), 1, rng, protocol=model.protocol,
-        pose_m=pose_m,
-        discrepancy=settings.discrepancy, keep=False,
+    measured = as_measured(
+        np.log(features[..., 0]), rng, pose_errors=one.pose_errors, protocol=model.protocol,
+        pose_m=pose_m, discrepancy=settings.discrepancy,
     )  # fmt: skip
+    features[..., 0] = np.exp(measured)
+    return replace(one, features=features, width_m=width, height_m=tall)

@@ -51,7 +51,7 @@ __all__ = [
 ]
 
 UNKNOWN = "unknown"
-_PLACE_m = 0.01  # between two of the 16 heights
+_PLACE_m = 0.01  # between two of the 16 heights of most containers
 #: A parameter that is uniform in a range has a standard deviation of 0.29 of its width. Where every fourth one leaves its
 #: range by up to 0.3 widths, the root mean square over all of them is 0.41 widths: 1.43 times as much. Where all do it is
 #: 2.25 times; then more of what is unknown is taken for a class outside its ranges than of what is outside is known.
@@ -110,6 +110,7 @@ class ClassStatistics:
     within: Float[np.ndarray, "p p"]  #: what its objects differ by
     pose: Float[np.ndarray, "p p"]  #: what wrong poses do
     spreads: tuple[float, ...] = (1.0, OUTSIDE)  #: l of its Gaussians
+    touched: bool = False  #: its objects were, each anew: nuisances are in ``within`` already
 
 
 def fit_model(
@@ -133,8 +134,7 @@ def fit_model(
     settings, protocol
         What is assumed, and how the gripper touches.
     """
-    settings = ModelSettings() if settings is None else settings
-    protocol = TouchProtocol() if protocol is None else protocol
+    settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     learned = class_statistics(data, settings, protocol)
     return assemble(learned, groups, prior=prior, settings=settings, protocol=protocol)
 
@@ -187,8 +187,7 @@ def assemble(
     groups, prior, settings, protocol
         As for :func:`fit_model`.
     """
-    settings = ModelSettings() if settings is None else settings
-    protocol = TouchProtocol() if protocol is None else protocol
+    settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     name_of = {part: part for part in learned}
     for group, members in (groups or {}).items():
         name_of |= {member: group for member in members if member in name_of}
@@ -198,9 +197,9 @@ def assemble(
     kinds = unknown_kinds(np.stack([one.mean for one in learned.values()]))
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
-        effect = nuisance_effects(one.mean, one.pose, settings, protocol)
+        effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
         # The height is among the poses.
-        shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + own
+        shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + (not one.touched) * own
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
         chance = fraction[name_of[part]] / alike / len(one.spreads) / len(POSES)
@@ -308,7 +307,6 @@ def pose_covariance(
     """
     count = len(features)
     slopes = _slopes(features)
-    # Heights of training objects differ; about 1 cm is between two places of most containers.
     shift = settings.pose_m / _PLACE_m * slopes
     out = shift.T @ shift / count
     if data.pose_errors is not None:

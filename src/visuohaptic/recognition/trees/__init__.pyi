@@ -1,4 +1,3 @@
-from .tree import grow_tree as grow_tree
 from .tree import train_tree as train_tree
 from .tree_file import load_tree as load_tree
 from .tree_file import plan_rows as plan_rows
