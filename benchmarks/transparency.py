@@ -40,8 +40,7 @@ from visuohaptic.reconstruction.transparency import (
     ray_image,
     refine_poses,
 )
-from visuohaptic.reconstruction.transparency.evidence import ViewEvidence, reading_tables
-from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME
+from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, ViewEvidence, reading_tables
 from visuohaptic.rigs import VOXEL_M, detected, disturbed, judged, rendered
 from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
 
@@ -170,9 +169,9 @@ def speed() -> list[dict[str, Any]]:
 
     def weighed() -> None:
         rays = ray_image(ViewDepth.of_frame(own, tracked), known, tracked)
-        ViewEvidence.of_ratios(own, 1.0, rays, detector.ratios(own, rays, reading_tables([rays])), 0.05).add(
-            grid, *sums
-        )
+        ViewEvidence.of_ratios(
+            own, 1.0, rays, detector.ratios(own, rays, reading_tables([rays.code])), 0.05
+        ).add(grid, *sums)
 
     rows: list[dict[str, Any]] = []
     for name, work in (("published", printed), ("consistency", weighed)):

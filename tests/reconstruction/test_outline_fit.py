@@ -8,6 +8,7 @@ import pytest
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise
+from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
 from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_body
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
@@ -83,3 +84,66 @@ def test_from_one_side_the_distance_is_known_less_well_than_the_bearing():
     assert body is not None
     along, across = body.axis_sigma_m
     assert along > 2.5 * across
+
+
+def test_a_bowl_of_which_only_the_rim_shows_is_found_whole():
+    """Readings are lost within 7 mm of a circle of 75 mm at a height of 65 mm, the part that was found is half of it."""
+    rng = np.random.default_rng(7)
+    middle, radius, height = np.array([0.03, -0.02]), 0.075, 0.065
+    rows, columns = np.mgrid[0:120, 0:160]
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
+    seen = []
+    for turn in np.linspace(0, 3.5, 10):
+        eye = np.array([0.6 * np.cos(turn), 0.6 * np.sin(turn), 0.5])
+        pose = Camera.pose_of_view(tuple(eye), (0.0, 0.0, 0.05))
+        rays = CAMERA.rays(pixels).reshape(120, 160, 3) @ pose.rotation.T
+        at_rim = eye[:2] + (height - eye[2]) / rays[..., 2:] * rays[..., :2]
+        rim = np.abs(np.linalg.norm(at_rim - middle, axis=-1) - radius) < 0.007
+        lost = rng.random(rim.shape) < np.where(rim, 0.7, 0.02)
+        ratio = np.where(lost, 3.2, -0.67).astype(np.float32)
+        limit_m = np.full(rim.shape, 2.0, np.float32)
+        frame = DepthFrame(0.0, limit_m, None, pose, CAMERA)
+        seen.append(OutlineView.of_view(frame, [ratio], limit_m, NOISE, 1.0))
+    body = fit_body(seen, np.array([-0.05, -0.1, 0.01]), np.array([0.07, 0.02, 0.08]))
+    assert body is not None
+    # Half a window is 2.5 px, 13 mm; an arc of the rim has its middle 50 mm away, and a fourth of the width.
+    assert np.linalg.norm(body.axis_m - middle) < 0.013
+    assert np.all(np.abs(body.axis_m - middle) < 4 * body.axis_sigma_m)
+    # Windows widen an outline by up to a half of them.
+    assert abs(max(body.radius_m) - radius) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sums_of_outlines_are_those_of_drawn_polygons(seed):
+    """Apart: points of both circles, their hull filled at eight times the resolution."""
+    import cv2
+
+    rng = np.random.default_rng(seed)
+    evidence = rng.standard_normal((120, 160)) + 0.3
+    pose = Camera.pose_of_view((0.5, 0.1, 0.4), (0.0, 0.0, 0.08))
+    matrix = np.array([CAMERA.matrix[0, 0], CAMERA.matrix[1, 1], CAMERA.matrix[0, 2], CAMERA.matrix[1, 2]])
+    body = np.array(
+        [*rng.uniform(-0.03, 0.03, 2), *rng.uniform(0.02, 0.06, 2), 0.02, rng.uniform(0.06, 0.15)]
+    )
+    sums = np.pad(np.cumsum(evidence, axis=1), ((0, 0), (1, 0)))[None]
+    limits, motion = np.full((1, 120, 160), 2.0, np.float32), pose.inverse().matrix[:3][None]
+    found = np.empty(1)
+    outline_sums(body, 16, sums, limits, motion, matrix[None], np.zeros(1), np.ones(1), found)
+    ring = 2 * np.pi * np.arange(16) / 16
+    points = np.concatenate(
+        [
+            np.column_stack([body[0] + r * np.cos(ring), body[1] + r * np.sin(ring), np.full(16, z)])
+            for r, z in zip(body[2:4], body[4:], strict=True)
+        ]
+    )
+    local = pose.inverse().apply(points)
+    pixel = np.column_stack(
+        [matrix[0] * local[:, 0] / local[:, 2] + matrix[2], matrix[1] * local[:, 1] / local[:, 2] + matrix[3]]
+    )
+    fine = np.zeros((960, 1280), np.uint8)
+    cv2.fillConvexPoly(
+        fine, np.rint(cv2.convexHull((8 * (pixel + 0.5)).astype(np.float32))).astype(np.int32), 1
+    )
+    cover = fine.reshape(120, 8, 160, 8).mean(axis=(1, 3))
+    # The border, 80 to 150 px long, is drawn to a sixteenth of a pixel, and sums of rows take it at their middle.
+    assert found[0] == pytest.approx(float((cover * evidence).sum()), abs=0.15 * np.sqrt(150) + 0.02 * 150)

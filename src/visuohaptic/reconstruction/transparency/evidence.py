@@ -2,8 +2,9 @@
 
 For a ray with reading r in context c (:mod:`.ray_readings`)
 
-- P(r | c, nothing transparent) is counted in the sequence itself, so that the camera needs no model of its drop-outs;
-- P(r | glass) is that of four kinds, from faint to strong, thin to filled (``_KINDS``).
+- P(r | c, nothing transparent) is counted in the sequence itself, so that the camera needs no model of its drop-outs,
+  and again without the rays through the parts that were found, until there are no more of them;
+- P(r | glass) is that of four kinds, from faint to strong, thin to filled (:func:`.ray_readings.reading_tables`).
 
 Readings of neighbouring pixels are not independent: what a matching window covers counts as one. R is the likelihood
 ratio of the readings in a window of the size of the smallest object that is sought. Of a view the evidence is
@@ -27,6 +28,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -35,30 +37,27 @@ from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .background import intrinsics
-from .outline_fit import OutlineView, fit_body
-from .ray_readings import CONTEXTS, FAR, NEAR, RayImage, TrackedNoise, ViewDepth, ray_image
-from .regions import TransparentRegion, find_regions
+from .outline_fit import OutlineView, UprightBody, fit_body
+from .ray_readings import (
+    FAR,
+    NEAR,
+    RayImage,
+    TrackedNoise,
+    ViewDepth,
+    ViewEvidence,
+    ray_image,
+    reading_tables,
+)
+from .regions import TransparentRegion, find_regions, pieces_of
 from .search_report import SearchReport, next_eye
 from .view_selection import view_graph
 
-__all__ = ["EvidenceDetector", "EvidenceSettings", "ViewEvidence", "reading_tables"]
+__all__ = ["EvidenceDetector", "EvidenceSettings"]
 
-#: Probabilities of the readings same, farther, nearer, none through glass: thin and clear, strong, faint, filled. Real
-#: D435s drop 29-77 % of its pixels.
-_KINDS = np.array(
-    [[0.30, 0.12, 0.05, 0.53], [0.08, 0.10, 0.04, 0.78], [0.62, 0.08, 0.03, 0.27], [0.15, 0.45, 0.12, 0.28]]
-)
-#: Rays that the prior of a context weighs: glass and nothing are equally likely to be read so.
-_PRIOR_RAYS = 50.0
-#: Probability that a view through glass shows nothing of it.
-_HIDDEN = 0.1
 #: Fraction of windows that look like glass: at least, for what the model does not know, and rounds of its estimate.
 _LOOK_ALIKE, _ROUNDS = 0.05, 12
 #: Every n-th pixel of a view gives a window for that estimate.
 _STRIDE = 5
-#: Fraction of the rays beside glass that still pass it.
-_BESIDE = 0.85
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,15 +100,16 @@ class EvidenceDetector:
     look_alike: float = field(init=False, default=_LOOK_ALIKE)  #: fraction of windows that look like glass
     views: int = field(init=False, default=0)  #: views that were given
     skipped: Counter[str] = field(default_factory=Counter)  #: views that were not compared, by cause
-    _rays: list[ViewEvidence] = field(default_factory=list)
-    _outlines: list[OutlineView] = field(default_factory=list)
+    _rays: list[ViewEvidence] = field(init=False)
+    _outlines: list[OutlineView] = field(init=False)
     _inside: Bool[np.ndarray, "x y z"] = field(init=False)
-    _found: tuple[TransparentRegion, ...] = field(init=False, default=())
+    _found: tuple[TransparentRegion, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         shape = self.grid.shape
         self.evidence, self.extent, self.seen = (np.zeros(shape, np.float32) for _ in range(3))
         self._inside = np.zeros(shape, dtype=bool)
+        self._rays, self._outlines, self._found = [], [], ()
 
     @property
     def used(self) -> int:
@@ -125,24 +125,45 @@ class EvidenceDetector:
             All views of one camera, in any order.
         """
         self.__post_init__()
-        self.views, self._rays, self._outlines, self._found = len(frames), [], [], ()
         self.skipped.clear()
+        self.views = len(frames)
         read, weights = self._read(frames)
-        if not read:
-            return
-        tables = reading_tables([rays for _, rays in read])
+        strongest, before = self.evidence, -1
+        while read and before < len(self._found):
+            before = len(self._found)
+            self._sum(read, weights, counted=[rays.limit_m > 0 for _, rays in read])
+            strong = np.argwhere(self.evidence >= self.threshold)
+            if before and len(strong):
+                # What is weaker than the parts that were taken, as a bowl of which the rim alone shows, hides less of itself.
+                there_m, voxel_m = self.grid.centres_m(strong), self.grid.voxel_m
+                self._sum(read, weights, counted=[~view.passed(there_m, voxel_m) for view in self._rays])
+            strongest = np.maximum(strongest, self.evidence)
+            self._take()
+        self.evidence = strongest
+
+    def _sum(
+        self,
+        read: Sequence[tuple[DepthFrame, RayImage]],
+        weights: Sequence[float],
+        counted: Sequence[Bool[np.ndarray, "h w"]],
+    ) -> None:
+        """Sum what rays say that no part explains, by the rates without glass of those that are counted."""
+        tables = reading_tables(
+            [rays.code[some & (rays.limit_m > 0)] for (_, rays), some in zip(read, counted, strict=True)]
+        )
         ratios = [self.ratios(frame, rays, tables) for frame, rays in read]
         windows = [
-            ratio[rays.reading > 0][:: _STRIDE**2] for ratio, (_, rays) in zip(ratios, read, strict=True)
+            ratio[rays.limit_m > 0][:: _STRIDE**2] for ratio, (_, rays) in zip(ratios, read, strict=True)
         ]
         self.look_alike = _mixing_fraction(np.concatenate(windows))
+        self._rays, self._outlines = [], []
+        self.evidence, self.extent, self.seen = (np.zeros(self.grid.shape, np.float32) for _ in range(3))
         for (frame, rays), weight, ratio in zip(read, weights, ratios, strict=True):
-            self._rays.append(ViewEvidence.of_ratios(frame, weight, rays, ratio, self.look_alike))
-            readings = [np.take(table, rays.code) for table in tables]
-            self._outlines.append(OutlineView.of_view(frame, readings, rays.limit_m, self.noise, weight))
-        for view in self._rays:
+            view = ViewEvidence.of_ratios(frame, weight, rays, ratio, self.look_alike)
             view.add(self.grid, self.evidence, self.extent, self.seen)
-        self._take()
+            readings = [np.take(table, rays.code) for table in tables]
+            self._rays.append(view)
+            self._outlines.append(OutlineView.of_view(frame, readings, view.limit_m, self.noise, weight))
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[tuple[DepthFrame, RayImage]], list[float]]:
         """Readings and weights of all views that have others to compare them with."""
@@ -176,7 +197,7 @@ class EvidenceDetector:
         rays
             Its readings.
         tables
-            Log-likelihood ratios of readings, see :func:`reading_tables` [nat].
+            Log-likelihood ratios of readings, see :func:`~.ray_readings.reading_tables` [nat].
         """
         import cv2
 
@@ -203,39 +224,62 @@ class EvidenceDetector:
 
         labels, _ = ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
         boxes = ndimage.find_objects(labels)
-        best = ndimage.maximum(self.evidence, labels, np.arange(1, len(boxes) + 1))
-        found: list[TransparentRegion] = []
+        held, best = labels > 0, np.full(len(boxes), -np.inf)
+        np.maximum.at(best, labels[held] - 1, self.evidence[held])
+        while best.max(initial=-np.inf) >= self.threshold:
+            number = int(best.argmax())
+            box = boxes[number]
+            evidence, extent = self._unexplained(box)
+            left = (labels[box] == number + 1) & (extent > 0)
+            peak = evidence[left].max(initial=-np.inf)
+            # A part has the evidence that others leave of it.
+            if peak >= best[number] - 1e-3:
+                part, body = self._part(left, evidence, box)
+                labels[box][part] = 0
+                if body is not None:
+                    self._accept(part, body, box)
+                peak = evidence[left & ~part].max(initial=-np.inf)
+            best[number] = peak
+        self._found = tuple(sorted(self._found, key=lambda region: -region.voxels))
+
+    def _part(
+        self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
+    ) -> tuple[Bool[np.ndarray, "x y z"], UprightBody | None]:
+        """The piece of a part around its strongest voxel with its body, or that of several bodies which tell more than one."""
+        whole, *pieces = pieces_of(left, evidence)
+        one, *several = (self._fit(piece, box) for piece in (whole, *pieces))
+        bodies = [body for body in several if body is not None]
+        apart = not any(a.meets(b) for a, b in combinations(bodies, 2))
+        # Every further body needs what founds a part.
+        more = sum(body.evidence for body in bodies) - self.threshold * (len(bodies) - 1)
+        if pieces and several[0] is not None and apart and more > (one.evidence if one else 0.0):
+            return pieces[0], several[0]
+        return whole, one
+
+    def _fit(self, part: Bool[np.ndarray, "x y z"], box: tuple[slice, ...]) -> UprightBody | None:
+        """The body of a part in a box of the volume, if it is large enough and has an outline."""
         # Half of the smallest object that is sought.
         smallest = 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3
-        for number in np.argsort(-np.asarray(best), kind="stable"):
-            if best[number] < self.threshold:
-                break
-            box = boxes[number]
-            part, evidence = labels[box] == number + 1, self.evidence[box]
-            if found:
-                evidence, extent = self._unexplained(box)
-                part &= extent > 0
-                if evidence[part].max(initial=0.0) < self.threshold:
-                    continue
-            # What others explain may lie across a part: of what is left the piece with the most evidence is one.
-            pieces, _ = ndimage.label(part, np.ones((3, 3, 3)))
-            peak = np.argmax(np.where(part, evidence, -np.inf))
-            part &= pieces == pieces.flat[peak]
-            if np.count_nonzero(part) < smallest:
-                continue
-            points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
-            body = fit_body(self._outlines, points_m.min(axis=0), points_m.max(axis=0))
-            # Windows may look like glass by a common cause in all views that has no outline: shine, an edge.
-            if body is None or body.evidence < self.threshold:
-                continue
-            for view in self._rays:
-                view.explain(points_m, self.grid.voxel_m)
-            inside = np.zeros(self.grid.shape, dtype=bool)
-            inside[box] = part
-            self._inside |= inside
-            regions = find_regions(self.score(), inside, inside, self.grid, min_voxels=1)
-            found.extend(replace(region, body=body) for region in regions)
-        self._found = tuple(sorted(found, key=lambda region: -region.voxels))
+        if np.count_nonzero(part) < smallest:
+            return None
+        points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
+        body = fit_body(self._outlines, points_m.min(axis=0), points_m.max(axis=0))
+        # Windows may look like glass by a common cause in all views that has no outline: shine, an edge.
+        return body if body is not None and body.evidence >= self.threshold else None
+
+    def _accept(self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]) -> None:
+        """Take a part in a box of the volume, unless it is where another one is."""
+        if any(region.body is not None and body.meets(region.body) for region in self._found):
+            return
+        points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
+        explained_m = np.concatenate([points_m, body.points_m(self.grid.voxel_m)])
+        for view in self._rays:
+            view.limit_m[view.passed(explained_m, self.grid.voxel_m)] = 0.0
+        inside = np.zeros(self.grid.shape, dtype=bool)
+        inside[box] = part
+        self._inside |= inside
+        regions = find_regions(self.score(), inside, inside, self.grid, min_voxels=1)
+        self._found += tuple(replace(region, body=body) for region in regions)
 
     def _unexplained(
         self, box: tuple[slice, ...]
@@ -287,108 +331,6 @@ class EvidenceDetector:
         frames = [view.frame for view in self._rays]
         eye = next_eye(frames, self.grid, self.seen, self.look_alike, self.threshold)
         return replace(found, next_eye_m=eye)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ViewEvidence:
-    """What the rays of one view say."""
-
-    frame: DepthFrame
-    weight: float  #: part of an independent view
-    limit_m: Float32[np.ndarray, "h w"]  #: depth up to which each ray is evidence, 0: of nothing
-    found: Float32[np.ndarray, "h w"]  #: that glass is on it [nat]
-    reaching: Float32[np.ndarray, "h w"]  #: that it is here rather than beside [nat]
-
-    @classmethod
-    def of_ratios(
-        cls,
-        frame: DepthFrame,
-        weight: float,
-        rays: RayImage,
-        ratio: Float32[np.ndarray, "h w"],
-        look_alike: float,
-    ) -> ViewEvidence:
-        """Evidence of the windows of a view.
-
-        Parameters
-        ----------
-        frame, rays
-            View and its readings.
-        weight
-            Part of an independent view that it is.
-        ratio
-            Likelihood ratio of the window around every pixel (h, w).
-        look_alike
-            Fraction of windows that look like glass anywhere.
-        """
-        return cls(frame, weight, rays.limit_m, _log_ratio(ratio, look_alike), _log_ratio(ratio, _BESIDE))
-
-    def add(self, grid: SpaceGrid, evidence: np.ndarray, extent: np.ndarray, seen: np.ndarray) -> None:
-        """Add to the sums of a volume.
-
-        Parameters
-        ----------
-        grid
-            Volume.
-        evidence, extent, seen
-            Sums (x, y, z), see :class:`EvidenceDetector`; changed.
-        """
-        from ._ray_kernels import add_evidence
-
-        motion = self.frame.T_world_camera.inverse().matrix[:3].astype(np.float32)
-        images = self.limit_m, self.found, self.reaching, np.float32(self.weight)
-        place = grid.low_m.astype(np.float32), grid.voxel_m
-        add_evidence(*images, motion, *intrinsics(self.frame.camera), *place, evidence, extent, seen)
-
-    def explain(self, points_m: Float[np.ndarray, "n 3"], voxel_m: float) -> None:
-        """Rays through voxels say nothing any more.
-
-        Parameters
-        ----------
-        points_m
-            Centres (n, 3) of voxels in the world [m].
-        voxel_m
-            Their edge [m].
-        """
-        import cv2
-
-        camera = self.frame.camera
-        local = self.frame.T_world_camera.inverse().apply(points_m)
-        local = local[local[:, 2] > 0.05]
-        if not len(local):
-            return
-        fx, fy, cx, cy = intrinsics(camera)
-        u = np.rint(fx * local[:, 0] / local[:, 2] + cx).astype(int)
-        v = np.rint(fy * local[:, 1] / local[:, 2] + cy).astype(int)
-        held = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        passed = np.zeros(self.limit_m.shape, np.uint8)
-        passed[v[held], u[held]] = 1
-        reach = int(np.ceil(camera.focal_px * voxel_m / float(local[:, 2].min()))) + 1
-        self.limit_m[cv2.dilate(passed, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0] = 0.0
-
-
-def reading_tables(images: Sequence[RayImage]) -> Float32[np.ndarray, "kinds n"]:
-    """Log-likelihood ratios by kind of glass and :attr:`RayImage.code`; 0 for the unknown [nat].
-
-    Parameters
-    ----------
-    images
-        Readings of all views, in which the rates without glass are counted.
-    """
-    counts = sum(np.bincount(rays.code.ravel(), minlength=5 * CONTEXTS) for rays in images)
-    rates = np.reshape(counts, (CONTEXTS, 5))[:, 1:] + _PRIOR_RAYS * _KINDS.mean(axis=0)
-    rates /= rates.sum(axis=1, keepdims=True)
-    tables = np.zeros((len(_KINDS), CONTEXTS, 5), np.float32)
-    tables[:, :, 1:] = np.log(_KINDS[:, None] / rates)
-    return tables.reshape(len(_KINDS), -1)
-
-
-def _log_ratio(ratio: Float32[np.ndarray, "h w"], elsewhere: float) -> Float32[np.ndarray, "h w"]:
-    """Evidence of windows for glass here, against glass elsewhere on the ray with a probability [nat]."""
-    found: Float32[np.ndarray, "h w"] = np.log(
-        ((1 - _HIDDEN) * ratio + _HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
-    ).astype(np.float32)
-    return found
 
 
 def _mixing_fraction(ratios: Float32[np.ndarray, "n"]) -> float:

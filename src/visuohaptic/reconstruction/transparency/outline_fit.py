@@ -15,10 +15,9 @@ unknown with the axis, where the likelihood has a maximum in it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -33,6 +32,8 @@ __all__ = ["OutlineView", "UprightBody", "fit_body"]
 _CORNERS = 16
 #: Probability that a window inside the outline shows nothing of the glass.
 _HIDDEN = 0.5
+#: Fraction of the radius within which nothing is said of a body: of none, or of an open bowl, of which only rim and wall show.
+_OPEN = (0.0, 0.7)
 #: First steps of the search of places, radii and heights [m]; evaluations of a search.
 _STEP_M, _MAX_STEPS = 0.012, 400
 #: Smallest radius and height of a body [m].
@@ -43,7 +44,9 @@ _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 class OutlineView:
     """What each pixel of a view says for kinds of glass, thinned to independent readings."""
 
-    evidence: Float32[np.ndarray, "h w"]  #: log-likelihood ratios of glass, per pixel [nat]
+    evidence: Float32[
+        np.ndarray, "kinds h w"
+    ]  #: log-likelihood ratios per pixel, by how much of it shows [nat]
     limit_m: Float32[np.ndarray, "h w"]  #: depth up to which each ray is evidence [m]
     T_camera_world: Float[np.ndarray, "3 4"]
     matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy of the thinned image [px]
@@ -91,44 +94,45 @@ class OutlineView:
             thinned, limit_m[::step, ::step], motion, matrix, noise.baseline_m, window_px / step, weight
         )
 
-    def log_likelihood(self, body: Float[np.ndarray, "6"]) -> float:
-        """Of a body against nothing [nat].
+
+class _Outlines:
+    """All views as the sums of their rows, of rays that end behind a place."""
+
+    def __init__(self, views: Sequence[OutlineView], middle_m: Float[np.ndarray, "3"]) -> None:
+        self.matrices = np.array([view.matrix for view in views])
+        self._reach = np.array([view.matrix[0] * view.baseline_m for view in views])
+        self._motions = np.array([view.T_camera_world for view in views])
+        self._weights = np.array([view.weight for view in views])
+        self._limits = np.stack([view.limit_m for view in views])
+        away_m = self._motions[:, 2] @ np.append(middle_m, 1.0)
+        told = np.where(self._limits > away_m[:, None, None], np.stack([view.evidence for view in views]), 0)
+        self._sums = np.pad(np.cumsum(told, axis=2, dtype=np.float64), ((0, 0), (0, 0), (1, 0)))
+
+    def log_likelihood(self, body: Float[np.ndarray, "6"], opening: float) -> Float[np.ndarray, "views"]:
+        """Of a body against nothing, of each view [nat].
 
         Parameters
         ----------
         body
             x, y of the axis, lower and upper radius, lower and upper height [m].
+        opening
+            Fraction of the radius within which nothing is said.
         """
-        import cv2
+        from ._outline_kernels import outline_sums
 
-        ring = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-        x, y, low_r, high_r, low_z, high_z = body
-        circle = np.column_stack([np.cos(ring), np.sin(ring), np.zeros(_CORNERS)])
-        low, high = np.array([x, y, low_z]), np.array([x, y, high_z])
-        points = np.concatenate([low + low_r * circle, high + high_r * circle])
-        local = points @ self.T_camera_world[:, :3].T + self.T_camera_world[:, 3]
-        if local[:, 2].min() < 0.05:
-            return 0.0
-        fx, fy, cx, cy = self.matrix
-        u, v = fx * local[:, 0] / local[:, 2] + cx, fy * local[:, 1] / local[:, 2] + cy
-        rows, columns = self.limit_m.shape
-        middle_m = float(local[:, 2].mean())
-        # The second eye sees the body before another part of what is behind it.
-        a, b = int(np.clip(v.mean(), 0, rows - 1)), int(np.clip(u.mean(), 0, columns - 1))
-        behind_m = max(float(self.limit_m[a, b]), middle_m)
-        moved = u - fx * self.baseline_m * (1 / local[:, 2] - 1 / behind_m)
-        left, right = math.floor(min(u.min(), moved.min())) - 1, math.ceil(max(u.max(), moved.max())) + 2
-        top, bottom = math.floor(v.min()) - 1, math.ceil(v.max()) + 2
-        left, right, top, bottom = max(left, 0), min(right, columns), max(top, 0), min(bottom, rows)
-        if right - left < 2 or bottom - top < 2:
-            return 0.0
-        part = slice(top, bottom), slice(left, right)
-        mask = np.zeros((bottom - top, right - left), np.uint8)
-        for place in (u, moved):
-            hull = cv2.convexHull(np.column_stack([place - left, v - top]).astype(np.float32))
-            cv2.fillConvexPoly(mask, np.rint(16 * hull).astype(np.int32), 1, cv2.LINE_8, 4)
-        mask[self.limit_m[part] <= middle_m] = 0
-        return self.weight * float(self.evidence[part][mask > 0].sum())
+        found, within = np.empty(len(self._weights)), np.zeros(len(self._weights))
+        places = self._motions, self.matrices, self._reach, self._weights
+        outline_sums(body, _CORNERS, self._sums, self._limits, *places, found)
+        if opening > 0:
+            inner = body * np.array([1, 1, opening, opening, 1, 1])
+            outline_sums(inner, _CORNERS, self._sums, self._limits, *places, within)
+        return found - within
+
+    def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
+        """Width of a window at a place, in the median of the views [m]."""
+        return float(
+            np.median(window_px * (self._motions[:, 2] @ np.append(middle_m, 1.0)) / self.matrices[:, 0])
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +145,32 @@ class UprightBody:
     radius_sigma_m: float  #: standard deviation of both together [m]
     height_m: tuple[float, float]  #: z of its lower and upper end [m]
     evidence: float  #: log-likelihood ratio against nothing [nat]
+
+    def meets(self, other: UprightBody) -> bool:
+        """Whether the axis of one of two bodies is inside the other.
+
+        Parameters
+        ----------
+        other
+            The other body.
+        """
+        apart_m = float(np.hypot(*(self.axis_m - other.axis_m)))
+        return apart_m < 0.5 * max(sum(self.radius_m), sum(other.radius_m))
+
+    def points_m(self, voxel_m: float) -> Float[np.ndarray, "n 3"]:
+        """Points inside it, a voxel apart (n, 3) [m].
+
+        Parameters
+        ----------
+        voxel_m
+            Distance of the points along each axis [m].
+        """
+        reach = max(self.radius_m)
+        side = np.arange(-reach, reach + voxel_m, voxel_m)
+        x, y, z = np.meshgrid(side, side, np.arange(*self.height_m, voxel_m), indexing="ij")
+        inside = np.hypot(x, y) <= np.interp(z, self.height_m, self.radius_m)
+        found: Float[np.ndarray, "n 3"] = np.column_stack([x[inside], y[inside], z[inside]])
+        return found + np.append(self.axis_m, 0.0)
 
 
 def fit_body(
@@ -157,21 +187,29 @@ def fit_body(
     """
     from scipy.optimize import minimize
 
-    def cost(body: np.ndarray) -> float:
+    def cost(body: np.ndarray, opening: float) -> float:
         if min(body[2], body[3]) < _MIN_RADIUS_M or body[5] - body[4] < _MIN_HEIGHT_M:
             return 1e3
-        return -sum(view.log_likelihood(body) for view in views)
+        # Into what is taller than half its width nothing looks from above alone.
+        if opening > 0 and body[5] - body[4] > max(body[2], body[3]):
+            return 1e3
+        return -float(outlines.log_likelihood(body, opening).sum())
 
     middle = 0.5 * (low_m + high_m)
-    radius = max(0.4 * float((high_m - low_m)[:2].min()), 2 * _MIN_RADIUS_M)
+    outlines = _Outlines(views, middle)
+    widest = float((high_m - low_m)[:2].min())
+    lowest = (low_m[2], low_m[2] - 0.25 * (high_m[2] - low_m[2]))
     found = []
-    for lowest in (low_m[2], low_m[2] - 0.25 * (high_m[2] - low_m[2])):
-        start = np.array([middle[0], middle[1], radius, radius, lowest, high_m[2]])
+    for opening, part, low_z in product(_OPEN, (0.4, 0.2), lowest):
+        radius = max(part * widest, 2 * _MIN_RADIUS_M)
+        start = np.array([middle[0], middle[1], radius, radius, low_z, high_m[2]])
+        if opening > 0:
+            start[4] = max(low_z, high_m[2] - 0.5 * radius)
         simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
         options = {"initial_simplex": simplex, "maxfev": _MAX_STEPS, "xatol": 3e-4, "fatol": 1e-2}
-        found.append(minimize(cost, start, method="Nelder-Mead", options=options))
-    best = min(found, key=lambda one: float(one.fun))
-    covariance = _covariance(views, best.x)
+        found.append((minimize(cost, start, (opening,), "Nelder-Mead", options=options), opening))
+    best, opening = min(found, key=lambda one: float(one[0].fun))
+    covariance = _covariance(outlines, best.x, opening, views[0].window_px)
     if best.fun >= 0 or covariance is None:
         return None
     sigma = np.sqrt(np.diag(covariance))
@@ -182,19 +220,15 @@ def fit_body(
 
 
 def _covariance(
-    views: Sequence[OutlineView], body: Float[np.ndarray, "6"]
+    outlines: _Outlines, body: Float[np.ndarray, "6"], opening: float, window_px: float
 ) -> Float[np.ndarray, "3 3"] | None:
     """Of x, y and both radii together [m2]; ``None`` where the likelihood has no maximum in one of them."""
-    middle = np.array([body[0], body[1], 0.5 * (body[4] + body[5]), 1.0])
-    step_m = float(
-        np.median(
-            [0.5 * view.window_px * (view.T_camera_world[2] @ middle) / view.matrix[0] for view in views]
-        )
-    )
+    middle_m = np.array([body[0], body[1], 0.5 * (body[4] + body[5])])
+    step_m = 0.5 * outlines.window_m(window_px, middle_m)
     ways = step_m * np.array([[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0], [0, 0, 0, 0, 1, 1]])
 
     def each(step: np.ndarray) -> np.ndarray:
-        return np.array([view.log_likelihood(body + step) for view in views])
+        return outlines.log_likelihood(body + step, opening)
 
     ahead, back = ([each(sign * way) for way in ways] for sign in (1, -1))
     here = each(np.zeros(6))

@@ -1,9 +1,9 @@
 """What a camera reads on every ray against what other views see there, and in what circumstances.
 
 The readings are *the same* surface, a *farther* or a *nearer* one, and *none* (a drop-out). How often each of them is
-to be expected where nothing is transparent depends on the circumstances, the *context* of a ray: how far it is from
-where the camera must fail (an edge of the expected surface, the unknown, a grazing surface, the shadow of the
-projector; Alt 2016, 5.1), how many views see the expected surface, how many read nothing where it is (a dark surface
+to be expected where nothing is transparent depends on the circumstances, the *context* of a ray: whether the second eye
+of the camera has the expected surface in its image at all, how far it is from where the camera must fail (an edge of the
+expected surface, the unknown, a grazing surface, the shadow of the projector; Alt 2016, 5.1), how many views see it, how many read nothing where it is (a dark surface
 drops out from everywhere, glass before it from some places), and how far away it is. All of it follows from the other
 views; the rates of each context are counted in the sequence itself (:mod:`.evidence`).
 """
@@ -18,16 +18,40 @@ from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
+from ..fusion.volume import SpaceGrid
 from .background import ideal_depth, intrinsics, motions
 
-__all__ = ["CONTEXTS", "DROPPED", "FAR", "NEAR", "SAME", "RayImage", "TrackedNoise", "ViewDepth", "ray_image"]
+__all__ = [
+    "CONTEXTS",
+    "DROPPED",
+    "FAR",
+    "NEAR",
+    "SAME",
+    "RayImage",
+    "TrackedNoise",
+    "ViewDepth",
+    "ray_image",
+    "reading_tables",
+]
 
 #: Values of :attr:`RayImage.reading`; 0 is unknown.
 SAME, FAR, NEAR, DROPPED = 1, 2, 3, 4
 #: Upper limits of the classes of a context: distance from where the camera fails (in margins of its edges), views that
 #: see the surface, fraction of views that read nothing there, depth of the surface [m].
 _DISTANCES, _VOTES, _EMPTY, _DEPTHS_M = (0.0, 1.0, 2.0, 4.0), (2, 3), (0.1, 0.3, 0.5), (0.4, 0.8, 1.6, 3.2)
-CONTEXTS = (len(_DISTANCES) + 1) * (len(_VOTES) + 1) * (len(_EMPTY) + 1) * (len(_DEPTHS_M) + 1)
+#: Distances have one class more, of what the second eye does not have in its image.
+CONTEXTS = (len(_DISTANCES) + 2) * (len(_VOTES) + 1) * (len(_EMPTY) + 1) * (len(_DEPTHS_M) + 1)
+#: Probabilities of the readings same, farther, nearer, none through glass: thin and clear, strong, faint, filled. Real
+#: D435s drop 29-77 % of its pixels.
+_KINDS = np.array(
+    [[0.30, 0.12, 0.05, 0.53], [0.08, 0.10, 0.04, 0.78], [0.62, 0.08, 0.03, 0.27], [0.15, 0.45, 0.12, 0.28]]
+)
+#: Rays that the prior of a context weighs: glass and nothing are equally likely to be read so.
+_PRIOR_RAYS = 50.0
+#: Probability that a view through glass shows nothing of it.
+_HIDDEN = 0.1
+#: Fraction of the rays beside glass that still pass it.
+_BESIDE = 0.85
 #: Standard deviations within which depths agree: 1 % of those that do are missed.
 _WIDTH = 2.5
 #: Of this number of views and more three have to see a surface, of fewer two: by chance two of many agree.
@@ -36,6 +60,8 @@ _MANY = 8
 _PROBES, _MIN_RESIDUALS, _TRUSTED = 6, 1000, 4.0
 #: Tangent of the angle of incidence beyond which nothing is read.
 _GRAZING_SLOPE = 4.0
+#: Width of the median of expected depths in which edges are sought [px].
+_MEDIAN_PX = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +210,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     margin_px = noise.device.edge_px(focal_px) + noise.pixels(focal_px)
     distance = _from_failures(predicted_m, noise, focal_px) / margin_px
     far = np.digitize(distance, _DISTANCES, right=True)
+    far[_beyond_second_eye(predicted_m, noise.device, focal_px)] = len(_DISTANCES) + 1
     seen = np.digitize(votes, _VOTES, right=True)
     deep = np.digitize(predicted_m, _DEPTHS_M)
     dark = np.digitize(empty / np.maximum(votes + empty, 1), _EMPTY)
@@ -206,16 +233,134 @@ def _from_failures(
 
     from ._ray_kernels import projector_shadow
 
-    known = predicted_m > 0
     window = np.ones((3, 3), np.uint8)
-    nearest_m = cv2.erode(np.where(known, predicted_m, np.float32(1e3)), window)
-    step_m = cv2.dilate(predicted_m, window) - nearest_m
+    # Single readings are rougher than the surface, a median keeps its edges.
+    smooth_m = cv2.medianBlur(predicted_m, _MEDIAN_PX)
+    known = smooth_m > 0
+    nearest_m = cv2.erode(np.where(known, smooth_m, np.float32(1e3)), window)
+    step_m = cv2.dilate(smooth_m, window) - nearest_m
     steep_m = 2 * _GRAZING_SLOPE / focal_px * nearest_m
     # A speck narrower than three pixels hides no edge.
-    unknown = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, window) > 0
-    failing = unknown | (known & (step_m > np.maximum(2 * _WIDTH * noise.sigma_m(predicted_m), steep_m)))
+    unknown = cv2.morphologyEx((predicted_m == 0).astype(np.uint8), cv2.MORPH_OPEN, window) > 0
+    failing = unknown | (known & (step_m > np.maximum(2 * _WIDTH * noise.sigma_m(smooth_m), steep_m)))
     if noise.device.baseline_m != 0:
         shadow = np.zeros(predicted_m.shape, np.uint8)
         projector_shadow(predicted_m, focal_px * noise.device.baseline_m, 0.5, shadow)
         failing |= shadow > 0
     return cv2.distanceTransform((~failing).astype(np.uint8), cv2.DIST_L2, 3)
+
+
+def _beyond_second_eye(
+    predicted_m: Float32[np.ndarray, "h w"], device: DepthNoise, focal_px: float
+) -> Bool[np.ndarray, "h w"]:
+    """Where the second eye, or the projector, has less than half of a matching window in its image.
+
+    It sees the point of column u and depth z at u - f b / z (the same optics, at +b along the rows).
+    """
+    reach = np.zeros_like(predicted_m)
+    np.divide(np.float32(focal_px * device.baseline_m), predicted_m, out=reach, where=predicted_m > 0)
+    columns = predicted_m.shape[1]
+    there = np.arange(columns, dtype=np.float32) - reach
+    half = 0.5 * device.window_px(focal_px)
+    outside: Bool[np.ndarray, "h w"] = (reach != 0) & ((there < half) | (there > columns - 1 - half))
+    return outside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewEvidence:
+    """What the rays of one view say."""
+
+    frame: DepthFrame
+    weight: float  #: part of an independent view
+    limit_m: Float32[np.ndarray, "h w"]  #: depth up to which each ray is evidence, 0: of nothing
+    found: Float32[np.ndarray, "h w"]  #: that glass is on it [nat]
+    reaching: Float32[np.ndarray, "h w"]  #: that it is here rather than beside [nat]
+
+    @classmethod
+    def of_ratios(
+        cls,
+        frame: DepthFrame,
+        weight: float,
+        rays: RayImage,
+        ratio: Float32[np.ndarray, "h w"],
+        look_alike: float,
+    ) -> ViewEvidence:
+        """Evidence of the windows of a view.
+
+        Parameters
+        ----------
+        frame, rays
+            View and its readings.
+        weight
+            Part of an independent view that it is.
+        ratio
+            Likelihood ratio of the window around every pixel (h, w).
+        look_alike
+            Fraction of windows that look like glass anywhere.
+        """
+        return cls(frame, weight, rays.limit_m, _log_ratio(ratio, look_alike), _log_ratio(ratio, _BESIDE))
+
+    def add(self, grid: SpaceGrid, evidence: np.ndarray, extent: np.ndarray, seen: np.ndarray) -> None:
+        """Add to the sums of a volume.
+
+        Parameters
+        ----------
+        grid
+            Volume.
+        evidence, extent, seen
+            Sums (x, y, z), see :class:`EvidenceDetector`; changed.
+        """
+        from ._ray_kernels import add_evidence
+
+        motion = self.frame.T_world_camera.inverse().matrix[:3].astype(np.float32)
+        images = self.limit_m, self.found, self.reaching, np.float32(self.weight)
+        place = grid.low_m.astype(np.float32), grid.voxel_m
+        add_evidence(*images, motion, *intrinsics(self.frame.camera), *place, evidence, extent, seen)
+
+    def passed(self, points_m: Float[np.ndarray, "n 3"], voxel_m: float) -> Bool[np.ndarray, "h w"]:
+        """Rays that pass voxels.
+
+        Parameters
+        ----------
+        points_m
+            Centres (n, 3) of voxels in the world [m].
+        voxel_m
+            Their edge [m].
+        """
+        import cv2
+
+        camera = self.frame.camera
+        local = self.frame.T_world_camera.inverse().apply(points_m)
+        local = local[local[:, 2] > 0.05]
+        found = np.zeros(self.limit_m.shape, np.uint8)
+        fx, fy, cx, cy = intrinsics(camera)
+        u = np.rint(fx * local[:, 0] / local[:, 2] + cx).astype(int)
+        v = np.rint(fy * local[:, 1] / local[:, 2] + cy).astype(int)
+        held = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        found[v[held], u[held]] = 1
+        reach = int(np.ceil(camera.focal_px * voxel_m / float(local[:, 2].min(initial=np.inf)))) + 1
+        return cv2.dilate(found, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
+
+
+def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndarray, "kinds n"]:
+    """Log-likelihood ratios by kind of glass and :attr:`RayImage.code`; 0 for the unknown [nat].
+
+    Parameters
+    ----------
+    codes
+        Codes of readings in which the rates without glass are counted, of each view.
+    """
+    counts = sum(np.bincount(code.ravel(), minlength=5 * CONTEXTS) for code in codes)
+    rates = np.reshape(counts, (CONTEXTS, 5))[:, 1:] + _PRIOR_RAYS * _KINDS.mean(axis=0)
+    rates /= rates.sum(axis=1, keepdims=True)
+    tables = np.zeros((len(_KINDS), CONTEXTS, 5), np.float32)
+    tables[:, :, 1:] = np.log(_KINDS[:, None] / rates)
+    return tables.reshape(len(_KINDS), -1)
+
+
+def _log_ratio(ratio: Float32[np.ndarray, "h w"], elsewhere: float) -> Float32[np.ndarray, "h w"]:
+    """Evidence of windows for glass here, against glass elsewhere on the ray with a probability [nat]."""
+    found: Float32[np.ndarray, "h w"] = np.log(
+        ((1 - _HIDDEN) * ratio + _HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
+    ).astype(np.float32)
+    return found
