@@ -131,6 +131,19 @@ def test_squeezes_alone_tell_the_lid_and_the_fill_of_a_closed_one():
     assert model.posterior(samples).fill_of("open")[1] > 0.25  # an open one feels alike whatever is in it
 
 
+@pytest.mark.parametrize(("narrower_m", "wall_m"), [(0.0, 1.2e-3), (0.006, 1.2e-3), (0.009, 8e-4)])
+def test_what_a_stiff_wall_does_not_show_is_not_told(narrower_m, wall_m):
+    """40 N/mm: at 1.4 mm the gas takes a thousandth of 54 N. A waist or a wall that is not there must not decide."""
+    rng, z = np.random.default_rng(5), np.linspace(0.0, HEIGHT_M, 41)
+    waist = np.column_stack([RADIUS_M - narrower_m * np.exp(-(((z - 0.13) / 0.02) ** 2)), z])
+    force = 4e4 * DEPTH_M + 0.5 * 101_325.0 * LOST_M3 / (0.4 * VOLUME_M3) * np.gradient(LOST_M3, DEPTH_M)
+    levels = np.array(FORCES_N)
+    depth = np.interp(levels, force, DEPTH_M) + SURFACE_M * rng.standard_normal(len(levels))
+    one = SqueezeSamples(0.13, depth, levels + FORCE_N * rng.standard_normal(len(levels)))
+    told = ContentsModel(waist, wall_m).posterior([one], (0.45, MASS_KG)).belief()
+    assert max(told["open"], told["closed"]) < 0.9
+
+
 def test_a_weight_that_no_filling_has_is_not_known():
     """Sand: 1600 kg/m^3."""
     model, samples, _ = felt(0.0, False, np.random.default_rng(0))

@@ -156,6 +156,27 @@ def test_the_line_is_level_points_at_the_axis_and_starts_outside():
     assert np.hypot(*plan.start_m[:2]) > np.hypot(*bottle.mesh()[0][:, :2].T).max()
 
 
+def test_nothing_is_missing_below_the_table():
+    """Only the upper half is seen: lines go to different heights of the wall, not again and again to its foot."""
+    bottle = random_bottle(np.random.default_rng(4), "round")
+    half_m, floor_m = 0.5 * bottle.height_m, 0.01
+    hidden, _ = bottle.mesh(0.0, half_m, caps=False)
+    completion = Completion(
+        SurfaceMesh(*bottle.mesh(half_m, bottle.height_m)), HoleRegion.of_points(hidden), CompletionSettings(floor_m=floor_m)
+    )  # fmt: skip
+    heights = []
+    for _ in range(5):
+        plan = completion.next_touch()
+        heights.append(float(plan.start_m[2]))
+        contact = bottle.probe(plan.start_m, plan.direction, 1.0)
+        completion.add(Touch(contact, plan.start_m, plan.end_m, SIGMA_M))
+    assert min(heights) >= floor_m
+    # Five lines over 45 mm and more: those of one height would be nine millimetres apart at least.
+    assert np.diff(np.sort(heights)).max() > 0.1 * half_m
+    found = completion.uncertainty()
+    assert (found.mesh.vertices_m[found.missing, 2] >= floor_m).all()
+
+
 def test_fingers_spread_and_keep_their_reach():
     visible, region, _ = scene(bellied())
     plans = Completion(visible, region).next_touches([(0.02, 0.08), (0.02, 0.08), (5.0, 6.0)])

@@ -287,10 +287,10 @@ def _place_claim(mission: Mission, group: Float[np.ndarray, "k 2"]) -> Claim:
     true = nearest_obstacle(mission, group.mean(axis=0))
     x, y, _ = mission.placed[true.name]
     front, width = near_side(group, mission.known.ahead_rad)
-    # The near side alone is seen: an object is taken to be as deep as it is wide, and may be a leg or a plank.
-    depth = 0.5 * width
-    value = front + depth * np.array([math.cos(mission.known.ahead_rad), math.sin(mission.known.ahead_rad)])
-    sigma = math.hypot(SEEN_SIGMA_M, 0.5 * depth)
+    # The near side alone is seen: an object is taken to be as deep as it is wide, give or take half of that. Its middle
+    # is off by half of the depth's deviation, 1 / sqrt(12) of the width, along one of two axes.
+    value = front + 0.5 * width * rotation_2d(mission.known.ahead_rad)[:, 0]
+    sigma = math.hypot(SEEN_SIGMA_M, 0.5 * width / math.sqrt(12.0) / math.sqrt(2.0))
     return Claim("place", true.name, (float(value[0]), float(value[1])), (x, y), sigma=sigma)
 
 

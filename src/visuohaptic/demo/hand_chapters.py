@@ -94,9 +94,9 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     assert known.outline_m is not None
     _, hand = the_hand(mission)
     object_m = _foot_m(known)
-    model = fit_model(training_objects(), GROUPS, settings=ModelSettings(pose_m=HEIGHT_SIGMA_M))
+    classes = fit_model(training_objects(), GROUPS, settings=ModelSettings(pose_m=HEIGHT_SIGMA_M))
     squeezer = BayesSqueezer(
-        model, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission)
+        classes, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission)
     )
     settings = ClassifySettings(
         confidence=CONFIDENCE,
@@ -116,7 +116,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
     stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in found.curves]
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
-    contents = identify_contents(hand, ContentsModel(known.outline_m, wall), object_m)
+    model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
+    contents = identify_contents(hand, model, object_m)
     known.wall_factor = wall / model_wall_m
     mission.spent(hand.arm.pose()[0], len(found.curves) + len(contents.curves))
     parts = [
@@ -129,14 +130,16 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
             "How sure it is of the class, and the last squeeze that tells the lid",
         ),
     ]
-    if not contents.sure:
+    if contents.lid == UNKNOWN or contents.mass_kg is None:
         return failed(f"it is a {found.best}, but its contents are not identified: {contents.why}", *parts)
-    assert contents.mass_kg is not None
-    known.closed, known.fill, known.mass_kg = contents.lid == "closed", contents.fill[0], contents.mass_kg[0]
-    if mission.memory is not None:
+    # A lid that is not sure is not claimed: an open wall is the softer one, and is what the grasp is planned for.
+    known.closed = contents.sure and contents.lid == "closed"
+    known.fill, known.mass_kg = contents.fill[0], contents.mass_kg[0]
+    if mission.memory is not None and contents.sure:
         _keep_the_bottle(mission, found.belief[found.best], wall)
     gentle = counted(len(found.curves), "gentle squeeze")
-    why = f"a {found.best} (probability {found.belief[found.best]:.2f}, {gentle}), {contents.why}"
+    lid = "" if contents.sure else "whether it is closed stays undecided: "
+    why = f"a {found.best} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
     return done(why, *_contents_claims(found, contents, bottle), *parts)
 
 
@@ -166,9 +169,10 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
     assert contents.mass_kg is not None
     mass, sigma = contents.mass_kg
     lid = "closed" if bottle.closed else "open"
+    told = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     return [
+        *([told] if contents.sure else []),
         Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best]),
-        Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid]),
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
         Claim("mass", "bottle", mass, bottle.container.mass_kg, sigma=sigma),
     ]

@@ -97,14 +97,16 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     true, read = (np.array(part) for part in zip(*rows, strict=True))
     sigma = np.array(sigmas)
     error = read - true
-    # What a probe feels is the force along the rod's axis and across it: the worst axis counts.
-    mission.known.probe_sigma_N = float(np.sqrt(np.mean(sigma**2, axis=0)).max())
+    # What a probe feels is the force along the rod's axis and across it: the worst axis counts. The loads are known:
+    # with the declared variance as one more of them, what they were read with is its posterior mean (inverse gamma).
+    spread = np.sqrt((np.mean(sigma**2, axis=0) + np.sum(error**2, axis=0)) / (1 + len(error)))
+    mission.known.probe_sigma_N = float(spread.max())
     mission.known.probe_compliance_m_per_N = 1.0 / virtual.beam.spring_N_per_m
     worst = float(np.max(np.abs(error) / sigma))
     rms = float(np.sqrt(np.mean(error**2)))
     parts = [
         Measure("rms error of a force's component [N]", rms, None),
-        Measure("declared standard deviation [N]", mission.known.probe_sigma_N, None),
+        Measure("standard deviation after these loads [N]", mission.known.probe_sigma_N, None),
         Measure("largest error in declared standard deviations", worst, None),
         Illustration(
             _forces(true, read, sigma), "Forces read from the bending rod beside those that were applied"
@@ -116,7 +118,7 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
         )
     mission.log(f"  {len(rows)} loads of up to 2.5 N read with an rms error of {1e3 * rms:.0f} mN")
     return done(
-        f"the probe reads forces with a declared standard deviation of {1e3 * mission.known.probe_sigma_N:.0f} mN",
+        f"the probe reads forces with a standard deviation of {1e3 * mission.known.probe_sigma_N:.0f} mN",
         Claim("force", "probe", 0.0, rms, sigma=mission.known.probe_sigma_N),
         *parts,
     )
@@ -298,7 +300,7 @@ def _confirmed(mission: Mission, touched: CompletionByTouch, foot_m: np.ndarray)
 def _visible(mission: Mission) -> Completion:
     """What the camera saw of the bottle, and the region that is missing."""
     from ..reconstruction.completion.hole_region import HoleRegion
-    from ..reconstruction.completion.surface_completion import Completion
+    from ..reconstruction.completion.surface_completion import Completion, CompletionSettings
 
     assert mission.scan is not None
     region = mission.scan.regions[0]
@@ -310,6 +312,7 @@ def _visible(mission: Mission) -> Completion:
     return Completion(
         wall.submesh(np.flatnonzero(~among)),
         HoleRegion.of_points(region.hull_m, region.score),
+        CompletionSettings(floor_m=FLOOR_M),
         T_visual_haptic=PLACE.inverse(),
     )
 
@@ -339,7 +342,6 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touche
         touch_N=max(0.4, 8 * sigma_N),
         blocked_N=max(1.0, 16 * sigma_N),
         top_m=float(completion.visual.vertices_m[:, 2].max()),
-        floor_m=FLOOR_M,
         compliance_m_per_N=compliance,
         sigma_m=0.0005 + sigma_N * compliance,
     )

@@ -59,6 +59,7 @@ class CompletionSettings:
     visual_sigma_m: float = 0.0005  #: noise of the visible surface
     use_priors: bool = True  #: rings of similar cross-sections from each touch
     ring_points: int = 11  #: of each touch
+    floor_m: float = -np.inf  #: no point below is missing or touched: the table, and the tip's radius
 
 
 class Completion:
@@ -268,7 +269,8 @@ class Completion:
         """Score of every vertex of the planning mesh, and whether it is in the part that was not seen."""
         if self._score is None:
             mesh, distances = self._planned()
-            self._score = distances.score(self._support_vertices(mesh)), self.band.away(mesh.vertices_m)
+            missing = self.band.away(mesh.vertices_m) & (mesh.vertices_m[:, 2] >= self.settings.floor_m)
+            self._score = distances.score(self._support_vertices(mesh)), missing
         return self._score
 
     def _deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:

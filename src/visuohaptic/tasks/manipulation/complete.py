@@ -72,9 +72,6 @@ class CompleteSettings:
     blocked_N: float = 1.0  #: a contact where none may be
     above_m: float = 0.05  #: height above the object on the way around it
     top_m: float = 0.3  #: of the object, in the base
-    floor_m: float = (
-        -math.inf
-    )  #: no line is probed lower than that, in the base: the table and the tip's radius
     travel_m_s: float = 0.15
     probe_m_s: float = 0.03
     sigma_m: float = 0.0005  #: of a contact: arm, tip and sensor
@@ -82,15 +79,9 @@ class CompleteSettings:
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
-        if not self.floor_m < self.top_m:
-            raise InputError(
-                "CompleteSettings", f"found {self.floor_m}, expected below top_m", field="floor_m"
-            )
         for name in self.__slots__:
             value = getattr(self, name)
-            if name != "floor_m" and not (
-                math.isfinite(value) and (value > 0 or name == "compliance_m_per_N")
-            ):
+            if not (math.isfinite(value) and (value > 0 or name == "compliance_m_per_N")):
                 raise InputError("CompleteSettings", f"found {value}, expected more than 0", field=name)
 
 
@@ -266,9 +257,7 @@ class _Probing:
         if self._planned or self.done or len(self.touches) >= self._settings.touches:
             return
         line = self._completion.next_touch()
-        self.start_m, self.end_m = (
-            _not_below(self._base.apply(end), self._settings.floor_m) for end in (line.start_m, line.end_m)
-        )
+        self.start_m, self.end_m = self._base.apply(line.start_m), self._base.apply(line.end_m)
         self._planned = True
 
     def report(self, tip_m: np.ndarray, force_N: float, *, contact: bool) -> None:
@@ -371,8 +360,3 @@ def complete_by_touch(
     run_machine(task, observations(), carry_out, arm.stop, refused=CompleteOutcome.OUT_OF_REACH)
     assert task.ending is not None
     return CompletionByTouch(task.ending, tuple(probing.touches), probing.error_m, task.trace())
-
-
-def _not_below(point_m: np.ndarray, floor_m: float) -> np.ndarray:
-    """The point, or the one above it at the floor: an estimated surface may go on below the table."""
-    return np.array([point_m[0], point_m[1], max(float(point_m[2]), floor_m)])

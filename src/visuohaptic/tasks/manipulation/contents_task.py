@@ -54,8 +54,8 @@ class ContentsFinding:
 
     @property
     def fill(self) -> tuple[float, float]:
-        """Mean and standard deviation of the fraction that is filled, given the lid."""
-        return self.posterior.fill_of(None if self.lid == UNKNOWN else self.lid)
+        """Mean and standard deviation of the fraction that is filled, given the lid where that is sure."""
+        return self.posterior.fill_of(self.lid if self.sure else None)
 
     @property
     def sure(self) -> bool:

@@ -1,0 +1,177 @@
+"""A round container of a measured outline: its wall between two fingers, and what it may enclose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+
+__all__ = [
+    "EMPTY",
+    "FILLINGS",
+    "Filling",
+    "RoundBody",
+    "round_body",
+    "stiffness_scatter",
+    "wall_from_stiffness",
+]
+
+#: Pressure of the air [Pa], density of PET [kg/m^3], gravity [m/s^2].
+AIR_PA, PET_DENSITY, GRAVITY_M_S2 = 101_325.0, 1380.0, 9.81
+#: Thickness of the neck with its thread [m], and the fraction of the height where it begins.
+NECK_M, NECK = 0.0012, 0.9
+#: Liquids and their container deform a little: never less than this fraction of air.
+MIN_AIR = 0.01
+#: The wall is found by as many rounds; a stiffness goes with its power so.
+WALL_ROUNDS, WALL_POWER = 5, 2.3
+#: Errors of an outline go on over the distance of its contacts [m]; outlines that are compared.
+ALONG_M, OUTLINES = 0.02, 8
+
+
+@dataclass(frozen=True, slots=True)
+class Filling:
+    """What may be in a container."""
+
+    kg_per_m3: float  #: of the heap, voids included
+    sigma: float  #: of that density and of the level, as a fraction
+    solid: float  #: fraction of the heap that is not air
+
+
+#: Random packings fill 0.56 to 0.64 of their space; rice, lentils, sugar and oats weigh 500 to 900 kg/m^3. Of a
+#: liquid, 7 % of volume by an outline's millimetre in thirty and as much by density and level.
+FILLINGS = {"liquid": Filling(1000.0, 0.1, 1.0), "grain": Filling(750.0, 0.15, 0.6)}
+EMPTY = "empty"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoundBody:
+    """Wall and volume of an outline, its stiffness with and without a lid."""
+
+    z_m: Float[np.ndarray, "k"]
+    radius_m: Float[np.ndarray, "k"]
+    below_m3: Float[np.ndarray, "k"]  #: volume below each height
+    wall_kg: float
+    stiffness_N_per_m: tuple[
+        Float[np.ndarray, "k"], Float[np.ndarray, "k"]
+    ]  #: open, closed; at places that give
+
+    def level_m(self, fill: float) -> float:
+        """Height up to which a fraction of the volume stands [m]."""
+        return float(np.interp(fill * self.below_m3[-1], self.below_m3, self.z_m))
+
+    def force_N(
+        self, hypothesis: tuple[bool, str, float], height_m: float, deformation_m: Float[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """Of the wall with the liquid behind it, and of the enclosed air [N]."""
+        closed, filling, fill = hypothesis
+        stiffness = self.stiffness_N_per_m[closed]
+        given = np.isfinite(stiffness)
+        k = float(np.interp(height_m, self.z_m[given], stiffness[given]))
+        r = float(np.interp(height_m, self.z_m, self.radius_m))
+        d = np.maximum(deformation_m, 0.0)
+        solid = FILLINGS[filling].solid if filling != EMPTY else 0.0
+        if solid == 1.0:
+            head_m = max(self.level_m(fill) - height_m, 0.0)
+            k += 3.0 * math.pi * r * FILLINGS[filling].kg_per_m3 * GRAVITY_M_S2 * head_m
+        if not closed:
+            return k * d, np.zeros_like(d)
+        air_m3 = max(1.0 - solid * fill, MIN_AIR) * float(self.below_m3[-1])
+        lost_m3 = math.pi * (3.0 * d**2 * r - d**3)
+        # Stiffer than any wall before the air is gone.
+        pressure_Pa = AIR_PA * lost_m3 / np.maximum(air_m3 - lost_m3, 0.1 * air_m3)
+        # Two fingers: 2 F dd = p dV.
+        return k * d, 0.5 * pressure_Pa * math.pi * (6.0 * d * r - 3.0 * d**2)
+
+
+def wall_from_stiffness(
+    outline_m: Float[np.ndarray, "k 2"], stiffness_N_per_m: Sequence[tuple[float, float]], start_m: float
+) -> float:
+    """Thickness [m] with which a measured outline is as stiff as it was felt; the modulus is that of PET.
+
+    Parameters
+    ----------
+    outline_m
+        (radius, height) from the bottom up [m].
+    stiffness_N_per_m
+        (height [m], stiffness [N/m]) of gentle squeezes; what is not finite and positive is left out.
+    start_m
+        First guess [m].
+
+    Raises
+    ------
+    InputError
+        No squeeze has a stiffness.
+    """
+    felt = [(z, k) for z, k in stiffness_N_per_m if math.isfinite(k) and k > 0]
+    wall = start_m
+    for _ in range(WALL_ROUNDS):
+        body = round_body(outline_m, wall)
+        # Gently pressed, enclosed air is not felt; whether a lid holds the rim makes little difference below it.
+        ratios = [
+            k / expected
+            for z, k in felt
+            if (expected := body.force_N((True, EMPTY, 0.0), z, np.ones(1))[0].item()) > 0
+        ]
+        if not ratios:
+            raise InputError("wall_from_stiffness", "found no squeeze with a stiffness")
+        wall *= float(np.exp(np.mean(np.log(ratios)))) ** (1 / WALL_POWER)
+    return wall
+
+
+def stiffness_scatter(
+    outline_m: Float[np.ndarray, "k 2"], wall_m: float, sigma_m: float
+) -> Float[np.ndarray, "q"]:
+    """Logarithmic deviation of the stiffness by height, among outlines that are off by as much as this one may be.
+
+    Parameters
+    ----------
+    outline_m
+        (radius, height) from the bottom up [m].
+    wall_m
+        Thickness [m].
+    sigma_m
+        Standard deviation of the radius [m].
+    """
+    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
+    if sigma_m <= 0.0:
+        return np.zeros(len(z))
+    r, rng = np.interp(z, outline_m[:, 1], outline_m[:, 0]), np.random.default_rng(0)
+    near = np.exp(-0.5 * ((z[:, None] - z) / ALONG_M) ** 2) + 1e-9 * np.eye(len(z))
+    off_m = sigma_m * rng.standard_normal((OUTLINES, len(z))) @ np.linalg.cholesky(near).T
+    logs = []
+    for one in off_m:
+        body = round_body(np.column_stack([np.maximum(r + one, 0.2 * r), z]), wall_m)
+        stiffness = body.stiffness_N_per_m[0]
+        logs.append(np.log(np.where(np.isfinite(stiffness), stiffness, 1.0)))
+    found: np.ndarray = np.std(logs, axis=0)
+    return found
+
+
+def round_body(outline_m: Float[np.ndarray, "k 2"], wall_m: float) -> RoundBody:
+    """Of a measured outline and a wall [m].
+
+    Parameters
+    ----------
+    outline_m
+        (radius, height) from the bottom up [m].
+    wall_m
+        Thickness [m].
+    """
+    from ...deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
+
+    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
+    r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
+    thickness = np.where(z > NECK * z[-1], max(NECK_M, wall_m), wall_m)
+    open_, closed = (
+        np.asarray(pinch_stiffness(RevolutionShell(r, z, thickness, rim_held=held), "PET"))
+        for held in (False, True)
+    )
+    slices = 0.5 * math.pi * (r[1:] ** 2 + r[:-1] ** 2) * np.diff(z)
+    area = math.pi * (r[1:] + r[:-1]) * np.hypot(np.diff(r), np.diff(z))
+    wall_kg = PET_DENSITY * float(np.sum(area * 0.5 * (thickness[1:] + thickness[:-1])))
+    return RoundBody(z, r, np.concatenate([[0.0], np.cumsum(slices)]), wall_kg, (open_, closed))
