@@ -6,7 +6,6 @@ from .component import Status as Status
 from .launch import read_launch as read_launch
 from .launch import run_launch as run_launch
 from .lifecycle import LifecycleProcess as LifecycleProcess
-from .map_nodes import LATCHED as LATCHED
 from .map_nodes import LayersNode as LayersNode
 from .map_nodes import LayersParameters as LayersParameters
 from .map_nodes import MapNode as MapNode

@@ -23,7 +23,7 @@ from ...recognition.classifier_file import load_classifier
 from ...recognition.data.curve_file import read_curves
 from ...recognition.data.readings import TouchNoise
 from ...recognition.touch.belief import doubted, update_belief
-from ..wire.graph import Qos
+from ..wire.graph import LATCHED
 from .component import Component, Status
 from .parameters import NodeParameters
 
@@ -54,7 +54,7 @@ class ClassifyNode(Component):
         self._classifier = load_classifier(Path(parameters.tree))
         self._noise = TouchNoise(parameters.force_noise_N, parameters.deformation_noise_m)
         self._told = Status(True, "not asked yet")
-        self._belief = host.node.advertise("~/belief", "std_msgs/msg/String", Qos(latched=True, depth=1))
+        self._belief = host.node.advertise("~/belief", "std_msgs/msg/String", LATCHED)
         host.offer("~/classify", self.classify)
 
     def classify(self) -> Mapping[str, Any]:
@@ -103,9 +103,7 @@ class GraspNode(Component):
         host, parameters = self.host, self.parameters
         wall = WallProperties(parameters.material or None, parameters.thickness_m or None)
         self._object = load_object(parameters.object, wall=wall)
-        self._pose = host.node.advertise(
-            "~/grasp", "geometry_msgs/msg/PoseStamped", Qos(latched=True, depth=1)
-        )
+        self._pose = host.node.advertise("~/grasp", "geometry_msgs/msg/PoseStamped", LATCHED)
         host.offer("~/plan_grasp", self.plan_grasp)
         host.offer("~/squeeze", self.squeeze)
 
