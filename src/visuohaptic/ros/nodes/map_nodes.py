@@ -127,9 +127,6 @@ class MapNode(Component):
                 _log.error("%s: still at work after %g s; its result is dropped", self._thread.name, WAIT_S)
             self._thread = None
 
-    def status(self) -> Status:
-        return self._told
-
     def close(self) -> None:
         self.deactivate()
 

@@ -74,9 +74,6 @@ class ClassifyNode(Component):
         self._told = Status(True, "ok", {"answer": belief.answer, "confidence": belief.confidence})
         return answer
 
-    def status(self) -> Status:
-        return self._told
-
 
 class GraspParameters(NodeParameters):
     """Of the node grasp."""
@@ -124,29 +121,15 @@ class GraspNode(Component):
             header = messages.header(self.host.node.now_s(), self._object.name)
             held = Pose.from_matrix(approach.T_object_gripper)
             self._pose.publish({"header": header, "pose": messages.pose(held)})
-        grasps = [
-            {
-                "score": grasp.score,
-                "first_m": grasp.first_m,
-                "second_m": grasp.second_m,
-                "width_m": grasp.width_m,
-                "force_N": grasp.force_N,
-                "deformation_m": grasp.deformation_m,
-                "deformation_sigma_m": grasp.deformation_sigma_m,
-            }
-            for grasp in plan.grasps
-        ]
+        names = ("score", "first_m", "second_m", "width_m", "force_N", "deformation_m", "deformation_sigma_m")
+        grasps = [{name: getattr(grasp, name) for name in names} for grasp in plan.grasps]
         return {"grasps": grasps, "reason": plan.reason, "notes": plan.notes}
 
     def squeeze(self) -> Mapping[str, Any]:
         """Force over deformation at half the height, up to ``squeeze_N``."""
         found = squeeze(self._object, force_N=self.parameters.squeeze_N, contents=self._contents())
-        return {
-            "stiffness_N_per_m": found.stiffness_N_per_m,
-            "stiffness_sigma_N_per_m": found.stiffness_sigma_N_per_m,
-            "buckling_force_N": found.buckling_force_N,
-            "deformation_m": found.curve.deformation_m,
-            "force_N": found.curve.force_N,
-            "complete": found.curve.complete,
-            "remarks": found.remarks,
+        own = ("stiffness_N_per_m", "stiffness_sigma_N_per_m", "buckling_force_N", "remarks")
+        answer = {name: getattr(found, name) for name in own}
+        return answer | {
+            name: getattr(found.curve, name) for name in ("deformation_m", "force_N", "complete")
         }
