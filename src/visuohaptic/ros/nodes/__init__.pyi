@@ -33,8 +33,8 @@ from .sensor_node import ImageNode as ImageNode
 from .sensor_node import ImageParameters as ImageParameters
 from .sensor_node import SceneNode as SceneNode
 from .sensor_node import SensorParameters as SensorParameters
-from .template_node import TemplateNode as TemplateNode
-from .template_node import TemplateParameters as TemplateParameters
+from .sensor_node import TemplateNode as TemplateNode
+from .sensor_node import TemplateParameters as TemplateParameters
 from .transparency_node import TransparencyParameters as TransparencyParameters
 from .transparency_node import TransparentPartsNode as TransparentPartsNode
 from .travel_node import TravelNode as TravelNode
