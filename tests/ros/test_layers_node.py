@@ -22,7 +22,6 @@ from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.navigation.problem import MovableObject, RobotModel, objects_from_data
 from visuohaptic.ros import RosNode, RosOptions
 from visuohaptic.ros.nodes import (
-    LATCHED,
     Running,
     felt_obstacles,
     map_nodes,
@@ -30,6 +29,7 @@ from visuohaptic.ros.nodes import (
     objects_text,
     plan_node,
 )
+from visuohaptic.ros.wire import LATCHED
 
 from .conftest import until
 

@@ -10,8 +10,7 @@ import pytest
 
 from visuohaptic.core import InputError
 from visuohaptic.ros import RosNode
-from visuohaptic.ros.nodes import LATCHED
-from visuohaptic.ros.wire import Qos
+from visuohaptic.ros.wire import LATCHED, Qos
 
 from ..io.test_sqlite_bag import IMAGES, bag, kinds  # noqa: F401 - a fixture
 from .conftest import until

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -14,6 +15,7 @@ from jaxtyping import UInt8
 
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
+from ..core.camera.pose import Pose
 from ..core.errors import DeviceError, InputError, StaleFrameError
 from ..core.files import ImageMode, decode_image
 from ..core.resources import Closing
@@ -267,6 +269,19 @@ class TopicFrames(Closing):
 def info_topic(image: str) -> str:
     """Where the camera's model is, by ROS's convention: beside the image."""
     return image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
+
+
+def message_pose(message: Any) -> Pose:
+    """Of a ``geometry_msgs/Pose``."""
+    place, turn = message.position, message.orientation
+    return Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [place.x, place.y, place.z])
+
+
+def planar(message: Any) -> tuple[float, float, float]:
+    """x, y [m] and heading [rad] of a ``geometry_msgs/Pose``, whatever its roll and pitch."""
+    turn = message.orientation
+    heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+    return message.position.x, message.position.y, heading
 
 
 def message_time_s(received: Received, stamp: Any) -> float:

@@ -9,7 +9,7 @@ from ..core.measurement import ForceProfile
 from ..io.sinks.measurement_sink import MeasurementSink
 from .markers import contact_markers
 from .transports.topic_node import RosPublisher, TopicNode
-from .wire.graph import Qos
+from .wire.graph import LATCHED
 
 __all__ = ["LATCHED_TYPES", "RosSink"]
 
@@ -49,7 +49,7 @@ class RosSink(MeasurementSink):
         """
         with self._lock:
             if topic not in self._publishers:
-                qos = Qos(latched=True, depth=1) if datatype in LATCHED_TYPES else None
+                qos = LATCHED if datatype in LATCHED_TYPES else None
                 self._publishers[topic] = self._node.advertise(topic.lstrip("/"), datatype, qos)
             return self._publishers[topic]
 

@@ -8,22 +8,19 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping
+from functools import partial
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client
-from typing import Any
-
-import numpy as np
-from jaxtyping import Float
+from typing import Any, cast
 
 from ...core import errors
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
 from ...core.errors import DeviceError, InputError
 from ...core.measurement import Wrench
 from ...core.resources import Closing
-from ...core.robots import ROBOT_CONTRACT, BaseState, Gripper, GripperState, MapPose, MobileBase, ProbeArm
-from .wire import MAX_MESSAGE_BYTES, RemoteDepth, RemoteTouch, pack, unpack
+from ...core.robots import ROBOT_CONTRACT, Gripper, MapPose, MobileBase, ProbeArm
+from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, unpack
 
 __all__ = ["RemoteRobot", "start_robot"]
 
@@ -66,9 +63,10 @@ class RemoteRobot(Closing):
             raise InputError(
                 "remote", f"found a robot for contract {hello['contract']}, expected {ROBOT_CONTRACT}"
             )
-        self.base, self.arm, self.gripper = _RemoteBase(self), _RemoteArm(self), _RemoteGripper(self)
-        self.camera, self.senses = _RemoteCamera(self), _RemoteSenses(self)
-        self.depth = _RemoteDepthCamera(self)
+        self.base = cast("MobileBase", _Part(self, "base"))
+        self.arm, self.gripper = cast("ProbeArm", _Part(self, "arm")), cast("Gripper", _Part(self, "gripper"))
+        self.senses: Any = _Part(self, "senses")
+        self.camera, self.depth = _RemoteCamera(self), _RemoteDepthCamera(self)
 
     def call(self, part: str, member: str, *arguments: Any) -> Any:
         """Call a member of a part there.
@@ -235,53 +233,16 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
     return RemoteRobot((str(host), int(port)), key, process)
 
 
-class _RemoteBase(MobileBase):
-    def __init__(self, robot: RemoteRobot) -> None:
-        self._robot = robot
+class _Part:
+    """Members of a part, as :data:`~.wire.PROTOCOLS` names them, called there."""
 
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        self._robot.call("base", "drive", speed_m_s, turn_rate_rad_s)
+    def __init__(self, robot: RemoteRobot, part: str) -> None:
+        self._robot, self._part = robot, part
 
-    def stop(self) -> None:
-        self._robot.call("base", "stop")
-
-    def state(self) -> BaseState:
-        found: BaseState = self._robot.call("base", "state")
-        return found
-
-
-class _RemoteArm(ProbeArm):
-    def __init__(self, robot: RemoteRobot) -> None:
-        self._robot = robot
-
-    def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
-        self._robot.call("arm", "move_linear", T_base_tip, speed_m_s)
-
-    def stop(self) -> None:
-        self._robot.call("arm", "stop")
-
-    def pose(self) -> tuple[float, Pose]:
-        t_s, pose = self._robot.call("arm", "pose")
-        return t_s, pose
-
-    def reach_m(self) -> Float[np.ndarray, "2"]:
-        found: Float[np.ndarray, "2"] = self._robot.call("arm", "reach_m")
-        return found
-
-
-class _RemoteGripper(Gripper):
-    def __init__(self, robot: RemoteRobot) -> None:
-        self._robot = robot
-
-    def move(self, opening_m: float, speed_m_s: float) -> None:
-        self._robot.call("gripper", "move", opening_m, speed_m_s)
-
-    def stop(self) -> None:
-        self._robot.call("gripper", "stop")
-
-    def state(self) -> GripperState:
-        found: GripperState = self._robot.call("gripper", "state")
-        return found
+    def __getattr__(self, member: str) -> Any:
+        if member not in PROTOCOLS[self._part]:
+            raise AttributeError(f"{self._part} has no {member}")
+        return partial(self._robot.call, self._part, member)
 
 
 class _RemoteCamera(Closing):
@@ -301,23 +262,6 @@ class _RemoteCamera(Closing):
 
     def close(self) -> None:
         """Nothing to release here."""
-
-
-class _RemoteSenses:
-    def __init__(self, robot: RemoteRobot) -> None:
-        self._robot = robot
-
-    def pose(self) -> tuple[float, float, float]:
-        found: tuple[float, float, float] = self._robot.call("senses", "pose")
-        return found
-
-    def touch(self) -> tuple[float, tuple[float, float] | None]:
-        found: tuple[float, tuple[float, float] | None] = self._robot.call("senses", "touch")
-        return found
-
-    def look(self, id: str) -> tuple[float, float, float] | None:
-        found: tuple[float, float, float] | None = self._robot.call("senses", "look", id)
-        return found
 
 
 class _RemoteDepthCamera:

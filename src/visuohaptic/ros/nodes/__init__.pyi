@@ -6,7 +6,6 @@ from .component import Status as Status
 from .launch import read_launch as read_launch
 from .launch import run_launch as run_launch
 from .lifecycle import LifecycleProcess as LifecycleProcess
-from .map_nodes import LATCHED as LATCHED
 from .map_nodes import LayersNode as LayersNode
 from .map_nodes import LayersParameters as LayersParameters
 from .map_nodes import MapNode as MapNode
@@ -34,8 +33,8 @@ from .sensor_node import ImageNode as ImageNode
 from .sensor_node import ImageParameters as ImageParameters
 from .sensor_node import SceneNode as SceneNode
 from .sensor_node import SensorParameters as SensorParameters
-from .template_node import TemplateNode as TemplateNode
-from .template_node import TemplateParameters as TemplateParameters
+from .sensor_node import TemplateNode as TemplateNode
+from .sensor_node import TemplateParameters as TemplateParameters
 from .transparency_node import TransparencyParameters as TransparencyParameters
 from .transparency_node import TransparentPartsNode as TransparentPartsNode
 from .travel_node import TravelNode as TravelNode

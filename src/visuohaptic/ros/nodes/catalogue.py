@@ -15,7 +15,7 @@ NODES: Mapping[str, tuple[str, str]] = {
     "foam": ("sensor_node", "FoamNode"),
     "beam": ("sensor_node", "BeamNode"),
     "scene": ("sensor_node", "SceneNode"),
-    "template": ("template_node", "TemplateNode"),
+    "template": ("sensor_node", "TemplateNode"),
     "transparency": ("transparency_node", "TransparentPartsNode"),
     "plan": ("plan_node", "PlanNode"),
     "layers": ("map_nodes", "LayersNode"),

@@ -137,6 +137,7 @@ class Component(Closing):
 
     def __init__(self, host: Host, parameters: Any) -> None:
         self.host, self.parameters = host, parameters
+        self._told = Status()
         self.configure()
 
     @abstractmethod
@@ -151,7 +152,7 @@ class Component(Closing):
 
     def status(self) -> Status:
         """For the diagnostics, once a second."""
-        return Status()
+        return self._told
 
     def close(self) -> None:
         """Give back what was configured; harmless when repeated."""

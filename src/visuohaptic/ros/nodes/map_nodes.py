@@ -32,12 +32,11 @@ from ...navigation.problem.push_costs import failure_probability, manipulability
 from ...navigation.problem.robot_model import RobotModel
 from ..markers import LINES, POINTS, points_marker
 from ..transports.topic_node import Received
-from ..wire.graph import Qos
+from ..wire.graph import LATCHED
 from .component import Component, Status
 from .parameters import NodeParameters
 
 __all__ = [
-    "LATCHED",
     "LayersNode",
     "LayersParameters",
     "MapNode",
@@ -48,7 +47,6 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-LATCHED = Qos(latched=True, depth=1)
 _GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
 #: A node that is deactivated waits so long for its thread [s]; the search of a travel ends within 6 s.
 WAIT_S = 8.0
@@ -128,9 +126,6 @@ class MapNode(Component):
             if self._thread.is_alive():
                 _log.error("%s: still at work after %g s; its result is dropped", self._thread.name, WAIT_S)
             self._thread = None
-
-    def status(self) -> Status:
-        return self._told
 
     def close(self) -> None:
         self.deactivate()

@@ -23,7 +23,7 @@ from ...recognition.classifier_file import load_classifier
 from ...recognition.data.curve_file import read_curves
 from ...recognition.data.readings import TouchNoise
 from ...recognition.touch.belief import doubted, update_belief
-from ..wire.graph import Qos
+from ..wire.graph import LATCHED
 from .component import Component, Status
 from .parameters import NodeParameters
 
@@ -54,7 +54,7 @@ class ClassifyNode(Component):
         self._classifier = load_classifier(Path(parameters.tree))
         self._noise = TouchNoise(parameters.force_noise_N, parameters.deformation_noise_m)
         self._told = Status(True, "not asked yet")
-        self._belief = host.node.advertise("~/belief", "std_msgs/msg/String", Qos(latched=True, depth=1))
+        self._belief = host.node.advertise("~/belief", "std_msgs/msg/String", LATCHED)
         host.offer("~/classify", self.classify)
 
     def classify(self) -> Mapping[str, Any]:
@@ -73,9 +73,6 @@ class ClassifyNode(Component):
         self._belief.publish({"data": dumps(answer)})
         self._told = Status(True, "ok", {"answer": belief.answer, "confidence": belief.confidence})
         return answer
-
-    def status(self) -> Status:
-        return self._told
 
 
 class GraspParameters(NodeParameters):
@@ -103,9 +100,7 @@ class GraspNode(Component):
         host, parameters = self.host, self.parameters
         wall = WallProperties(parameters.material or None, parameters.thickness_m or None)
         self._object = load_object(parameters.object, wall=wall)
-        self._pose = host.node.advertise(
-            "~/grasp", "geometry_msgs/msg/PoseStamped", Qos(latched=True, depth=1)
-        )
+        self._pose = host.node.advertise("~/grasp", "geometry_msgs/msg/PoseStamped", LATCHED)
         host.offer("~/plan_grasp", self.plan_grasp)
         host.offer("~/squeeze", self.squeeze)
 
@@ -126,29 +121,15 @@ class GraspNode(Component):
             header = messages.header(self.host.node.now_s(), self._object.name)
             held = Pose.from_matrix(approach.T_object_gripper)
             self._pose.publish({"header": header, "pose": messages.pose(held)})
-        grasps = [
-            {
-                "score": grasp.score,
-                "first_m": grasp.first_m,
-                "second_m": grasp.second_m,
-                "width_m": grasp.width_m,
-                "force_N": grasp.force_N,
-                "deformation_m": grasp.deformation_m,
-                "deformation_sigma_m": grasp.deformation_sigma_m,
-            }
-            for grasp in plan.grasps
-        ]
+        names = ("score", "first_m", "second_m", "width_m", "force_N", "deformation_m", "deformation_sigma_m")
+        grasps = [{name: getattr(grasp, name) for name in names} for grasp in plan.grasps]
         return {"grasps": grasps, "reason": plan.reason, "notes": plan.notes}
 
     def squeeze(self) -> Mapping[str, Any]:
         """Force over deformation at half the height, up to ``squeeze_N``."""
         found = squeeze(self._object, force_N=self.parameters.squeeze_N, contents=self._contents())
-        return {
-            "stiffness_N_per_m": found.stiffness_N_per_m,
-            "stiffness_sigma_N_per_m": found.stiffness_sigma_N_per_m,
-            "buckling_force_N": found.buckling_force_N,
-            "deformation_m": found.curve.deformation_m,
-            "force_N": found.curve.force_N,
-            "complete": found.curve.complete,
-            "remarks": found.remarks,
+        own = ("stiffness_N_per_m", "stiffness_sigma_N_per_m", "buckling_force_N", "remarks")
+        answer = {name: getattr(found, name) for name in own}
+        return answer | {
+            name: getattr(found.curve, name) for name in ("deformation_m", "force_N", "complete")
         }

@@ -19,8 +19,9 @@ from ...navigation.problem.path_plan import Plan
 from ...navigation.problem.planning_problem import PlanningProblem
 from ..markers import arrow
 from ..transports.topic_node import Received
+from ..wire.graph import LATCHED
 from .component import Status
-from .map_nodes import LATCHED, MapNode, MapParameters
+from .map_nodes import MapNode, MapParameters
 
 __all__ = ["PlanNode", "PlanParameters"]
 

@@ -69,9 +69,6 @@ class PlayNode(Component):
         except VisuohapticError as error:
             self.host.fail(error)
 
-    def status(self) -> Status:
-        return self._told
-
     def deactivate(self) -> None:
         self._end.set()
         if self._thread is not None:

@@ -1,4 +1,4 @@
-"""Foam, beam and scene as nodes: images in, forces with validity and reason out."""
+"""Foam, beam, scene and templates as nodes: images in, forces with validity and reason, or poses out."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
+from ...core.camera.model import Camera
 from ...core.errors import InputError
 from ...sensing.readers.load import load_reader
 from ...sensing.readers.sensor_reader import SensorReader
+from ...sensing.readers.template_reader import TemplateReader
+from ...tracking.templates.template import load_templates
+from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
 from ..bridge import check_sensor
 from ..bridge_config import SensorSection, sensor_kind
 from ..channel import SensorChannel
 from .component import Component, Status
 from .parameters import NodeParameters
 
-__all__ = ["BeamNode", "FoamNode", "ImageNode", "ImageParameters", "SceneNode", "SensorParameters"]
+__all__ = [
+    "BeamNode", "FoamNode", "ImageNode", "ImageParameters", "SceneNode", "SensorParameters", "TemplateNode",
+    "TemplateParameters",
+]  # fmt: skip
 
 
 class ImageParameters(NodeParameters):
@@ -130,3 +137,34 @@ class SceneNode(_SensorNode):
         "scene",
         "several sensors in one image, and the platform's motion: WrenchStamped, pose out",
     )
+
+
+class TemplateParameters(ImageParameters):
+    """Of the node template."""
+
+    templates: str = Field(
+        "", min_length=1, description="folder of templates: images with a dpi value, tags.yaml"
+    )
+    camera: str = Field("", min_length=1, description="camera.yaml, a ROS camera_info file")
+    tf: bool = Field(True, description="publish the frames of the templates on /tf")
+
+
+class TemplateNode(ImageNode):
+    """Poses of known pictures and tags."""
+
+    summary = "pictures and tags: Image in, PoseWithCovarianceStamped and tf out"
+    parameter_model = TemplateParameters
+
+    def _reader(self, section: SensorSection) -> SensorReader[Any]:
+        camera = Camera.load(Path(self.parameters.camera))
+        self._camera = camera.name
+        templates = load_templates(Path(self.parameters.templates))
+        names = tuple(template.name for template in templates)
+        # A live camera must not wait for the detector.
+        return TemplateReader(TemplateTracker(templates, camera, threaded=True), names, self._follow)
+
+    def _follow(self, poses: tuple[TemplatePose, ...]) -> None:
+        if self.parameters.tf:
+            for pose in poses:
+                if pose.valid and pose.T_camera_template is not None:
+                    self.host.transform(pose.t_s, self._camera, pose.name, pose.T_camera_template)

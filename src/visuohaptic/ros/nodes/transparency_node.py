@@ -19,10 +19,10 @@ from ...io.ros.ros_image import decode_depth
 from ...reconstruction.fusion.depth_noise import sensor_noise
 from ...reconstruction.fusion.volume import space_of_interest
 from ...reconstruction.pipeline import reconstruct
-from ..frames import info_topic
+from ..frames import info_topic, message_pose, message_time_s
 from ..markers import text_marker
 from ..transports.topic_node import Received
-from ..wire.graph import Qos
+from ..wire.graph import LATCHED, Qos
 from .component import Component, Status
 from .parameters import NodeParameters
 
@@ -58,9 +58,8 @@ class TransparentPartsNode(Component):
         self._lock = threading.Lock()
         self._missed = 0
         node, sensor = host.node, Qos(reliable=False, depth=5)
-        latched = Qos(latched=True, depth=1)
-        self._points = node.advertise("~/points", "sensor_msgs/msg/PointCloud2", latched)
-        self._parts = node.advertise("~/parts", "visualization_msgs/msg/MarkerArray", latched)
+        self._points = node.advertise("~/points", "sensor_msgs/msg/PointCloud2", LATCHED)
+        self._parts = node.advertise("~/parts", "visualization_msgs/msg/MarkerArray", LATCHED)
         node.subscribe(info_topic(parameters.depth), "sensor_msgs/msg/CameraInfo", self._describe, sensor)
         node.subscribe(parameters.pose, "geometry_msgs/msg/PoseStamped", self._place, sensor)
         node.subscribe(parameters.depth, "sensor_msgs/msg/Image", self._take, sensor)
@@ -70,14 +69,12 @@ class TransparentPartsNode(Component):
         self._camera = camera_from_message(received.message, info_topic(self.parameters.depth))
 
     def _place(self, received: Received) -> None:
-        stamp, pose = received.message.header, received.message.pose
-        place, turn = pose.position, pose.orientation
-        posed = Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [place.x, place.y, place.z])
+        header, posed = received.message.header, message_pose(received.message.pose)
         with self._lock:
-            self._poses.append((_seconds(stamp), stamp.frame_id, posed))
+            self._poses.append((message_time_s(received, header.stamp), header.frame_id, posed))
 
     def _take(self, received: Received) -> None:
-        t_s, camera = _seconds(received.message.header), self._camera
+        t_s, camera = message_time_s(received, received.message.header.stamp), self._camera
         if not self.host.active.is_set() or camera is None:
             return
         with self._lock:
@@ -124,7 +121,3 @@ class TransparentPartsNode(Component):
 
     def status(self) -> Status:
         return Status(True, "ok", {"views": len(self._views), "without_pose": self._missed})
-
-
-def _seconds(header: Any) -> float:
-    return float(header.stamp.sec + 1e-9 * header.stamp.nanosec)

@@ -14,11 +14,13 @@ from pydantic import Field
 from ...core.errors import DeviceError, StaleFrameError, VisuohapticError
 from ...navigation.problem.planning_problem import PlanningProblem
 from ...tasks.mobile.travel.navigate import Travel, travel
+from ..frames import planar
 from ..latest import LatestMessage
 from ..robots.mobile_base import RosBase
 from ..transports.topic_node import Received, TopicNode
+from ..wire.graph import LATCHED
 from .component import Status
-from .map_nodes import LATCHED, MapNode, MapParameters, objects_text
+from .map_nodes import MapNode, MapParameters, objects_text
 
 __all__ = ["TravelNode", "TravelParameters"]
 
@@ -74,7 +76,7 @@ class _Senses:
             return
         odom_base = _matrix(state.x_m, state.y_m, state.heading_rad)
         with self._lock:
-            self._map_odom = _matrix(*_planar(received.message.pose.pose)) @ np.linalg.inv(odom_base)
+            self._map_odom = _matrix(*planar(received.message.pose.pose)) @ np.linalg.inv(odom_base)
             self.located = True
 
     def pose(self) -> tuple[float, float, float]:
@@ -95,7 +97,7 @@ class _Senses:
 
     def look(self, id: str) -> tuple[float, float, float] | None:
         try:
-            x, y, heading = _planar(self._seen[id].get(0.0).message.pose)
+            x, y, heading = planar(self._seen[id].get(0.0).message.pose)
         except (KeyError, StaleFrameError):
             return None
         begin = self.turned.setdefault(id, heading)
@@ -136,7 +138,7 @@ class TravelNode(MapNode):
             self._due.set()
 
     def work(self) -> None:
-        self.drive(_planar(self._goal.pose)[:2], lambda remaining_m: None, self._cancel.is_set)
+        self.drive(planar(self._goal.pose)[:2], lambda remaining_m: None, self._cancel.is_set)
 
     def _take_back(self) -> Mapping[str, Any]:
         self._cancel.set()
@@ -162,7 +164,7 @@ class TravelNode(MapNode):
             It was taken back, or the robot cannot be driven.
         """
         done = self.drive(
-            _planar(goal.pose.pose)[:2],
+            planar(goal.pose.pose)[:2],
             lambda remaining_m: tell({"distance_remaining": remaining_m}),
             cancelled,
         )
@@ -228,13 +230,6 @@ class TravelNode(MapNode):
     def close(self) -> None:
         super().close()
         self._base.close()
-
-
-def _planar(pose: Any) -> tuple[float, float, float]:
-    """x, y [m] and heading [rad] of a pose, whatever its roll and pitch."""
-    turn = pose.orientation
-    heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
-    return pose.position.x, pose.position.y, heading
 
 
 def _matrix(x_m: float, y_m: float, heading_rad: float) -> np.ndarray:

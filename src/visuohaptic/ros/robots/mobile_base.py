@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
 import time
 
@@ -12,7 +11,7 @@ from ...core.resources import Closing
 from ...core.robots import BaseState, MobileBase
 from ...io.ros.ros_messages import header
 from ...tasks.robots.repeater import Repeater, finite
-from ..frames import message_time_s
+from ..frames import message_time_s, planar
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
@@ -128,15 +127,5 @@ class RosBase(Closing, MobileBase):
 def base_state(received: Received) -> BaseState:
     """Of a ``nav_msgs/Odometry``."""
     message = received.message
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    # Heading of a quaternion, whatever its roll and pitch.
-    heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
-    speed = message.twist.twist
-    return BaseState(
-        message_time_s(received, message.header.stamp),
-        place.x,
-        place.y,
-        heading,
-        speed.linear.x,
-        speed.angular.z,
-    )
+    speed, t_s = message.twist.twist, message_time_s(received, message.header.stamp)
+    return BaseState(t_s, *planar(message.pose.pose), speed.linear.x, speed.angular.z)

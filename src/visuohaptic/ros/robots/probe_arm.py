@@ -15,7 +15,7 @@ from ...core.resources import Closing
 from ...core.robots import ProbeArm
 from ...io.ros import ros_messages as ros
 from ...tasks.robots.repeater import Repeater, finite
-from ..frames import message_time_s
+from ..frames import message_pose, message_time_s
 from ..latest import LatestMessage
 from ..transports.topic_node import TopicNode
 
@@ -123,9 +123,7 @@ class RosArm(Closing, ProbeArm):
             There is none, or it is too old.
         """
         received = self._pose.get()
-        place, turn = received.message.pose.position, received.message.pose.orientation
-        pose = Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [place.x, place.y, place.z])
-        return message_time_s(received, received.message.header.stamp), pose
+        return message_time_s(received, received.message.header.stamp), message_pose(received.message.pose)
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
         """Smallest and largest distance of the tip from the base."""

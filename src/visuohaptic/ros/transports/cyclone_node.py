@@ -15,7 +15,7 @@ from typing import Any
 from ...core.errors import DeviceError, MissingExtraError
 from ..wire.attachment import Attachment
 from ..wire.cdr import decode, encode
-from ..wire.graph import Entity, EntityKind, Qos
+from ..wire.graph import LATCHED, Entity, EntityKind, Qos
 from ..wire.message_types import Field, MessageType, Shape, parse_definition
 from .session import RosOptions, shown_error
 from .topic_node import RosSubscription, TopicNode
@@ -142,7 +142,7 @@ class CycloneNode(TopicNode):
         discovery = "ros_discovery_info"
         kind, topic = self._topic(discovery, _DISCOVERY)
         self._nodes = self._reader(topic, _DISCOVERY, Qos(latched=True, depth=_MAX_TOLD))
-        writer = self._writer(topic, _DISCOVERY, Qos(latched=True, depth=1))
+        writer = self._writer(topic, _DISCOVERY, LATCHED)
         self._discovery = _CycloneOutlet(discovery, kind, writer)
         self._outlets = [self._discovery]
         self._announce()
@@ -258,17 +258,14 @@ class CycloneNode(TopicNode):
         for gid in sorted(newest.keys() & here):
             for node in newest[gid].node_entities_info_seq:
                 place = (node.node_namespace, node.node_name)
-                found.append(self._entity(EntityKind.NODE, place))
+                found.append(self._seen(EntityKind.NODE, place))
                 owners |= {bytes(each.data): place for each in (*node.reader_gid_seq, *node.writer_gid_seq)}
         for kind, reader in self._told:
             for sample in _alive(reader):
                 if sample.topic_name.startswith("rt/") and sample.type_name.endswith("_"):
                     place = owners.get(sample.key.bytes, ("/", ""))
-                    found.append(self._entity(kind, place, *_told_endpoint(sample)))
+                    found.append(self._seen(kind, place, *_told_endpoint(sample)))
         return tuple(found)
-
-    def _entity(self, kind: EntityKind, place: tuple[str, str], *endpoint: Any) -> Entity:
-        return Entity(self.options.domain, "", 0, 0, kind, *place, *endpoint)
 
     def _leave(self) -> None:
         for outlet in self._outlets:

@@ -194,7 +194,7 @@ class RclpyTopics(TopicNode):
             Not waited: what is known now is told.
         """
         found = [
-            self._entity(EntityKind.NODE, namespace, name)
+            self._seen(EntityKind.NODE, (namespace, name))
             for name, namespace in self.inner.get_node_names_and_namespaces()
         ]
         for topic, _ in self.inner.get_topic_names_and_types():
@@ -203,21 +203,13 @@ class RclpyTopics(TopicNode):
                 (EntityKind.SUBSCRIPTION, self.inner.get_subscriptions_info_by_topic),
             ):
                 found += [
-                    self._entity(
-                        kind,
-                        info.node_namespace,
-                        info.node_name,
-                        topic,
-                        info.topic_type,
-                        str(info.topic_type_hash),
-                        _told_qos(info.qos_profile),
+                    self._seen(
+                        kind, (info.node_namespace, info.node_name),
+                        topic, info.topic_type, str(info.topic_type_hash), _told_qos(info.qos_profile),
                     )
                     for info in ask(topic)
-                ]
+                ]  # fmt: skip
         return tuple(found)
-
-    def _entity(self, kind: EntityKind, namespace: str, node: str, *endpoint: Any) -> Entity:
-        return Entity(self.options.domain, "", 0, 0, kind, namespace, node, *endpoint)
 
     def _leave(self) -> None:
         """The node goes on without these topics."""

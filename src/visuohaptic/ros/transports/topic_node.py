@@ -17,7 +17,7 @@ from ...core.errors import DeviceError, InputError, VisuohapticError
 from ...core.resources import Closing
 from ..wire.attachment import Attachment
 from ..wire.cdr import decode, encode
-from ..wire.graph import Entity, Qos, check_node, resolve_name
+from ..wire.graph import Entity, EntityKind, Qos, check_node, resolve_name
 from ..wire.message_types import MessageType, message_type
 from .session import RosOptions
 
@@ -353,6 +353,20 @@ class TopicNode(Closing):
                 _log.debug("while closing: %s", error)
         self._closing.clear()
         self._leave()
+
+    def _seen(self, kind: EntityKind, place: tuple[str, str], *endpoint: Any) -> Entity:
+        """A node, or its endpoint (topic, type, type hash, quality of service), in this node's domain.
+
+        Parameters
+        ----------
+        kind
+            What it is.
+        place
+            Namespace and name of the node.
+        *endpoint
+            Topic, type, type hash and quality of service.
+        """
+        return Entity(self.options.domain, "", 0, 0, kind, *place, *endpoint)
 
     @abstractmethod
     def _leave(self) -> None:

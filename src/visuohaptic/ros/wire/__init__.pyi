@@ -1,6 +1,7 @@
 from .attachment import Attachment as Attachment
 from .cdr import decode as decode
 from .cdr import encode as encode
+from .graph import LATCHED as LATCHED
 from .graph import Entity as Entity
 from .graph import EntityKind as EntityKind
 from .graph import Qos as Qos

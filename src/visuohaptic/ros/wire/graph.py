@@ -14,7 +14,7 @@ from typing import Self
 
 from ...core.errors import InputError
 
-__all__ = ["Entity", "EntityKind", "Qos", "resolve_name", "topic_key"]
+__all__ = ["LATCHED", "Entity", "EntityKind", "Qos", "resolve_name", "topic_key"]
 
 _SPACE = "@ros2_lv"
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -65,6 +65,10 @@ class Qos:
             raise InputError("liveliness token", f"found quality of service {key!r}")
         depth = int(history[1] or _DEFAULT_DEPTH) or _DEFAULT_DEPTH
         return cls(parts[0] not in ("0", "2"), parts[1] == "1", min(depth, 100_000))
+
+
+#: What stays until it is replaced: who comes late gets the last one.
+LATCHED = Qos(latched=True, depth=1)
 
 
 @dataclass(frozen=True, slots=True)
