@@ -1,7 +1,6 @@
 """Lengths of the pushes of a plan, refined continuously, and what their ends put at risk (Alt 2016, Sec. 4.3.1).
 
-Coordinate descent on the cost of the whole plan on the map.
-The search tries lengths on a ladder. Which bodies are pushed, from where and in which order stays as it was found;
+Lengths are refined by coordinate descent on the cost of the whole plan on the map. The search tries lengths on a ladder. Which bodies are pushed, from where and in which order stays as it was found;
 every candidate is replayed: pushes free of collisions, drives that the map has. Where a pushed object ends, and how
 likely it then closes a later drive, is told by the quasi-static model with sampled contact friction, centre of friction
 and pose of the object; where the object blocks the whole approach it counts as if it stayed where it was.
@@ -17,7 +16,7 @@ from jaxtyping import Bool, Float
 from ....core.geometry import rotation_2d
 from ...pushing.push_failure import sampled_pushes
 from ...pushing.push_model import PushModel
-from ...pushing.quasi_static import line_path
+from ...pushing.quasi_static import STEP_M, line_path
 from .bodies import lower_window
 from .drives import changed_drives_cost, drives_cells
 from .push_heuristic import PushHeuristic
@@ -193,7 +192,8 @@ def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]
     length_m = float(np.hypot(*(touch - begin)) + step.length * resolution_m)
     key = step.body, step.contact
     if key not in domain.ends or domain.ends[key][0] < length_m:
-        reach_m = BEYOND * length_m
+        # Whole steps: however far it is simulated, the beginning is the same.
+        reach_m = float(np.ceil(BEYOND * length_m / STEP_M)) * STEP_M
         model = PushModel.patch((body.outline - body.centre) * resolution_m)
         _, poses, _ = sampled_pushes(
             model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
