@@ -36,10 +36,9 @@ from .scene.floor_motion import FloorTracker as FloorTracker
 from .scene.floor_motion import fit_planar_motion as fit_planar_motion
 from .scene.object_events import ObjectMotion as ObjectMotion
 from .scene.object_motion import ObjectTracker as ObjectTracker
-from .scene.obstacle_mask import FloorMixture as FloorMixture
-from .scene.obstacle_mask import MixtureSettings as MixtureSettings
 from .scene.obstacle_mask import Obstacle as Obstacle
 from .scene.obstacle_mask import ObstacleDetector as ObstacleDetector
+from .scene.obstacle_parallax import ObstacleSettings as ObstacleSettings
 from .scene.scene_tracker import SceneReading as SceneReading
 from .scene.scene_tracker import SceneTracker as SceneTracker
 from .sensor import Measurement as Measurement
