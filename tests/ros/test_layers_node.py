@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -185,9 +184,7 @@ def test_a_search_that_does_not_end_is_not_waited_for(
         goals.wait_until_heard(10.0)
         goals.publish({"header": header, "pose": there})
         assert stuck.wait(10.0)
-        began_s = time.monotonic()
-        node.deactivate()
-        assert time.monotonic() - began_s < 5.0
+        node.deactivate()  # while the search is held: one that is waited for fails, and says so instead of the below
         node.activate()
         let_go.set()
         assert until(lambda: "deactivated meanwhile" in node.component.status().reason, 20.0)

@@ -160,7 +160,9 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
         raise InputError("merge_objects", f"found the objects {one.id!r} and {other.id!r}, expected one id")
     everything = _all_evidence(one) | _all_evidence(other)
     if one is other and not one.provenance:
-        return _with(one, everything)  # a new object: nothing to choose, and nothing to say where it came from
+        return _with(
+            one, everything
+        )  # a new object: nothing to choose, and nothing to say where it came from
     origins = {
         place: max(
             (obj.provenance[place] for obj in (one, other) if place in obj.provenance), key=_provenance_order
