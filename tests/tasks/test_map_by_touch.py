@@ -13,20 +13,30 @@ from hypothesis import strategies as st
 from shapely.affinity import rotate
 
 from visuohaptic.core import FrameSource, InputError, MobileBase
+from visuohaptic.navigation.mapping import HapticMap
 from visuohaptic.rigs import map_virtual_room
 from visuohaptic.simulation.mobile import (
     DriftingBase,
     OdometryErrors,
+    PlatformConfig,
     QuickFoam,
     QuickFrames,
     QuickWorld,
     box,
     cylinder,
+    touch_room,
     wall,
 )
 from visuohaptic.tasks.framework import replay
 from visuohaptic.tasks.mobile import ExploreOutcome, ExploreSettings, explore_obstacle
-from visuohaptic.tasks.mobile.touch_map import MapObservation, MapOutcome, MapSettings, MapState, TouchMapTask
+from visuohaptic.tasks.mobile.touch_map import (
+    MapObservation,
+    MapOutcome,
+    MapSettings,
+    MapState,
+    TouchMapTask,
+    map_by_touch,
+)
 from visuohaptic.tasks.mobile.touch_map._map_contacts import aside_rad, contact_of
 
 
@@ -292,3 +302,25 @@ def test_a_slice_of_a_room() -> None:
         replay(trial.mapping.trace, TouchMapTask(MapSettings(contacts=8)), MapObservation)
         == trial.mapping.ending
     )
+
+
+def test_the_next_wall_is_met_no_harder_than_the_platform_may_push() -> None:
+    """In a corner the whole foam meets a wall on the way along the other: 86 N where 20 N are the limit, once."""
+    room = touch_room(12)
+    x, y, heading = room.start
+    strip = QuickWorld([]).config.strip
+    world = QuickWorld(room.obstacles, PlatformConfig(x_m=x, y_m=y, heading_rad=heading, strip=strip))
+    foam: Any = QuickFoam(world, np.random.default_rng(12))
+    felt_N: list[float] = []
+
+    class Watched(QuickFrames):
+        def advance(self, dt_s: float) -> float:
+            t_s = super().advance(dt_s)
+            felt_N.append(float(world.truth.strip.load_N))
+            return t_s
+
+    grid = HapticMap.empty((-0.5, -0.5), (room.size_m[0] + 1.0, room.size_m[1] + 1.0))
+    done = map_by_touch(world, Watched(world), foam, grid, MapSettings(contacts=3, timeout_s=200.0))
+    assert done.ending.success
+    # A tenth for the sensor's gain and the frame in which the limit is passed.
+    assert max(felt_N) <= 1.1 * ExploreSettings().max_force_N

@@ -326,7 +326,6 @@ def map_by_touch(
     settings, explore = settings or MapSettings(), explore or _exploration()
     # Along a wall another one is met with the whole foam: as fast as that takes up.
     safe_m_s = explore.stopping_speed_m_s(explore.max_deflection_m(sensor.setup.material))
-    settings = replace(settings, along_m_s=min(settings.along_m_s, safe_m_s))
     guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.blind_frames)
     task = TouchMapTask(settings)
     found = _Contacts(settings, haptic_map, base.state(), on_contact)
@@ -353,7 +352,7 @@ def map_by_touch(
         nonlocal command
         command = wanted
         if wanted.speed_m_s or wanted.turn_rate_rad_s:
-            base.drive(wanted.speed_m_s, wanted.turn_rate_rad_s)
+            base.drive(min(wanted.speed_m_s, safe_m_s), wanted.turn_rate_rad_s)
         else:
             base.stop()
 
