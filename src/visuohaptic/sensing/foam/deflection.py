@@ -123,7 +123,7 @@ def measure_deflection(
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
     light = strip.pixel_m * light_shift_px(strip, zero, rest_px, edges.moved_m(raw) / strip.pixel_m)
     # The error of the zero is the same in every frame: no noise of this image.
-    systematic = scale * np.hypot(np.hypot(kink, light), zero.width_sigma_m)
+    systematic = scale * np.hypot(kink, zero.width_sigma_m)
     states = edges.infer(strip, zero, rest_px, raw, np.hypot(sigma, systematic))
     # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
     delta = np.where(states.shadow, 0.0, raw)

@@ -148,13 +148,7 @@ def calibrate_tension(
     if weight < 1e-6:
         raise CalibrationError(where, "the contours have no flanks", remedy="use a narrower plate")
     design = np.column_stack([effect, np.array(lateral) / force])
-    information = np.diag([0.0, material.tension.lateral_sigma**-2])
-    variance = BODIES**2
-    for _ in range(2):  # the residuals of the first fit are known in the second
-        covariance = np.linalg.inv(design.T @ design / variance + information)
-        kappa, expansion = covariance @ design.T @ excess / variance
-        residual = excess - design @ [kappa, expansion]
-        variance = BODIES**2 + float(residual @ residual) / len(force)
+    (kappa, expansion), covariance = _regressed(design, excess, material.tension.lateral_sigma)
     sigma, expansion_sigma = (float(x) for x in np.sqrt(np.diag(covariance)))
     if not -2 * sigma <= kappa <= 2.0:
         raise CalibrationError(
@@ -163,3 +157,15 @@ def calibrate_tension(
             remedy="the plate and the strip calibration disagree; repeat both",
         )
     return Tension(max(float(kappa), 0.0), sigma, True, float(expansion), expansion_sigma)
+
+
+def _regressed(
+    design: Float[np.ndarray, "n 2"], excess: Float[np.ndarray, "n"], lateral_sigma: float
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
+    """Posterior mean and covariance of kappa, of which nothing is known before, and lambda."""
+    information, variance = np.diag([0.0, lateral_sigma**-2]), BODIES**2
+    for _ in range(2):  # the residuals of the first fit are known in the second
+        covariance = np.linalg.inv(design.T @ design / variance + information)
+        mean = covariance @ design.T @ excess / variance
+        variance = BODIES**2 + float(np.mean((excess - design @ mean) ** 2))
+    return mean, covariance

@@ -37,7 +37,7 @@ def draw_strain_stress(axes: Any, calibration: FoamCalibration) -> None:
     if len(down[0]):
         axes.scatter(down[0], down[1] / 1e3, s=size, color=UNLOADING, label="unloading", linewidths=0)
     strain = np.linspace(0.0, material.loading.max_strain, 300)
-    stress, sigma = material.stress(strain), material.stress_sigma(strain)
+    stress, sigma = material.loading.stress(strain), material.loading.stress_sigma(strain)
     axes.plot(strain, stress / 1e3, color=CURVE, lw=1.5, label=f"{material.loading.kind} fit", zorder=3)
     axes.fill_between(
         strain, (stress - 2 * sigma) / 1e3, (stress + 2 * sigma) / 1e3, color=CURVE, alpha=0.25, lw=0
