@@ -128,18 +128,18 @@ class EvidenceDetector:
         self.skipped.clear()
         self.views = len(frames)
         read, weights = self._read(frames)
-        strongest, before = self.evidence, -1
+        whole, before = self.evidence, -1
         while read and before < len(self._found):
-            before = len(self._found)
+            first, before = before < 0, len(self._found)
             self._sum(read, weights, counted=[rays.limit_m > 0 for _, rays in read])
+            whole = self.evidence if first else whole
             strong = np.argwhere(self.evidence >= self.threshold)
             if before and len(strong):
                 # What is weaker than the parts that were taken, as a bowl of which the rim alone shows, hides less of itself.
                 there_m, voxel_m = self.grid.centres_m(strong), self.grid.voxel_m
                 self._sum(read, weights, counted=[~view.passed(there_m, voxel_m) for view in self._rays])
-            strongest = np.maximum(strongest, self.evidence)
             self._take()
-        self.evidence = strongest
+        self.evidence = whole
 
     def _sum(
         self,
@@ -157,13 +157,15 @@ class EvidenceDetector:
         ]
         self.look_alike = _mixing_fraction(np.concatenate(windows))
         self._rays, self._outlines = [], []
-        self.evidence, self.extent, self.seen = (np.zeros(self.grid.shape, np.float32) for _ in range(3))
+        self.evidence, self.extent, seen = (np.zeros(self.grid.shape, np.float32) for _ in range(3))
         for (frame, rays), weight, ratio in zip(read, weights, ratios, strict=True):
             view = ViewEvidence.of_ratios(frame, weight, rays, ratio, self.look_alike)
-            view.add(self.grid, self.evidence, self.extent, self.seen)
+            view.add(self.grid, self.evidence, self.extent, seen)
             readings = [np.take(table, rays.code) for table in tables]
             self._rays.append(view)
             self._outlines.append(OutlineView.of_view(frame, readings, view.limit_m, self.noise, weight))
+        # What was explained was seen.
+        self.seen = np.maximum(self.seen, seen)
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[tuple[DepthFrame, RayImage]], list[float]]:
         """Readings and weights of all views that have others to compare them with."""
@@ -336,6 +338,6 @@ class EvidenceDetector:
 def _mixing_fraction(ratios: Float32[np.ndarray, "n"]) -> float:
     """Fraction of windows that look like glass, by maximum likelihood."""
     fraction = _LOOK_ALIKE
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if len(ratios) else 0):
         fraction = float(np.mean(fraction * ratios / ((1 - fraction) + fraction * ratios)))
     return max(fraction, _LOOK_ALIKE)
