@@ -31,7 +31,7 @@ def classifier(tmp_path_factory):
 def exact(name: str, stiffness: np.ndarray) -> TouchedObject:
     """An object under a perfect gripper."""
     return TouchedObject(
-        name, stiffness, 0 * stiffness, np.full((16, 2), 0.06), CONDITIONS["in range"], 1.0, 0.0, 0.0
+        name, stiffness, 0 * stiffness, np.full((16, 2), 0.06), 0.1, CONDITIONS["in range"], 1.0, 0.0, 0.0
     )
 
 
@@ -133,16 +133,20 @@ def test_a_slice_of_readings_and_of_unknown_objects(classifier, monkeypatch, tmp
 
 def test_figures_of_readings():
     row = {"class": "pot", "answer": "pot", "confidence": 0.9, "touches": 3, "random": "pot", "random_touches": 6,
-           "tree": "milk", "tree_touches": 2, "peers": {"LDA": "pot", "RF": "milk"}}  # fmt: skip
+           "tree": "milk", "tree_touches": 2, "path": [("milk", 0.3), ("pot", 0.6), ("pot", 0.9)], "peers": {"LDA": "pot", "RF": "milk"}}  # fmt: skip
     rows = [row | {"condition": "in range", "width": True}] * 3
-    rows.append(rows[0] | {"answer": "unknown", "confidence": 0.6})
+    wrong = [("milk", 0.3), ("unknown", 0.5), ("unknown", 0.6)]
+    rows.append(rows[0] | {"answer": "unknown", "confidence": 0.6, "path": wrong})
     by_name = {figure["name"]: figure for figure in shell_evidence.summary("readings", rows)}
     label = "in range, with widths"
     assert by_name[f"{label}: right"]["ours"] == pytest.approx(0.75)
     assert by_name[f"{label}: right"]["peer"] == pytest.approx(1.0)
     assert by_name[f"{label}: false unknown"]["ours"] == pytest.approx(0.25)
     assert by_name[f"{label}: touches by random order"]["ours"] == pytest.approx(0.5)
-    assert by_name[f"{label}: touches by the tree"]["ours"] == pytest.approx(1.5)
+    # The tree is never right: one touch is enough for that. Three of four are right after two, all of them never.
+    assert by_name[f"{label}: touches by the tree, as often right"]["ours"] == pytest.approx(0.5)
+    assert _shell_readings.touches_at_accuracy(rows, 0.75) == pytest.approx(2)
+    assert _shell_readings.touches_at_accuracy(rows, 1.0) == pytest.approx(3)
     # Three of 0.9 that are right, one of 0.6 that is wrong.
     assert by_name[f"{label}: expected calibration error"]["ours"] == pytest.approx(0.75 * 0.1 + 0.25 * 0.6)
     strange = [
