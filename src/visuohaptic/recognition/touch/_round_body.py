@@ -61,13 +61,29 @@ class RoundBody:
     ]  #: open, closed; at places that give
 
     def level_m(self, fill: float) -> float:
-        """Height up to which a fraction of the volume stands [m]."""
+        """Height up to which a fraction of the volume stands [m].
+
+        Parameters
+        ----------
+        fill
+            Fraction of the volume, 0 to 1.
+        """
         return float(np.interp(fill * self.below_m3[-1], self.below_m3, self.z_m))
 
     def force_N(
         self, hypothesis: tuple[bool, str, float], height_m: float, deformation_m: Float[np.ndarray, "n"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-        """Of the wall with the liquid behind it, and of the enclosed air [N]."""
+        """Of the wall with the liquid behind it, and of the enclosed air, (n) each [N].
+
+        Parameters
+        ----------
+        hypothesis
+            Whether it is closed, what it is filled with, and up to which fraction of its volume.
+        height_m
+            Where the fingers are, above the foot [m].
+        deformation_m
+            Of one side of the wall (n) [m].
+        """
         closed, filling, fill = hypothesis
         stiffness = self.stiffness_N_per_m[closed]
         given = np.isfinite(stiffness)

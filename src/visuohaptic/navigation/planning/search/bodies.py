@@ -76,7 +76,17 @@ def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, 
 def lower_clearance(
     clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
 ) -> None:
-    """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
+    """Bring an object into a clearance layer, in place, as far as it matters.
+
+    Parameters
+    ----------
+    clearance
+        Clearance of each cell, (rows, columns) float32 [cells]; lowered.
+    outline
+        Corners of the object (x, y), (p, 2) [cells].
+    reach
+        Largest clearance that matters [cells].
+    """
     from ...pushing._outline_kernels import distance_patch
 
     lower_window(clearance, *distance_patch(outline, reach))
@@ -85,7 +95,17 @@ def lower_clearance(
 def lower_window(
     layer: Float32[np.ndarray, "rows columns"], patch: Float32[np.ndarray, "r c"], row: int, column: int
 ) -> None:
-    """Bring a patch that begins at a row and column, on the layer or off it, into a clearance layer in place."""
+    """Bring a patch into a clearance layer, in place.
+
+    Parameters
+    ----------
+    layer
+        Clearance of each cell, (rows, columns) float32 [cells]; lowered.
+    patch
+        Clearance from one object, (r, c) float32 [cells].
+    row, column
+        Where the patch begins, on the layer or off it [cells].
+    """
     r0, c0 = max(row, 0), max(column, 0)
     r1, c1 = min(row + patch.shape[0], layer.shape[0]), min(column + patch.shape[1], layer.shape[1])
     if r0 < r1 and c0 < c1:

@@ -349,5 +349,11 @@ def joined_outlines(
 
 
 def full_speed_clearance(radius: float) -> float:
-    """Clearance from which on nothing is slowed down, with a cell to spare [cells]."""
+    """Clearance from which on nothing is slowed down, with a cell to spare [cells].
+
+    Parameters
+    ----------
+    radius
+        Of the robot [cells].
+    """
     return 3.0 * radius + 1.0

@@ -39,7 +39,8 @@ class _ZeroFile(Section):
     reference_px: Numbers
     width_m: Numbers
     width_sigma_m: Numbers
-    blur_ratio: Numbers
+    #: Absent in files of older versions: the front is then taken to be as sharp as the base.
+    blur_ratio: Numbers | None = None
     #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
     image_png: str | None = None
 
@@ -161,6 +162,7 @@ class ZeroReference:
             Number of contour points of the sensor.
         """
         data = load_yaml_model(path, _ZeroFile)
+        data.blur_ratio = data.blur_ratio or [1.0] * len(data.width_m)
         arrays = {name: np.array(getattr(data, name)) for name in _ARRAYS}
         for name, values in arrays.items():
             if len(values) != count:
