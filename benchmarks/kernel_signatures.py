@@ -183,8 +183,9 @@ def run_reconstruction() -> None:
         seen_fraction,
         within_hull,
     )
-    from visuohaptic.reconstruction.fusion import SpaceGrid, SparseTsdfVolume
+    from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid, SparseTsdfVolume
     from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
+    from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_body
 
     camera = Camera.simple(80, 60, 70.0)
     frames = []
@@ -197,6 +198,11 @@ def run_reconstruction() -> None:
     grid = SpaceGrid(np.array([-0.4, -0.4, -0.1]), (16, 16, 8), 0.05)
     reconstruct(frames, grid=grid, method="published")
     reconstruct(frames, grid=grid, method="consistency")
+    depth_m = frames[0].depth_m
+    outline = OutlineView.of_view(
+        frames[0], [np.zeros_like(depth_m)], depth_m, next(iter(SENSOR_NOISE.values())), 1.0
+    )
+    fit_body([outline], np.array([-0.1, -0.1, 0.0]), np.array([0.1, 0.1, 0.2]))
     corners_m = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
     surface = RbfSurface(corners_m, np.zeros(8))
     surface(corners_m)
