@@ -22,6 +22,8 @@ __all__ = ["FeltScale", "felt_stretch"]
 
 #: Deflection that every compared point has at least, and its least rise over the push [m].
 MIN_M, MIN_RISE_M = 7e-4, 3e-3
+#: Standard deviations of what a picture tells of the front, and of the delay between wheels and pictures: a frame.
+POINT_SIGMA_M, DELAY_SIGMA_S = 5e-5, 0.033
 #: What one contact may be wrong by at least, however well the others agree.
 ONE_SIGMA = 0.005
 #: Pushes compared before their own scatter is used, and the scatter until then.
@@ -74,7 +76,8 @@ def felt_stretch(found: ObstacleExploration) -> float:
     """Distance by odometry over distance felt, of one push against something fixed; NaN when it cannot be measured.
 
     How far the front comes back towards the platform (along -x of F, at the places across that are pressed to
-    the end), as a slope over the distance by odometry: a constant delay between wheels and pictures does not change it.
+    the end), as a slope over the distance by odometry. A constant delay between wheels and pictures is one more unknown,
+    since the platform slows down as its foam fills.
 
     Parameters
     ----------
@@ -96,7 +99,7 @@ def felt_stretch(found: ObstacleExploration) -> float:
     if pressed.sum() < 3:
         return math.nan
     across_m = contact.points_foam_m[pressed, 1]
-    felt, driven = [], []
+    felt, driven, t_s = [], [], []
     for index in bears[: bears.index(deepest) + 1]:
         contact = _largest(found.profiles[index])
         order = np.argsort(contact.points_foam_m[:, 1])
@@ -105,9 +108,14 @@ def felt_stretch(found: ObstacleExploration) -> float:
         if float(bearing.min()) > MIN_M:
             felt.append(-float(np.interp(across_m, y_m, x_m).mean()))
             driven.append(float(found.travel_m[index]))
+            t_s.append(found.profiles[index].t_s)
     if len(felt) < 4 or max(felt) - min(felt) < MIN_RISE_M or max(driven) - min(driven) < 0.5 * MIN_RISE_M:
         return math.nan
-    slope = float(np.polyfit(driven, felt, 1)[0])
+    speed = np.gradient(driven, t_s)
+    design = np.column_stack([driven, speed - speed.mean(), np.ones(len(felt))])
+    # The delay has its prior: at a constant speed the pictures say nothing of it.
+    design = np.vstack([design, [0.0, POINT_SIGMA_M / DELAY_SIGMA_S, 0.0]])
+    slope = float(np.linalg.lstsq(design, np.append(felt, 0.0))[0][0])
     return 1.0 / slope if slope > 0 else math.nan
 
 
