@@ -24,7 +24,7 @@ from ._posterior_kernels import (
 )
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
-from .uneven_light import neighbours
+from .uneven_light import neighbours, row_median
 
 __all__ = ["ALIKE", "MAX_ODDS", "image_evidence"]
 
@@ -140,7 +140,7 @@ def _shadow_evidence(
     texture, near, between, beyond, floor, misfit, alike = found.T
     # A point whose texture agrees by chance leaves residuals that look independent; its neighbours know better.
     known = np.isfinite(alike)
-    texture[known] /= np.nanmedian(neighbours(alike)[known], axis=1)
+    texture[known] /= row_median(neighbours(alike)[known])
     stop = int(0.9 * at.resting.min())
     light, foam = float(np.nanmedian(gain)), zero.image[:, :, stop // 2 : stop].mean(axis=(1, 2))
     with np.errstate(invalid="ignore", divide="ignore"):

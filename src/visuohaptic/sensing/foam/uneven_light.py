@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int, Num
 
 from ...tracking.contours.contour import PIXEL_PX
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["light_shift_px", "neighbours"]
+__all__ = ["light_shift_px", "neighbours", "row_median"]
 
 #: Part a of the step that a shadow within the blur has: the squares of shifts by those of the blur are 0.05 to 0.19 over
 #: 1,300 places of shadows of 10 to 60 %.
@@ -57,9 +57,10 @@ def light_shift_px(
     blur = np.hypot(strip.lens_px, PIXEL_PX)
     ends = blur * 2.0 + _PLATEAU_PX * np.arange(3.0)
     floor = np.where(np.abs(front - rest_px) < 2.0 * blur, rest_px, np.nan)
+    sums = _sums(strip.image), _sums(zero.image)
     for edges in (front[:, None] - ends[::-1], floor[:, None] + ends):
-        at = edges / strip.step_px[:, None]
-        now, rest = _means(strip.image.mean(axis=1), at), _means(zero.image.mean(axis=1), at)
+        place = np.rint(np.nan_to_num(edges / strip.step_px[:, None]))
+        now, rest = _means(sums, np.clip(place, 0, sums[0].shape[1] - 1).astype(np.int64))
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
         mean, error = _local(np.where(np.isfinite(step), step, np.nan))
@@ -68,23 +69,43 @@ def light_shift_px(
     return result
 
 
-def _means(profile: Float[np.ndarray, "K samples"], at: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 2"]:
+def _sums(image: Num[np.ndarray, "K parallels samples"]) -> Float[np.ndarray, "K sums"]:
+    """Sums of the grey levels before each sample of a line, mean of its parallels."""
+    sums = np.zeros((image.shape[0], image.shape[2] + 1))
+    np.cumsum(image.mean(axis=1), axis=1, out=sums[:, 1:])
+    return sums
+
+
+def _means(
+    sums: tuple[Float[np.ndarray, "K sums"], ...], place: Int[np.ndarray, "K 3"]
+) -> list[Float[np.ndarray, "K 2"]]:
     """Mean grey levels between three places of each line [samples]; NaN where there is none."""
-    total = np.pad(np.cumsum(profile, axis=1, dtype=np.float64), ((0, 0), (1, 0)))
-    place = np.clip(np.rint(np.nan_to_num(at)), 0, profile.shape[1]).astype(np.int64)
     with np.errstate(invalid="ignore", divide="ignore"):
-        result: Float[np.ndarray, "K 2"] = np.diff(np.take_along_axis(total, place, axis=1)) / np.diff(place)
-    return result
+        return [np.diff(np.take_along_axis(one, place, axis=1)) / np.diff(place) for one in sums]
 
 
 def _local(values: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
     """Median of each point and its neighbours, and its standard error by their scatter; zero where none is known."""
     near = neighbours(values)
     known = np.isfinite(near).sum(axis=1)
-    near = np.where(known[:, None] > 0, near, 0.0)
-    median = np.nanmedian(near, axis=1)
-    scatter = 1.4826 * np.nanmedian(np.abs(near - median[:, None]), axis=1)
+    median = row_median(near)
+    scatter = 1.4826 * row_median(np.abs(near - median[:, None]))
     return median, scatter * np.sqrt(0.5 * math.pi / np.maximum(known, 1))
+
+
+def row_median(rows: Float[np.ndarray, "K n"]) -> Float[np.ndarray, "K"]:
+    """Median of the known values of each row; zero where there is none.
+
+    Parameters
+    ----------
+    rows
+        NaN where a value is not known.
+    """
+    known = np.isfinite(rows).sum(axis=1)
+    # Sorting puts what is not known last.
+    middle = np.column_stack([np.maximum(known - 1, 0) // 2, known // 2 * (known > 0)])
+    result: Float[np.ndarray, "K"] = np.take_along_axis(np.sort(rows, axis=1), middle, axis=1).mean(axis=1)
+    return np.where(known > 0, result, 0.0)
 
 
 def neighbours(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
@@ -95,6 +116,7 @@ def neighbours(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
     values
         One for each point.
     """
-    padded = np.pad(values, 4, constant_values=np.nan)
+    padded = np.full(len(values) + 8, np.nan)
+    padded[4:-4] = values
     result: Float[np.ndarray, "K 9"] = np.lib.stride_tricks.sliding_window_view(padded, 9)
     return result
