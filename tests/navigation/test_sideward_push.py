@@ -91,6 +91,22 @@ def test_where_box_and_robot_are_wider_than_the_corridor_there_is_none():
     assert sideward_pushes(scene_in(corridor(False)), *ENDS) == ()
 
 
+def test_a_drive_of_which_nothing_could_be_simulated_is_no_safe_one(monkeypatch):
+    """Every sampled object stands in the platform: that says nothing of the drive, and surely not that it succeeds."""
+    from visuohaptic.navigation.planning import sideward_push
+    from visuohaptic.navigation.pushing import quasi_static
+
+    def simulated(model, place, path_m, radius_m):
+        if tuple(place) != (0.0, 0.0, 0.0):
+            raise InputError("object_m", "the platform starts inside the object")
+        return quasi_static.simulate_push(model, place, path_m, radius_m)
+
+    monkeypatch.setattr(sideward_push, "simulate_push", simulated)
+    pushes = sideward_pushes(scene_in(hall()), *ENDS)
+    assert pushes
+    assert all(push.failure_probability == 1.0 and push.end_covariance is None for push in pushes)
+
+
 def test_each_failure_has_its_name():
     scene = scene_in(hall())
 

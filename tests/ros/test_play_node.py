@@ -12,12 +12,15 @@ from visuohaptic.core import InputError
 from visuohaptic.ros import RosNode
 from visuohaptic.ros.wire import LATCHED, Qos
 
-from ..io.test_sqlite_bag import IMAGES, bag, kinds  # noqa: F401 - a fixture
+from ..io import test_sqlite_bag
+from ..io.test_sqlite_bag import IMAGES, kinds
 from .conftest import until
 from .test_layers_node import running
 
+bag = test_sqlite_bag.bag  #: the fixture
 
-def test_a_recording_is_played(robot: RosNode, endpoint: str, bag: Path) -> None:  # noqa: F811
+
+def test_a_recording_is_played(robot: RosNode, endpoint: str, bag: Path) -> None:
     """Ten kinds and three images, in their order, a second apart as they were recorded, four times as fast."""
     got: dict[str, list[Any]] = {}
     images: list[float] = []

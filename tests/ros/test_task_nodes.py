@@ -21,16 +21,17 @@ from visuohaptic.recognition import HapticClassifier
 from visuohaptic.recognition.data import read_squeezed
 from visuohaptic.ros.nodes import LifecycleProcess, Running, node_kind
 from visuohaptic.ros.transports import RosOptions, open_node
-from visuohaptic.ros.wire import Qos
+from visuohaptic.ros.wire import LATCHED, Qos
 from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
 from visuohaptic.tracking.templates import Template
 
+from . import test_nodes
 from .conftest import until
 from .test_layers_node import TYPES, layer, room
 from .test_layers_node import write as write_setting
-from .test_nodes import DOMAIN, PATIENCE_S, Robot, robot  # noqa: F401 - a fixture
+from .test_nodes import DOMAIN, PATIENCE_S, Robot
 
-LATCHED = Qos(latched=True, depth=1)
+robot = test_nodes.robot  #: the fixture
 #: Of ``tf2_msgs/msg/TFMessage``.
 TF_HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
 
@@ -48,7 +49,7 @@ def listen(node: Robot, topic: str, datatype: str, qos: Qos | None = LATCHED) ->
     return got
 
 
-def test_a_goal_becomes_a_path(robot: Robot, tmp_path: Path) -> None:  # noqa: F811
+def test_a_goal_becomes_a_path(robot: Robot, tmp_path: Path) -> None:
     """A room of 4 m x 2 m with a wall that leaves a gap: the path is at least as long as the way through the gap."""
     save_yaml(tmp_path / "robot.yaml", {"radius_m": 0.2})
     walls = np.zeros((40, 80), dtype=bool)
@@ -93,7 +94,7 @@ def test_a_goal_becomes_a_path(robot: Robot, tmp_path: Path) -> None:  # noqa: F
         assert json.loads(again.message)["reachable"]
 
 
-def test_a_tag_becomes_a_pose(robot: Robot, tmp_path: Path) -> None:  # noqa: F811
+def test_a_tag_becomes_a_pose(robot: Robot, tmp_path: Path) -> None:
     """Seen from straight ahead, its distance is focal length times size over pixels."""
     tag = Template.from_tag(7, size_m=0.04)
     camera = Camera.simple(640, 480, focal_px=600.0, name="eye")
@@ -120,7 +121,7 @@ def test_a_tag_becomes_a_pose(robot: Robot, tmp_path: Path) -> None:  # noqa: F8
     assert got[0].pose.pose.position.z == pytest.approx(distance, rel=0.01)
 
 
-def test_a_cup_is_grasped_and_squeezed(robot: Robot) -> None:  # noqa: F811
+def test_a_cup_is_grasped_and_squeezed(robot: Robot) -> None:
     with running("grasp", object="cup", material="PET", thickness_m=0.0005):
         answer = robot.trigger("/grasp/squeeze")
         assert answer.success, answer.message
@@ -140,7 +141,7 @@ def curve_rows(label: str, name: str, stiffness_N_per_m: float, rng: np.random.G
     return [f"{label},{name},8,x+,{f:.4f},{d:.5f}" for f, d in zip(force_N, deformation_m, strict=True)]
 
 
-def test_squeezes_become_a_class(robot: Robot, tmp_path: Path) -> None:  # noqa: F811
+def test_squeezes_become_a_class(robot: Robot, tmp_path: Path) -> None:
     """Two kinds of springs, 500 and 3000 N/m with 5 % between objects: one squeeze of 520 N/m tells."""
     rng = np.random.default_rng(2)
     rows = ["label,object,height,side,force_N,deformation_m"]
@@ -173,7 +174,7 @@ def depth_image(t_s: float, depth_m: np.ndarray) -> dict[str, Any]:
     return {"header": messages.header(t_s, "eye"), **layout, "data": depth_m.astype("<f4").tobytes()}
 
 
-def test_views_become_transparent_parts(robot: Robot) -> None:  # noqa: F811
+def test_views_become_transparent_parts(robot: Robot) -> None:
     """Around a table with labelled bottles: a part stands within a radius of each that is found, and one at least is."""
     scene, depth_camera = glass_scene(2, kind="labelled", arc_deg=360, step_m=0.2), DepthCamera.kinect(160)
     rng = np.random.default_rng(2)
@@ -218,7 +219,7 @@ def test_views_become_transparent_parts(robot: Robot) -> None:  # noqa: F811
     assert len(labels[-1].markers) == len(parts)
 
 
-def test_a_map_becomes_graph_and_masks(robot: Robot, tmp_path: Path) -> None:  # noqa: F811
+def test_a_map_becomes_graph_and_masks(robot: Robot, tmp_path: Path) -> None:
     """All four are latched: who joins afterwards gets them from ROS itself, with its own quality of service."""
     maps = robot.advertise("map", "nav_msgs/msg/OccupancyGrid", LATCHED)
     maps.publish(room().to_message(5.0, "map"))

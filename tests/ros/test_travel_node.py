@@ -25,14 +25,15 @@ from visuohaptic.core.files import save_yaml
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.ros.transports import RclpyNode, RosOptions, interface
-from visuohaptic.ros.wire import Qos
+from visuohaptic.ros.wire import LATCHED
 from visuohaptic.simulation.floor import FloorWorld
 
+from . import test_nodes
 from .conftest import until
-from .test_nodes import DOMAIN, PATIENCE_S, Robot, robot  # noqa: F401 - a fixture
+from .test_nodes import DOMAIN, PATIENCE_S, Robot
 from .test_task_nodes import running
 
-LATCHED = Qos(latched=True, depth=1)
+robot = test_nodes.robot  #: the fixture
 FIBONACCI = "test_msgs/action/Fibonacci"
 
 
@@ -42,7 +43,7 @@ def server() -> Iterator[RclpyNode]:
         yield node
 
 
-def send(robot: Robot, order: int, hear: Callable[[Any], None]) -> Any:  # noqa: F811
+def send(robot: Robot, order: int, hear: Callable[[Any], None]) -> Any:
     """A goal that is accepted; its handle."""
     from rclpy.action import ActionClient
 
@@ -55,7 +56,7 @@ def send(robot: Robot, order: int, hear: Callable[[Any], None]) -> Any:  # noqa:
     return future.result()
 
 
-def test_an_action_reaches_its_goal_and_is_cancelled(server: RclpyNode, robot: Robot) -> None:  # noqa: F811
+def test_an_action_reaches_its_goal_and_is_cancelled(server: RclpyNode, robot: Robot) -> None:
     ended: list[bool] = []
 
     def count(goal: Any, tell: Callable[[Mapping[str, Any]], None], cancelled: Callable[[], bool]) -> bool:
@@ -142,7 +143,7 @@ def navigate_to(x_m: float, y_m: float) -> Any:
     return SimpleNamespace(pose=pose, behavior_tree="")
 
 
-def test_it_drives_to_a_goal_and_stops_when_that_is_taken_back(robot: Robot, tmp_path: Path) -> None:  # noqa: F811
+def test_it_drives_to_a_goal_and_stops_when_that_is_taken_back(robot: Robot, tmp_path: Path) -> None:
     """A room of 4 m x 3 m: 0.8 m at 0.3 m/s."""
     save_yaml(tmp_path / "robot.yaml", {"radius_m": 0.17})
     cells = np.zeros((60, 80), np.int8)
@@ -158,7 +159,10 @@ def test_it_drives_to_a_goal_and_stops_when_that_is_taken_back(robot: Robot, tmp
             assert until(lambda: node._map is not None, PATIENCE_S)
             assert until(lambda: node._base._publisher.heard, PATIENCE_S)
             told: list[float] = []
-            tell = lambda fields: told.append(fields["distance_remaining"])  # noqa: E731
+
+            def tell(fields: Any) -> None:
+                told.append(fields["distance_remaining"])
+
             assert node.navigate(navigate_to(1.5, 1.5), tell, lambda: False)
             x, y, _ = world.pose_m()
             assert np.hypot(x - 1.5, y - 1.5) < 0.05

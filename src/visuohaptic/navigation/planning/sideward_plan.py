@@ -36,7 +36,7 @@ def via_sideward(
     index: int,
     costs: PushCosts,
     rest: Callable[[PlanningProblem], Plan],
-    most_s: float = float("inf"),
+    max_cost_s: float = float("inf"),
 ) -> Plan:
     """The cheapest plan that first brushes an object aside; what is driven before does not push anything.
 
@@ -50,7 +50,7 @@ def via_sideward(
         What a push costs.
     rest
         Plans on from where the robot and the object are afterwards.
-    most_s
+    max_cost_s
         A plan that costs more is of no use: where no such plan can be cheaper, none is looked for [s].
     """
     body, robot = domain.bodies[index], problem.robot
@@ -63,7 +63,7 @@ def via_sideward(
     if not len(path):  # others are in the way, too: they may be pushed afterwards
         gone[:] = AWAY
         path, cost = pull_string(domain, gone, start, goal)
-    if not len(path) or domain.seconds(cost) + robot.setup_time_s >= most_s:
+    if not len(path) or domain.seconds(cost) + robot.setup_time_s >= max_cost_s:
         return nothing
     ends = _past(domain, index, path)
     if ends is None:
@@ -73,7 +73,7 @@ def via_sideward(
     for push in sideward_pushes(scene, *ends, costs):
         begin, end = push.path_m[[0, -1], :2] / problem.map.resolution_m + body.centre
         drive, drive_cost = pull_string(domain, shifts, start, begin)
-        if not len(drive) or domain.seconds(drive_cost) + push.cost_s >= min(most_s, found.cost_s):
+        if not len(drive) or domain.seconds(drive_cost) + push.cost_s >= min(max_cost_s, found.cost_s):
             continue
         turn = rotation_2d(problem.map.origin[2])
         moved_m = turn @ push.trace.object_m[-1, :2]

@@ -7,7 +7,7 @@ centre of the object, which stands at (0, 0, 0).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import product
 
@@ -211,20 +211,23 @@ def _sampled(
     scene: OffCentreScene, push: SidewardPush, costs: PushCosts, rng: np.random.Generator
 ) -> SidewardPush:
     """A push with the fraction of simulated drives that neither release the object nor pass it, and where they end."""
-    failed, errors = 0, np.zeros((SAMPLES, 3))
+    failed, errors = 0, []
     # An object that stands nearer than believed is met before the start.
     heading = push.path_m[0, 2]
     back = push.path_m[:1] - BACK_M * np.array([np.cos(heading), np.sin(heading), 0.0])
     drive = np.concatenate([back, push.path_m])
-    for k in range(SAMPLES):
+    for _ in range(SAMPLES):
         model, place = PushUncertainty().sample(scene.model, (0.0, 0.0, 0.0), rng)
         try:
             trace = simulate_push(model, place, drive, scene.radius_m)
         except InputError:
             continue  # sampled into the platform: no information
         failed += _outcome(scene, trace) not in (SidewardOutcome.RELEASED, SidewardOutcome.UNTOUCHED)
-        errors[k] = trace.object_m[-1] - push.trace.object_m[-1]
+        errors.append(trace.object_m[-1] - push.trace.object_m[-1])
+    if not errors:
+        return replace(push, failure_probability=1.0)
+    off = np.array(errors)
     # Drift and turn of straight pushes say nothing here: the counters and the force do.
     holds = 1.0 - failure_probability(scene.body.obj.tag, 0.0, scene.domain.robot, costs)
-    risk = 1.0 - holds * (1.0 - failed / SAMPLES)
-    return SidewardPush(push.path_m, push.trace, push.attempt_s, risk, errors.T @ errors / SAMPLES)
+    risk = 1.0 - holds * (1.0 - failed / len(errors))
+    return replace(push, failure_probability=risk, end_covariance=off.T @ off / len(errors))
