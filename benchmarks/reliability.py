@@ -178,9 +178,9 @@ def _server(scale: int) -> Iterator[Case]:
     for number in range(scale):
 
         def run(number: int = number) -> dict[str, int]:
-            return serve_and_attack(100, np.random.default_rng([16, number]))
+            return serve_and_attack(1000, np.random.default_rng([16, 2 * number]))
 
-        yield f"requests, seed {number}", run
+        yield f"requests, seed {2 * number}", run
 
 
 def serve_and_attack(count: int, rng: Rng) -> dict[str, int]:
@@ -190,27 +190,52 @@ def serve_and_attack(count: int, rng: Rng) -> dict[str, int]:
     answered = 0
     with LivePage(port=0) as page:
         address = urlsplit(page.url)
-        host, secret = f"127.0.0.1:{address.port}", address.path.strip("/")
         for number in range(count):
-            lines = [
-                f"GET /{secret if number % 2 else secret[:-1]}/ HTTP/1.1",
-                f"Host: {rng.choice(['evil.example', '10.0.0.1', host + '.evil.example'])}"
-                if number % 2
-                else f"Host: {host}",
-            ]
-            raw = (
-                "\r\n".join([*lines, "", ""]).encode()
-                if number % 4 < 3
-                else rng.bytes(int(rng.integers(1, 3000)))
-            )
+            host = f"127.0.0.1:{address.port}"
             with socket.create_connection(("127.0.0.1", address.port or 0), timeout=20) as client:
-                client.sendall(raw)
-                client.shutdown(socket.SHUT_WR)
-                answered += int(b" 200 OK" in client.recv(1000)[:20])
+                client.sendall(_request(number, host, address.path.strip("/"), rng))
+                if number % 4 == 3:  # noise: more may be awaited
+                    client.shutdown(socket.SHUT_WR)
+                try:
+                    status = client.recv(1000)[:20]
+                except ConnectionResetError:
+                    status = b""
+            answered += b" 200 OK" in status or b" 101 " in status
         connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=20)
-        connection.request("GET", f"/{secret}/", headers={"Host": host})
+        connection.request("GET", f"{address.path}", headers={"Host": host})
         served = connection.getresponse().status == 200
     return {"tried": count, "crashed": int(not served), "wrong": answered}
+
+
+def _request(number: int, host: str, secret: str, rng: Rng) -> bytes:
+    """A request that must not be answered: without the secret, for or from a foreign place, malformed, or noise."""
+    names = [
+        f"evil.example:{host[10:]}",
+        "10.0.0.1",
+        f"{host}.evil.example",
+        f"x@{host}",
+        "",
+        f"{host}/",
+        "[::1",
+    ]
+    names += [f"{host}, evil.example", "0", "127.1", "2130706433", "0x7f.1", f"{host}\r\nHost: evil.example"]
+    origins = ["http://evil.example", "null", f"https://{host}", f"http://{host}.evil.example", "file://", ""]
+    if number % 4 == 3:
+        return rng.bytes(int(rng.integers(1, 3000)))
+    path, upgrade = f"/{secret}/", ["Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"]
+    key = ["Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="]
+    lines = [f"Host: {host}", *(upgrade + key if rng.random() < 0.5 else [])]
+    if number % 4 == 0:
+        place = int(rng.integers(len(secret)))
+        wrong = secret[:place] + chr(ord("a") + (ord(secret[place]) + 1) % 26) + secret[place + 1 :]
+        path = (
+            f"/{rng.choice([wrong, secret[:place], secret.swapcase(), '', '//' + secret, '%2f' + secret])}/"
+        )
+    elif number % 4 == 1:
+        lines[0] = f"Host: {rng.choice(names)}"
+    else:
+        lines.append(f"Origin: {rng.choice(origins)}")
+    return "\r\n".join([f"GET {path} HTTP/1.1", *lines, "", ""]).encode()
 
 
 def _messages(scale: int) -> Iterator[Case]:
