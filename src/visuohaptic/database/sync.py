@@ -50,10 +50,12 @@ def synchronise(
     """
     sent_to, received_to = _known(local, shared.id)
     changes, last_here = local.changed(sent_to)
-    sent, echoes = _offer(local, shared, list(changes), is_shared)
+    sent, echoes, disputed = _offer(local, shared, list(changes), is_shared)
     changes, last_there = shared.changed(received_to)
-    # What was sent a moment ago is there as it is here: nothing can be learnt from it.
+    # What was sent a moment ago is there as it is here: nothing can be learnt from it. But where something else is known
+    # there that won, it is news here, also when it is not new there.
     news = [one for one, change in changes.items() if echoes.get(one) != change]
+    news += [one for one in disputed if one not in changes]
     received, writes, differing = 0, 0, []
     for start in range(0, len(news), BATCH):
         offered = shared.stored(news[start : start + BATCH])
@@ -74,10 +76,11 @@ def _offer(
     shared: ObjectDatabase,
     ids: Sequence[str],
     is_shared: Callable[[VisuoHapticObject], bool],
-) -> tuple[int, dict[str, int]]:
-    """Send objects; how many, and by id the change in which it was stored there, where nothing was added to it."""
+) -> tuple[int, dict[str, int], list[str]]:
+    """Send objects; how many, by id the change in which it was stored there where nothing was added, and the others."""
     sent = 0
     echoes: dict[str, int] = {}
+    disputed: list[str] = []
     for start in range(0, len(ids), BATCH):
         found = local.stored(ids[start : start + BATCH])
         offer = {
@@ -88,12 +91,12 @@ def _offer(
         if offer:
             written = shared.write_merged(offer)
             sent += len(offer)
-            echoes |= {
-                one: written.change
-                for one in offer
-                if one not in written.known or _same(written.merged[one], offer[one])
-            }
-    return sent, echoes
+            for one in offer:
+                if one not in written.known or _same(written.merged[one], offer[one]):
+                    echoes[one] = written.change
+                else:
+                    disputed.append(one)
+    return sent, echoes, disputed
 
 
 def _same(one: tuple[VisuoHapticObject, float | None], other: tuple[VisuoHapticObject, float | None]) -> bool:
