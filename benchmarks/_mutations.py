@@ -110,12 +110,15 @@ def _sites(node: ast.AST, place: _Place) -> Iterator[_Site]:
     for name, value in ast.iter_fields(node):
         if name in _SILENT:
             continue
+        # Default values are made when the module is imported.
+        here = _Place(place.statement) if isinstance(node, ast.arguments) else place
         for number, child in enumerate(value if isinstance(value, list) else [value]):
             if not isinstance(child, ast.AST):
                 continue
             if (new := _replacement(child)) is not None:
-                yield _told(child, new, place), _setter(node, name, number, new)
-            yield from _sites(child, place)
+                there = _Place(child.lineno, place.function) if isinstance(child, ast.stmt) else here
+                yield _told(child, new, there), _setter(node, name, number, new)
+            yield from _sites(child, here)
 
 
 def _is_silent(node: ast.AST) -> bool:

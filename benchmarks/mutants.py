@@ -156,7 +156,9 @@ def _tests_of(mutation: Mutation, file: str, maps: list[dict[str, Any]], seconds
     found: dict[str, float] = {}
     for row in maps:
         lines = row["lines"].get(file, {})
-        used = lines.values() if not mutation.function else [lines.get(str(mutation.statement), [])]
+        # A statement of several lines is executed where its parts are.
+        own = [str(line) for line in range(mutation.statement, mutation.line + 1)]
+        used = [lines[line] for line in (own if mutation.function else lines) if line in lines]
         numbers = {number for one in used for number in one}
         tests = list(row["tests"].items())
         found |= dict(tests) if -1 in numbers else dict(tests[number] for number in sorted(numbers))
