@@ -40,7 +40,7 @@ from ._journal import Journal
 from ._mutations import Mutation, mutate, mutations
 from .house import ROOT, Module, read_modules
 
-__all__ = ["judge", "main", "map_tests", "score"]
+__all__ = ["counts", "judge", "main", "map_tests", "score"]
 
 #: What tests import anyway; loaded once, not once for each mistake.
 _LIBRARIES = (
@@ -218,21 +218,26 @@ def _sample(packages: list[str], modules: dict[str, Module], count: int, seed: i
             yield package, module, number, found
 
 
+def counts(rows: dict[str, dict[str, Any]]) -> dict[str, Counter[str]]:
+    """Results by package, and of all."""
+    found: dict[str, Counter[str]] = {}
+    for name in [*dict.fromkeys(row["package"] for row in rows.values()), "all"]:
+        found[name] = Counter(row["result"] for row in rows.values() if name in ("all", row["package"]))
+    return found
+
+
 def score(rows: dict[str, dict[str, Any]]) -> str:
     """Figures by package, and what survived."""
-    lines = [
-        f"{'package':16}{'mistakes':>10}{'killed':>10}{'survived':>10}{'uncovered':>10}{'undecided':>10}{'score':>8}"
-    ]
-    for package in [*dict.fromkeys(row["package"] for row in rows.values()), "all"]:
-        count = Counter(row["result"] for row in rows.values() if package in (row["package"], "all"))
-        total = count.total() - count["undecided"]
-        cells = [count[name] for name in ("killed", "survived", "uncovered", "undecided")]
+    names = ("killed", "survived", "uncovered", "undecided")
+    lines = [f"{'package':16}{'mistakes':>10}" + "".join(f"{name:>10}" for name in names) + f"{'score':>8}"]
+    for package, count in counts(rows).items():
+        decided = count.total() - count["undecided"]
         lines.append(
             f"{package:16}{count.total():>10}"
-            + "".join(f"{cell:>10}" for cell in cells)
-            + f"{count['killed'] / max(total, 1):>8.2f}"
+            + "".join(f"{count[name]:>10}" for name in names)
+            + f"{count['killed'] / max(decided, 1):>8.2f}"
         )
-    for result in ("survived", "uncovered", "undecided"):
+    for result in names[1:]:
         lines += [
             f"{result}: {key.rpartition(' ')[0]}" for key, row in rows.items() if row["result"] == result
         ]

@@ -2,7 +2,10 @@
 
     python -m benchmarks.reliability                            a slice of every row, in minutes
     python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as much of two rows
-    python -m benchmarks.reliability --report rows.jsonl --page docs/reliability.md
+    python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl --page docs/reliability.md
+
+Campaigns with a report of their own (``parser_fuzz``, ``bare``, ``mutants``, ``branch_coverage``) are
+taken in by ``--also``.
 
 Each case is kept in the report as it is done; a stopped run goes on where it was. A row that was not run says so.
 """
@@ -12,6 +15,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import http.client
+import json
 import os
 import re
 import socket
@@ -26,7 +30,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from . import golden, hostile_arrays, hostile_files, kill_faults
+from . import golden, hostile_arrays, hostile_files, kill_faults, mutants
 from ._journal import Journal
 
 Rng = np.random.Generator
@@ -272,9 +276,9 @@ ROWS = (
     Row(1, "damaged and hostile files, all readers, 2 GB and 20 s each", "10,100: 0 / 0 / 0", _files),
     Row(
         2,
-        "coverage-guided fuzzing of own parsers",
+        "coverage-guided fuzzing of own parsers (inputs)",
         "1 h each: 0",
-        elsewhere="needs atheris, which was not installed",
+        elsewhere="`python -m benchmarks.parser_fuzz` (needs atheris)",
     ),
     Row(
         3,
@@ -286,7 +290,7 @@ ROWS = (
         4,
         "stale and frozen sources, clocks that stop or jump",
         "500: stop in 200 ms",
-        elsewhere="no campaign yet",
+        elsewhere="`python -m benchmarks.mission_faults`",
     ),
     Row(5, "public functions, hostile arrays", "2,000: 0 foreign exceptions", _arrays),
     Row(6, "kill -9 and full disk while recording", "500: 0 lost, 0 half-written", _kills),
@@ -301,7 +305,12 @@ ROWS = (
         "4 h: flat",
         elsewhere="`python -m benchmarks.soak --hours 4`",
     ),
-    Row(13, "bare machines", "12: both commands of the README", elsewhere="needs machines of their own"),
+    Row(
+        13,
+        "bare installations: Pythons, read-only, no home, C locale",
+        "12: both commands of the README",
+        elsewhere="`python -m benchmarks.bare`",
+    ),
     Row(
         14, "docs, examples, help", "all run", elsewhere="`pytest tests/docs tests/cli/test_help_examples.py`"
     ),
@@ -309,6 +318,63 @@ ROWS = (
     Row(16, "servers: hosts, origins, malformed requests", "10,000: 0", _server),
     Row(17, "messages without secrets", "all", _messages),
 )
+
+
+def _read_other(path: Path) -> tuple[str, dict[str, Any]]:
+    """Campaign and rows of another report."""
+    about, *lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return about["campaign"], {line["key"]: line["row"] for line in lines}
+
+
+def take_in(paths: list[Path], journal: Journal) -> dict[str, dict[str, Any]]:
+    """Put the cases of other reports into the rows that they belong to; those of tables of their own are returned."""
+    apart: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        campaign, rows = _read_other(path)
+        for key, row in rows.items():
+            if campaign == "parser fuzz":
+                case = {"tried": row["tried"], "crashed": int(bool(row["trouble"])), "wrong": 0}
+                journal.rows[f"2: {key}"] = case
+            elif campaign == "bare":
+                journal.rows[f"13: {key}"] = {name: row.get(name, 0) for name in ("tried", "hung", "wrong")}
+            else:
+                apart.setdefault(campaign, {})[key] = row
+    return apart
+
+
+def _of_tests(apart: dict[str, dict[str, Any]]) -> list[str]:
+    """Tables of the tests themselves: mistakes that they notice, and branches that they take."""
+    lines = []
+    if mistakes := apart.get("mutants"):
+        lines += [
+            "",
+            "## Whether the tests notice mistakes",
+            "",
+            "Small mistakes drawn at random and put into the code one at a time (`python -m benchmarks.mutants`); the score",
+            "is killed of all, by the tests of the package alone, so a lower bound. Owed: 0.75.",
+            "",
+            "| package | mistakes | killed | survived | not executed | score |",
+            "|---|---|---|---|---|---|",
+        ]
+        for package, count in mutants.counts(mistakes).items():
+            cells = [count[name] for name in ("killed", "survived", "uncovered")]
+            lines.append(
+                f"| {package} | {sum(cells)} | {' | '.join(map(str, cells))} | {cells[0] / max(sum(cells), 1):.2f} |"
+            )
+    if covered := apart.get("coverage"):
+        lines += [
+            "",
+            "Branches that the tests of a package take (`python -m benchmarks.branch_coverage`), kernels left out. Owed: 90 %.",
+            "",
+            "| package | branches | taken | lines | executed |",
+            "|---|---|---|---|---|",
+        ]
+        lines += [
+            f"| {package} | {row['branches']:,} | {row['taken'] / row['branches']:.1%} | {row['lines']:,} "
+            f"| {row['executed'] / row['lines']:.1%} |"
+            for package, row in covered.items()
+        ]
+    return lines
 
 
 def table(journal: Journal) -> list[dict[str, Any]]:
@@ -328,7 +394,7 @@ def table(journal: Journal) -> list[dict[str, Any]]:
     return found
 
 
-def markdown(journal: Journal) -> str:
+def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None) -> str:
     """The page of the table."""
     lines = [
         "# Reliability",
@@ -349,7 +415,7 @@ def markdown(journal: Journal) -> str:
         else:
             cells, note = [""] * len(FIGURES), row.elsewhere or "not run"
         lines.append(f"| {row.number} {row.title} | {row.target} | {' | '.join(cells)} | {note} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *_of_tests(apart or {})]) + "\n"
 
 
 def main() -> None:
@@ -359,6 +425,7 @@ def main() -> None:
     parser.add_argument("--scale", type=int, default=1, help="how many times the slice")
     parser.add_argument("--report", type=Path)
     parser.add_argument("--page", type=Path, help="write the table as a page")
+    parser.add_argument("--also", type=Path, nargs="*", default=[], help="reports of other campaigns")
     args = parser.parse_args()
     journal = Journal(args.report, {"campaign": "reliability"})
     for row in ROWS:
@@ -368,7 +435,7 @@ def main() -> None:
             if (key := f"{row.number}: {name}") not in journal:
                 journal.put(key, run())
                 print(key, journal.rows[key], flush=True)
-    text = markdown(journal)
+    text = markdown(journal, take_in(args.also, journal))
     if args.page is not None:
         args.page.write_text(text, encoding="utf-8")
     print(text)
