@@ -1,7 +1,7 @@
 """Which small mistakes in the code no test notices.
 
     python -m benchmarks.mutants --packages database recognition --sample 80 --report mutants.jsonl
-    python -m benchmarks.mutants --packages sensing --list
+    python -m benchmarks.mutants --packages sensing.beam --list
 
 First the test files below ``tests/PACKAGE`` run once under ``coverage``, and the report keeps which test executes which
 line of the package. Then mistakes (:mod:`benchmarks._mutations`) drawn at random are made one at a time, in a fork of a
@@ -208,10 +208,15 @@ def judge(module: Module, number: int, tests: dict[str, float], root: Path = ROO
     return ("survived", "") if code == 0 else ("killed", by[:200])
 
 
+def _own(package: str, modules: dict[str, Module]) -> list[Module]:
+    """Modules of a package."""
+    return [one for name, one in modules.items() if f"{name}.".startswith(f"visuohaptic.{package}.")]
+
+
 def _sample(packages: list[str], modules: dict[str, Module], count: int, seed: int) -> Iterator[Any]:
     """Per package mistakes of its modules that are drawn, without replacement."""
     for package in packages:
-        own = [one for name, one in modules.items() if name.split(".")[1:2] == [package]]
+        own = _own(package, modules)
         places = [(one, number, found) for one in own for number, found in enumerate(mutations(one.tree))]
         random.Random(f"{seed} {package}").shuffle(places)
         for module, number, found in places[:count]:
@@ -250,13 +255,14 @@ def _digest(*texts: str) -> str:
 
 def _maps(package: str, modules: dict[str, Module], journal: Journal) -> list[dict[str, Any]]:
     """Rows of all test files of a package."""
-    own = _digest(*(one.text for name, one in modules.items() if name.split(".")[1:2] == [package]))
+    folder = package.replace(".", "/")
+    own = _digest(*(one.text for one in _own(package, modules)))
     found = []
-    for path in sorted((ROOT / "tests" / package).rglob("test_*.py")):
+    for path in sorted((ROOT / "tests" / folder).rglob("test_*.py")):
         test = path.relative_to(ROOT).as_posix()
         key = f"{test} {_digest(path.read_text(encoding='utf-8'), own)}"
         if key not in journal:
-            journal.put(key, map_tests(test, ROOT / "src/visuohaptic" / package))
+            journal.put(key, map_tests(test, ROOT / "src/visuohaptic" / folder))
             row = journal.rows[key]
             print(f"{test}: {len(row['tests'])} tests, {sum(row['tests'].values()):.1f} s", flush=True)
         found.append(journal.rows[key])
