@@ -276,7 +276,7 @@ ROWS = (
     Row(1, "damaged and hostile files, all readers, 2 GB and 20 s each", "10,100: 0 / 0 / 0", _files),
     Row(
         2,
-        "coverage-guided fuzzing of own parsers (inputs)",
+        "coverage-guided fuzzing of own parsers (inputs of 12 s for each)",
         "1 h each: 0",
         elsewhere="`python -m benchmarks.parser_fuzz` (needs atheris)",
     ),
@@ -307,7 +307,7 @@ ROWS = (
     ),
     Row(
         13,
-        "bare installations: Pythons, read-only, no home, C locale",
+        "bare installations, `demo --quick`: read-only, no home, C locale",
         "12: both commands of the README",
         elsewhere="`python -m benchmarks.bare`",
     ),
@@ -400,8 +400,8 @@ def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None) -
         "# Reliability",
         "",
         "What was tried against the library from outside, and what came of it. Made by",
-        "`python -m benchmarks.reliability --report rows.jsonl --page docs/reliability.md`; a dash stands for a figure",
-        "that a row does not have. *Wrong* are wrong results, refusals that are not one clear line, and attacks that",
+        "`python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl mutants.jsonl coverage.jsonl",
+        "--page docs/reliability.md`; a dash stands for a figure that a row does not have. *Wrong* are wrong results, refusals that are not one clear line, and attacks that",
         "were not refused. Rows without figures were not run for this page; the last column says how, or why not.",
         "",
         "| item | owed | tried | crashed | hung | wrong | lost | not run here |",
