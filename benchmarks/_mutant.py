@@ -28,7 +28,7 @@ from importlib.util import spec_from_file_location
 from types import FrameType, ModuleType
 from typing import Any
 
-__all__ = ["VARIABLE", "find_constants", "multiplied", "with_constant_multiplied"]
+__all__ = ["VARIABLE", "Finder", "find_constants", "multiplied", "with_constant_multiplied"]
 
 VARIABLE = "CONSTANTS_RUN"
 
@@ -190,11 +190,12 @@ class _Loader(SourceFileLoader):
         self._run = run
 
     def get_code(self, fullname: str) -> Any:
-        tree = with_constant_multiplied(ast.parse(self.get_data(self.path)), self._run["name"])
+        change = self._run.get("change") or partial(with_constant_multiplied, name=self._run["name"])
+        tree = change(ast.parse(self.get_data(self.path)))
         return compile(tree, self.path, "exec", dont_inherit=True)
 
     def exec_module(self, module: ModuleType) -> None:
-        vars(module)["__multiplied__"] = partial(multiplied, up=self._run["up"])
+        vars(module)["__multiplied__"] = partial(multiplied, up=self._run.get("up"))
         try:
             super().exec_module(module)
         except ImportError:  # a library is missing: it is without the change, too
@@ -205,8 +206,8 @@ class _Loader(SourceFileLoader):
         _mark(self._run["marks"], "loaded")
 
 
-class _Finder:
-    """Finds the one module."""
+class Finder:
+    """Finds the one module; ``change`` in place of ``name`` and ``up`` is any change of its syntax tree."""
 
     def __init__(self, run: dict[str, Any]) -> None:
         self._run = run
@@ -250,7 +251,7 @@ def _start() -> None:
     if "source" in run:
         _record_calls(run["source"], run["marks"])
     elif run:
-        sys.meta_path.insert(0, _Finder(run))
+        sys.meta_path.insert(0, Finder(run))
 
 
 if __name__ == "sitecustomize":

@@ -30,6 +30,8 @@ from ._journal import Journal
 
 #: Address space beyond what the interpreter with its libraries has taken [bytes], and time of one file [s].
 ROOM_BYTES, LIMIT_S = 2 << 30, 20
+#: Larger files are not made: what a reader does with sizes, headers tell it as well.
+MAX_LENGTH = 2_000_000
 CORPUS = Path(__file__).resolve().parents[1] / "tests" / "corpus"
 
 Rng = np.random.Generator
@@ -208,6 +210,38 @@ def _beam(path: Path) -> None:
     save_beam(path, Beam())
 
 
+def _occupancy(path: Path) -> None:
+    _pgm(path.with_name("cells.pgm"))
+    path.write_text("image: cells.pgm\nresolution: 0.05\norigin: [-1.5, 2.0, 0.1]\nnegate: 0\n" + _LIMITS)
+
+
+def _pgm(path: Path) -> None:
+    path.write_bytes(_PGM)
+
+
+def _bag(path: Path) -> None:
+    import sqlite3
+    from contextlib import closing
+
+    with closing(sqlite3.connect(path)) as bag:
+        bag.executescript(_BAG)
+        for n in range(5):
+            text = f"{n}".encode()
+            data = b"\0\1\0\0" + struct.pack("<I", len(text) + 1) + text + b"\0"
+            bag.execute("INSERT INTO messages VALUES (?, 1, ?, ?)", (n + 1, 10**9 * n, data))
+        bag.commit()
+
+
+def _card(path: Path) -> None:
+    from visuohaptic.core import Estimate, HapticTag, VisuoHapticObject
+    from visuohaptic.database import export_object
+
+    tag = HapticTag(dynamic_friction_N=Estimate(3.2, 0.1))
+    with tempfile.TemporaryDirectory() as folder:
+        card = export_object(VisuoHapticObject(id="box", tag=tag), folder, licence="CC0-1.0")
+        path.write_bytes((card / "card.yaml" if card.is_dir() else card).read_bytes())
+
+
 def _layer(path: Path) -> None:
     from visuohaptic.io import OccupancyMap
     from visuohaptic.navigation.files import save_layer
@@ -231,6 +265,16 @@ def _unfinished(path: Path) -> None:
     path.with_name("copy").rename(path)
 
 
+_PGM = b"P5\n# cells\n4 3\n255\n" + bytes([254, 0, 205, 254] * 3)
+_LIMITS = "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+_BAG = """
+CREATE TABLE topics (id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT, offered_qos_profiles TEXT);
+CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+CREATE TABLE message_definitions (id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,
+                                  encoded_message_definition TEXT, type_description_hash TEXT);
+INSERT INTO topics VALUES (1, '/said', 'std_msgs/msg/String', 'cdr', '');
+INSERT INTO message_definitions VALUES (1, 'std_msgs/msg/String', 'ros2msg', 'string data', '');
+"""
 _POSES = "# t x y z q\n" + "".join(f"{0.1 * n:.3f} {n} 0 0 0 0 0 1\n" for n in range(5))
 _ROBOT = "radius_m: 0.17\nv_max_m_s: 0.3\nv_min_m_s: 0.05\nv_push_m_s: 0.05\npush_force_max_N: 20.0\n"
 _OBJECTS = (
@@ -295,6 +339,20 @@ READERS: tuple[tuple[str, str, Build, str], ...] = (
         "navigation.files:load_route_graph(path)",
     ),
     ("layer", ".yaml", _layer, "navigation.files:load_layer(path)"),
+    ("map", ".yaml", _occupancy, "io:OccupancyMap.load(path)"),
+    (
+        "map image",
+        ".pgm",
+        _pgm,
+        "io.maps._map_image:read_map_image(path)",
+    ),
+    (
+        "bag",
+        ".db3",
+        _bag,
+        "io.ros.sqlite_bag:[(bag.decode(one), bag.topics()) for bag in [open_bag(path)] for one in bag.messages()]",
+    ),
+    ("card", ".yaml", _card, "database:import_object(path)"),
     ("video", ".mp4", _video, "io:[frame for frame in VideoSource(path)]"),
     ("unfinished table", ".parquet.part", _unfinished, "io:recover(path, path.with_suffix('.whole'))"),
 )
@@ -312,7 +370,7 @@ _BINARY = {
     ".ply",
     ".stl",
 }
-_BINARY |= {".glb", ".mp4", ".part"}
+_BINARY |= {".glb", ".mp4", ".part", ".pgm", ".db3"}
 
 
 def mutated(data: bytes, suffix: str, rng: Rng) -> bytes:
@@ -365,7 +423,9 @@ def _mutated_text(data: bytes, rng: Rng) -> bytes:
     elif kind == 4:
         lines = text.splitlines(keepends=True) or [""]
         place = int(rng.integers(len(lines)))
-        lines[place : place + 1] = lines[place : place + 1] * int(rng.choice([0, 2, 3000]))
+        # A file without ends of lines is one line.
+        count = min(int(rng.choice([0, 2, 3000])), MAX_LENGTH // (len(lines[place]) + 1))
+        lines[place : place + 1] = lines[place : place + 1] * count
         text = "".join(lines)
     elif kind == 5 and (values := list(re.finditer(r": *([^\n{]+)", text))):
         value = values[int(rng.integers(len(values)))]

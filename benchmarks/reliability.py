@@ -2,7 +2,10 @@
 
     python -m benchmarks.reliability                            a slice of every row, in minutes
     python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as much of two rows
-    python -m benchmarks.reliability --report rows.jsonl --page docs/reliability.md
+    python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl --page docs/reliability.md
+
+Campaigns with a report of their own (``parser_fuzz``, ``bare``, ``mutants``, ``branch_coverage``) are
+taken in by ``--also``.
 
 Each case is kept in the report as it is done; a stopped run goes on where it was. A row that was not run says so.
 """
@@ -12,6 +15,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import http.client
+import json
 import os
 import re
 import socket
@@ -26,11 +30,13 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from . import golden, hostile_arrays, hostile_files, kill_faults
+from . import golden, hostile_arrays, hostile_files, kill_faults, mutants
 from ._journal import Journal
 
 Rng = np.random.Generator
 ROOT = Path(__file__).resolve().parents[1]
+#: Files that were faults; they belong into ``tests/corpus`` when they are mended.
+KEPT = ROOT / "results" / "hostile"
 #: Figures of a case; a case of a row has those that apply.
 FIGURES = ("tried", "crashed", "hung", "wrong", "lost")
 Case = tuple[str, Callable[[], dict[str, int]]]
@@ -48,12 +54,13 @@ class Row:
 
 
 def _files(scale: int) -> Iterator[Case]:
-    per_case = 2 * len(hostile_files.READERS)
-    for number in range(2 * scale):
+    # The first case is a slice of seconds; the others keep one process busy for many files.
+    for number in range(scale):
+        per_case = (20 if number else 4) * len(hostile_files.READERS)
 
-        def run(number: int = number) -> dict[str, int]:
+        def run(number: int = number, per_case: int = per_case) -> dict[str, int]:
             journal = Journal(None, {})
-            hostile_files.campaign(per_case, 2 * number, journal)
+            hostile_files.campaign(per_case, 2 * number, journal, KEPT, batch=per_case)
             found = hostile_files.summary(journal)
             wrong = found.get("unclear", 0)
             return {
@@ -178,9 +185,9 @@ def _server(scale: int) -> Iterator[Case]:
     for number in range(scale):
 
         def run(number: int = number) -> dict[str, int]:
-            return serve_and_attack(100, np.random.default_rng([16, number]))
+            return serve_and_attack(1000, np.random.default_rng([16, 2 * number]))
 
-        yield f"requests, seed {number}", run
+        yield f"requests, seed {2 * number}", run
 
 
 def serve_and_attack(count: int, rng: Rng) -> dict[str, int]:
@@ -190,27 +197,52 @@ def serve_and_attack(count: int, rng: Rng) -> dict[str, int]:
     answered = 0
     with LivePage(port=0) as page:
         address = urlsplit(page.url)
-        host, secret = f"127.0.0.1:{address.port}", address.path.strip("/")
         for number in range(count):
-            lines = [
-                f"GET /{secret if number % 2 else secret[:-1]}/ HTTP/1.1",
-                f"Host: {rng.choice(['evil.example', '10.0.0.1', host + '.evil.example'])}"
-                if number % 2
-                else f"Host: {host}",
-            ]
-            raw = (
-                "\r\n".join([*lines, "", ""]).encode()
-                if number % 4 < 3
-                else rng.bytes(int(rng.integers(1, 3000)))
-            )
+            host = f"127.0.0.1:{address.port}"
             with socket.create_connection(("127.0.0.1", address.port or 0), timeout=20) as client:
-                client.sendall(raw)
-                client.shutdown(socket.SHUT_WR)
-                answered += int(b" 200 OK" in client.recv(1000)[:20])
+                client.sendall(_request(number, host, address.path.strip("/"), rng))
+                if number % 4 == 3:  # noise: more may be awaited
+                    client.shutdown(socket.SHUT_WR)
+                try:
+                    status = client.recv(1000)[:20]
+                except ConnectionResetError:
+                    status = b""
+            answered += b" 200 OK" in status or b" 101 " in status
         connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=20)
-        connection.request("GET", f"/{secret}/", headers={"Host": host})
+        connection.request("GET", f"{address.path}", headers={"Host": host})
         served = connection.getresponse().status == 200
     return {"tried": count, "crashed": int(not served), "wrong": answered}
+
+
+def _request(number: int, host: str, secret: str, rng: Rng) -> bytes:
+    """A request that must not be answered: without the secret, for or from a foreign place, malformed, or noise."""
+    names = [
+        f"evil.example:{host[10:]}",
+        "10.0.0.1",
+        f"{host}.evil.example",
+        f"x@{host}",
+        "",
+        f"{host}/",
+        "[::1",
+    ]
+    names += [f"{host}, evil.example", "0", "127.1", "2130706433", "0x7f.1", f"{host}\r\nHost: evil.example"]
+    origins = ["http://evil.example", "null", f"https://{host}", f"http://{host}.evil.example", "file://", ""]
+    if number % 4 == 3:
+        return rng.bytes(int(rng.integers(1, 3000)))
+    path, upgrade = f"/{secret}/", ["Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"]
+    key = ["Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="]
+    lines = [f"Host: {host}", *(upgrade + key if rng.random() < 0.5 else [])]
+    if number % 4 == 0:
+        place = int(rng.integers(len(secret)))
+        wrong = secret[:place] + chr(ord("a") + (ord(secret[place]) + 1) % 26) + secret[place + 1 :]
+        path = (
+            f"/{rng.choice([wrong, secret[:place], secret.swapcase(), '', '//' + secret, '%2f' + secret])}/"
+        )
+    elif number % 4 == 1:
+        lines[0] = f"Host: {rng.choice(names)}"
+    else:
+        lines.append(f"Origin: {rng.choice(origins)}")
+    return "\r\n".join([f"GET {path} HTTP/1.1", *lines, "", ""]).encode()
 
 
 def _messages(scale: int) -> Iterator[Case]:
@@ -244,9 +276,9 @@ ROWS = (
     Row(1, "damaged and hostile files, all readers, 2 GB and 20 s each", "10,100: 0 / 0 / 0", _files),
     Row(
         2,
-        "coverage-guided fuzzing of own parsers",
+        "coverage-guided fuzzing of own parsers (inputs of 12 s for each)",
         "1 h each: 0",
-        elsewhere="needs atheris, which was not installed",
+        elsewhere="`python -m benchmarks.parser_fuzz` (needs atheris)",
     ),
     Row(
         3,
@@ -258,7 +290,7 @@ ROWS = (
         4,
         "stale and frozen sources, clocks that stop or jump",
         "500: stop in 200 ms",
-        elsewhere="no campaign yet",
+        elsewhere="`python -m benchmarks.mission_faults`",
     ),
     Row(5, "public functions, hostile arrays", "2,000: 0 foreign exceptions", _arrays),
     Row(6, "kill -9 and full disk while recording", "500: 0 lost, 0 half-written", _kills),
@@ -273,7 +305,12 @@ ROWS = (
         "4 h: flat",
         elsewhere="`python -m benchmarks.soak --hours 4`",
     ),
-    Row(13, "bare machines", "12: both commands of the README", elsewhere="needs machines of their own"),
+    Row(
+        13,
+        "bare installations, `demo --quick`: read-only, no home, C locale",
+        "12: both commands of the README",
+        elsewhere="`python -m benchmarks.bare`",
+    ),
     Row(
         14, "docs, examples, help", "all run", elsewhere="`pytest tests/docs tests/cli/test_help_examples.py`"
     ),
@@ -281,6 +318,63 @@ ROWS = (
     Row(16, "servers: hosts, origins, malformed requests", "10,000: 0", _server),
     Row(17, "messages without secrets", "all", _messages),
 )
+
+
+def _read_other(path: Path) -> tuple[str, dict[str, Any]]:
+    """Campaign and rows of another report."""
+    about, *lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return about["campaign"], {line["key"]: line["row"] for line in lines}
+
+
+def take_in(paths: list[Path], journal: Journal) -> dict[str, dict[str, Any]]:
+    """Put the cases of other reports into the rows that they belong to; those of tables of their own are returned."""
+    apart: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        campaign, rows = _read_other(path)
+        for key, row in rows.items():
+            if campaign == "parser fuzz":
+                case = {"tried": row["tried"], "crashed": int(bool(row["trouble"])), "wrong": 0}
+                journal.rows[f"2: {key}"] = case
+            elif campaign == "bare":
+                journal.rows[f"13: {key}"] = {name: row.get(name, 0) for name in ("tried", "hung", "wrong")}
+            else:
+                apart.setdefault(campaign, {})[key] = row
+    return apart
+
+
+def _of_tests(apart: dict[str, dict[str, Any]]) -> list[str]:
+    """Tables of the tests themselves: mistakes that they notice, and branches that they take."""
+    lines = []
+    if mistakes := apart.get("mutants"):
+        lines += [
+            "",
+            "## Whether the tests notice mistakes",
+            "",
+            "Small mistakes drawn at random and put into the code one at a time (`python -m benchmarks.mutants`); the score",
+            "is killed of all, by the tests of the package alone, so a lower bound. Owed: 0.75.",
+            "",
+            "| package | mistakes | killed | survived | not executed | score |",
+            "|---|---|---|---|---|---|",
+        ]
+        for package, count in mutants.counts(mistakes).items():
+            cells = [count[name] for name in ("killed", "survived", "uncovered")]
+            lines.append(
+                f"| {package} | {sum(cells)} | {' | '.join(map(str, cells))} | {cells[0] / max(sum(cells), 1):.2f} |"
+            )
+    if covered := apart.get("coverage"):
+        lines += [
+            "",
+            "Branches that the tests of a package take (`python -m benchmarks.branch_coverage`), kernels left out. Owed: 90 %.",
+            "",
+            "| package | branches | taken | lines | executed |",
+            "|---|---|---|---|---|",
+        ]
+        lines += [
+            f"| {package} | {row['branches']:,} | {row['taken'] / row['branches']:.1%} | {row['lines']:,} "
+            f"| {row['executed'] / row['lines']:.1%} |"
+            for package, row in covered.items()
+        ]
+    return lines
 
 
 def table(journal: Journal) -> list[dict[str, Any]]:
@@ -300,14 +394,14 @@ def table(journal: Journal) -> list[dict[str, Any]]:
     return found
 
 
-def markdown(journal: Journal) -> str:
+def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None) -> str:
     """The page of the table."""
     lines = [
         "# Reliability",
         "",
         "What was tried against the library from outside, and what came of it. Made by",
-        "`python -m benchmarks.reliability --report rows.jsonl --page docs/reliability.md`; a dash stands for a figure",
-        "that a row does not have. *Wrong* are wrong results, refusals that are not one clear line, and attacks that",
+        "`python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl mutants.jsonl coverage.jsonl",
+        "--page docs/reliability.md`; a dash stands for a figure that a row does not have. *Wrong* are wrong results, refusals that are not one clear line, and attacks that",
         "were not refused. Rows without figures were not run for this page; the last column says how, or why not.",
         "",
         "| item | owed | tried | crashed | hung | wrong | lost | not run here |",
@@ -321,7 +415,7 @@ def markdown(journal: Journal) -> str:
         else:
             cells, note = [""] * len(FIGURES), row.elsewhere or "not run"
         lines.append(f"| {row.number} {row.title} | {row.target} | {' | '.join(cells)} | {note} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *_of_tests(apart or {})]) + "\n"
 
 
 def main() -> None:
@@ -331,6 +425,7 @@ def main() -> None:
     parser.add_argument("--scale", type=int, default=1, help="how many times the slice")
     parser.add_argument("--report", type=Path)
     parser.add_argument("--page", type=Path, help="write the table as a page")
+    parser.add_argument("--also", type=Path, nargs="*", default=[], help="reports of other campaigns")
     args = parser.parse_args()
     journal = Journal(args.report, {"campaign": "reliability"})
     for row in ROWS:
@@ -340,7 +435,7 @@ def main() -> None:
             if (key := f"{row.number}: {name}") not in journal:
                 journal.put(key, run())
                 print(key, journal.rows[key], flush=True)
-    text = markdown(journal)
+    text = markdown(journal, take_in(args.also, journal))
     if args.page is not None:
         args.page.write_text(text, encoding="utf-8")
     print(text)

@@ -45,7 +45,7 @@ def _text(obj: VisuoHapticObject) -> str:
 
 
 def _round_trip(db: ObjectDatabase) -> None:
-    stored = db.add(make_object(1))
+    stored = db.add(make_object(6))
     assert _text(db.get(stored.id)) == _text(stored)
     refined = db.add(
         add_evidence(VisuoHapticObject(stored.id), Evidence("material.youngs_modulus_Pa", Estimate(3e9, 1e6)))
@@ -54,13 +54,13 @@ def _round_trip(db: ObjectDatabase) -> None:
     assert refined.material.youngs_modulus_Pa is not None
     assert refined.material.youngs_modulus_Pa.value == pytest.approx(3e9, rel=1e-3)
     assert refined.stiffness is not None  # what was known stays
-    assert [one.id for one in db.summaries(visual_class="class 1")] == [stored.id]
+    assert [one.id for one in db.summaries(visual_class="class 6")] == [stored.id]
     assert db.check().problems == ()
     db.remove(stored.id)
     assert stored.id not in db
     with pytest.raises(InputError, match="no object"):
         db.get(stored.id)
-    db.add(make_object(1))
+    db.add(make_object(6))
     assert stored.id in db
 
 
@@ -120,9 +120,10 @@ def _both_ways(one: ObjectDatabase, two: ObjectDatabase, shared: ObjectDatabase)
     place = "tag.stiffness_N_per_m"
     one.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(10.0, 1.0))))
     two.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(12.0, 1.0))))
-    assert synchronise(one, shared).received == 0  # the shared one was empty: what comes back was sent there
+    before = len(shared)
+    assert synchronise(one, shared).received == before  # nothing comes back of what was sent there
     # The other robot's object, and the cup with what the other has felt of it.
-    assert synchronise(two, shared).received == 2
+    assert synchronise(two, shared).received == before + 2
     assert synchronise(one, shared).received == 2
     assert synchronise(two, shared).received == 0
     texts = {_text(db.get("cup")) for db in (one, two, shared)}
@@ -229,6 +230,16 @@ def test_search_in_a_database(tmp_path: Path) -> None:
         db.add_many(make_object(number) for number in range(20))
         (found,) = index_of(db, "stiffness").nearest(make_object(3).features["stiffness"].values)
         assert (found.id, found.distance) == ("o0000003", 0.0)
+
+
+@pytest.mark.parametrize(("count", "batches"), [(0, []), (4, [2, 2]), (5, [2, 2, 1])])
+def test_many_are_counted_and_acknowledged_by_batches(tmp_path: Path, count: int, batches: list[int]) -> None:
+    acknowledged: list[list[str]] = []
+    with open_database(tmp_path) as db:
+        objects = (make_object(number) for number in range(count))
+        assert db.add_many(objects, batch=2, stored=acknowledged.append) == count
+        assert [len(ids) for ids in acknowledged] == batches
+        assert len(db) == count
 
 
 def test_killed_writers(tmp_path: Path) -> None:

@@ -47,6 +47,21 @@ def test_contradiction_is_less_certain() -> None:
     assert both.spread == pytest.approx(np.sqrt(2 * (1 - 0.01)))  # their scatter less the noise
 
 
+def test_a_vague_estimate_says_little_of_the_scatter() -> None:
+    """Bessel's factor is that of the estimates that carry weight, at most 2: nearly all weight is on one here."""
+    both = combine([Estimate(5.0, 0.1), Estimate(9.0, 1.0)])
+    weights = np.array([1 / 0.01, 1 / 1.0]) / (1 / 0.01 + 1 / 1.0)
+    off2 = (np.array([5.0, 9.0]) - weights @ [5.0, 9.0]) ** 2
+    assert both.spread == pytest.approx(np.sqrt(2 * (weights @ np.maximum(off2 - [0.01, 1.0], 0.0))))
+
+
+def test_exact_values_that_differ_have_the_error_of_their_mean() -> None:
+    for values in ([5.0, 7.0], [5.0, 7.0, 12.0]):
+        both = combine([Estimate(value, 0.0) for value in values])
+        assert both.value == pytest.approx(np.mean(values))
+        assert both.sigma == pytest.approx(np.sqrt(np.var(values) / (len(values) - 1)))
+
+
 def test_declared_sigma_is_true() -> None:
     rng = np.random.default_rng(3)
     off = []

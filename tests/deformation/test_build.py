@@ -144,7 +144,7 @@ def test_a_cluster_needs_its_extra(plan: Path, tmp_path: Path, monkeypatch: pyte
     ("text", "said"),
     [
         ("classes: []", "classes"),
-        ("classes: [{class: nope}]", "does not exist"),
+        ("classes: [{class: nope}]", "expected a YAML file or one of"),
         ("classes: [{class: cup}, {class: cup}]", "twice"),
         ("classes: [{class: cup, variants: 0}]", "variants"),
         ("classes: [{class: cup}]\naround: 17", "around"),
@@ -157,3 +157,12 @@ def test_bad_plans_are_one_line(text: str, said: str, tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match=said):
         load_plan(path)
+
+
+@pytest.mark.parametrize("source", ["/dev/zero", "../cup", "teapot", ""])
+def test_a_plan_that_names_no_class_is_told_by_its_own_name(tmp_path, source):
+    """A name without a suffix is a shipped class, not a file somewhere."""
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(f"classes: [{{class: '{source}', variants: 2}}]\n")
+    with pytest.raises(InputError, match=r"plan\.yaml.*expected a YAML file or one of: .*cup"):
+        load_plan(plan)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from benchmarks.hostile_files import _unfinished
 from benchmarks.kill_faults import cut_rows, kill, numbers, start
 
 from visuohaptic.cli.main import main
@@ -131,3 +133,16 @@ def test_the_verb_and_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixt
         assert main(["recording", "recover", str(tmp_path / name)]) == 2, name
         assert reason in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
+
+
+def test_a_length_that_reaches_beyond_an_unfinished_table_ends_it(tmp_path: Path) -> None:
+    """Every fourth byte in turn begins a number that is far too large: rows before it are recovered, or it is refused."""
+    part = tmp_path / "w.parquet.part"
+    _unfinished(part)
+    whole = part.read_bytes()
+    recovered = 0
+    for place in range(len(whole) * 2 // 3, len(whole) - 4, 4):
+        part.write_bytes(whole[:place] + b"\0\0\0\x6d" + whole[place + 4 :])
+        with contextlib.suppress(InputError):
+            recovered += recover(part, tmp_path / f"{place}.parquet").count
+    assert recovered > 0

@@ -138,6 +138,8 @@ def test_values_cross_as_they_are_and_truth_does_not() -> None:
         b"", b"{}", b"[1, 2]\n", b'{"value": {"kind": "Popen", "fields": "{}", "apart": {"items": {}}}, "arrays": []}\n',
         b'{"value": {"array": 0}, "arrays": [["<f8", [1000000000]]]}\n1', b'{"value": {"array": 0}, "arrays": [["O", [1]]]}\n12345678',
         b'{"value": {"array": 0}, "arrays": [["<f8", [-1]]]}\n', b"\xff\xfe\n", b'{"value": {"array": 3}, "arrays": []}\n',
+        # NumPy parses the names of types as Python; a number beyond all floats is infinite.
+        b'{"value": {"array": 0}, "arrays": [[",f8", [1]]]}\n', b'{"value": {"array": 0}, "arrays": [["<f8", [1e999]]]}\n',
     ],
 )  # fmt: skip
 def test_what_is_no_message_is_refused(message: bytes) -> None:

@@ -191,3 +191,28 @@ def test_an_empty_or_cut_recording_becomes_a_bag(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     assert main(["recording", "recover", str(path), "--out", str(tmp_path / "rest")]) == 0
     assert len(messages_of(tmp_path / "rest")) <= len(kinds()) + len(IMAGES)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE messages SET data = 'text' WHERE id = 2",
+        "UPDATE messages SET timestamp = 2.5 WHERE id = 2",
+        "UPDATE messages SET timestamp = 'noon' WHERE id = 2",
+        "UPDATE messages SET topic_id = 'x' WHERE id = 2",
+        "UPDATE topics SET name = x'01' WHERE id = (SELECT topic_id FROM messages WHERE id = 2)",
+        "UPDATE topics SET type = x'01' WHERE id = (SELECT topic_id FROM messages WHERE id = 2)",
+    ],
+)
+def test_rows_of_another_type_are_damage_and_the_others_are_read(tmp_path: Path, change: str) -> None:
+    """A column of SQLite holds values of any type."""
+    path = write(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3, 9)
+    part = next(path.glob("*.db3"))
+    whole = {message.sequence for message in SqliteBag(part).messages()}
+    with sqlite3.connect(part) as bag:
+        bag.execute(change)
+    found = SqliteBag(part)
+    read = list(found.messages())
+    assert {message.sequence for message in read} == whole - {2}
+    assert "has no topic, time or bytes" in str(found.damage)
+    assert all(found.decode(message) is not None for message in read)

@@ -34,6 +34,23 @@ def test_noise_of_both_sensors_leaves_no_bias_and_sigma_is_true(stiffness: float
     assert sigma == pytest.approx(relative.std(), rel=0.15)
 
 
+@pytest.mark.parametrize("noise", [TouchNoise(1e-3, 5e-5), TouchNoise(0.05, 1e-5)])
+def test_the_quadratic_coefficient_has_no_bias_and_its_sigma_is_true(noise: TouchNoise) -> None:
+    """Noise of the deformation counts by the slope of the curve, noise of the force by itself."""
+    rng = np.random.default_rng(2)
+    d = np.linspace(0.0005, 0.008, 40)
+    f = 900 * d + 4e4 * d**2
+    fits = [
+        fit_curve(d + rng.normal(0, noise.deformation_m, 40), f + rng.normal(0, noise.force_N, 40), noise)
+        for _ in range(800)
+    ]
+    found = np.array([fit.II for fit in fits])
+    # Times (1 cm)^2 / 50 N; three standard errors of the mean, and 1 % of second order. A standard deviation over 800
+    # draws has an error of 2.5 %; sigma takes one slope for the whole curve.
+    assert found.mean() == pytest.approx(4e4 * 0.01**2 / 50, abs=3 * found.std() / np.sqrt(800) + 1e-3)
+    assert np.median([fit.II_sigma for fit in fits]) == pytest.approx(found.std(), rel=0.15)
+
+
 @pytest.mark.parametrize("stiffness", [2e5, 1e6, 1e9])
 def test_what_hardly_moves_is_as_compliant_as_its_noise_lets_one_think(stiffness: float) -> None:
     """A compliance of Gaussian error that is known to be positive: its posterior mean, by another library's distribution."""

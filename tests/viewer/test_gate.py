@@ -60,7 +60,16 @@ def test_only_a_local_host_name_with_the_secret_is_answered(page):
     assert ask(page, f"/{secret}/", ("Host", "localhost:9000")) == 200
     for path in ("/", "/index.html", f"/{secret}x/", f"/{secret[:-1]}/", f"/?{secret}", "//", "/%00/"):
         assert ask(page, path, host) == 403, path
-    for name in (f"evil.example:{port}", "192.168.0.7", "127.0.0.1.evil.example", "", "[", "0.0.0.0"):
+    foreign = [f"evil.example:{port}", "192.168.0.7", "127.0.0.1.evil.example", "", "[", "0.0.0.0"]
+    # What a lenient parser of addresses takes for the local name with something beside it.
+    foreign += [
+        f"127.0.0.1:{port}.evil.example",
+        "x@127.0.0.1",
+        "127.0.0.1/evil.example",
+        "127.0.0.1:",
+        "::1",
+    ]
+    for name in foreign:
         assert ask(page, f"/{secret}/", ("Host", name)) == 403, name
     assert ask(page, f"/{secret}/") == 403
     assert ask(page, f"/{secret}/", host, ("Host", "evil.example")) == 403

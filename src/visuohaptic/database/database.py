@@ -35,6 +35,7 @@ from .rows import (
     drop_shards,
     feature_vectors,
     fetch,
+    known_s,
     last_change,
     merged_versions,
     next_change,
@@ -318,9 +319,9 @@ class ObjectDatabase(Closing):
         InputError
             There is no such object.
         """
-        if object_id not in self:
-            raise InputError(self.where, f"there is no object {object_id!r}")
-        now_s = time.time() if t_s is None else t_s
+        known = self.get(object_id)
+        # A clock that went ahead must not keep it.
+        now_s = max(time.time(), known_s(known)) if t_s is None else t_s
         self.write_merged({object_id: (VisuoHapticObject(object_id), now_s)})
 
     def write_merged(self, items: Mapping[str, tuple[VisuoHapticObject, float | None]]) -> Written:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from sqlalchemy import Connection, and_, bindparam, func, select
 
 from ..core import cards
 from ..core.errors import InputError
-from ..core.objects import VisuoHapticObject
+from ..core.objects import Provenance, VisuoHapticObject
 from .merge import merge_objects
 from .schema import counter, feature, object_, shard
 
@@ -25,6 +26,7 @@ __all__ = [
     "drop_shards",
     "feature_vectors",
     "fetch",
+    "known_s",
     "last_change",
     "merged_versions",
     "next_change",
@@ -246,10 +248,25 @@ def merged_versions(
         return both, None
     last_s = max(deletions_s)
     if added_here:
+        if known_s(remote) <= last_s:
+            # Databases that have heard of the deletion must hear that it was undone.
+            again = Provenance("added again", math.nextafter(last_s, math.inf))
+            remote = replace(remote, provenance={**remote.provenance, "id": again})
         return remote, None
-    times = [origin.t_s for origin in both.provenance.values()]
-    times += [one.provenance.t_s for one in both.evidence] + ([both.seen.t_s] if both.seen else [])
-    return both, None if any(t_s > last_s for t_s in times) else last_s
+    return both, None if known_s(both) > last_s else last_s
+
+
+def known_s(obj: VisuoHapticObject) -> float:
+    """When the last piece of knowledge of an object was obtained, seconds since the epoch; -inf if none has a time.
+
+    Parameters
+    ----------
+    obj
+        The object.
+    """
+    times = [origin.t_s for origin in obj.provenance.values()]
+    times += [one.provenance.t_s for one in obj.evidence] + ([obj.seen.t_s] if obj.seen else [])
+    return max((t_s for t_s in times if not math.isnan(t_s)), default=-math.inf)
 
 
 def store_rows(

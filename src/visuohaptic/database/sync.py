@@ -52,8 +52,10 @@ def synchronise(
     changes, last_here = local.changed(sent_to)
     sent, echoes = _offer(local, shared, list(changes), is_shared)
     changes, last_there = shared.changed(received_to)
-    # What was sent a moment ago is there as it is here: nothing can be learnt from it.
+    # What was sent a moment ago is there as it is here: nothing can be learnt from it. But where something else is known
+    # there that won, it is news here, also when it is not new there.
     news = [one for one, change in changes.items() if echoes.get(one) != change]
+    news += [one for one in sent if one not in echoes and one not in changes]
     received, writes, differing = 0, 0, []
     for start in range(0, len(news), BATCH):
         offered = shared.stored(news[start : start + BATCH])
@@ -62,11 +64,11 @@ def synchronise(
         writes += 1
         differing += [one for one in written.known if not _same(written.merged[one], offered[one])]
     # Where it met something that was not offered yet, both together are news for the others.
-    sent += _offer(local, shared, differing, is_shared)[0]
+    again, _ = _offer(local, shared, differing, is_shared)
     now = local.last_change()
     # What came from there is not offered back, unless somebody else wrote here meanwhile.
     _note(local, shared.id, now if now == last_here + writes else last_here, last_there)
-    return Synchronised(sent, received)
+    return Synchronised(len(sent) + len(again), received)
 
 
 def _offer(
@@ -74,9 +76,9 @@ def _offer(
     shared: ObjectDatabase,
     ids: Sequence[str],
     is_shared: Callable[[VisuoHapticObject], bool],
-) -> tuple[int, dict[str, int]]:
-    """Send objects; how many, and by id the change in which it was stored there, where nothing was added to it."""
-    sent = 0
+) -> tuple[list[str], dict[str, int]]:
+    """Send objects; which, and by id the change in which it was stored there, where nothing was added to it."""
+    sent: list[str] = []
     echoes: dict[str, int] = {}
     for start in range(0, len(ids), BATCH):
         found = local.stored(ids[start : start + BATCH])
@@ -87,7 +89,7 @@ def _offer(
         }
         if offer:
             written = shared.write_merged(offer)
-            sent += len(offer)
+            sent += offer
             echoes |= {
                 one: written.change
                 for one in offer

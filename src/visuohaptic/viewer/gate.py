@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import secrets
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -10,7 +11,6 @@ from contextlib import contextmanager
 from http import HTTPStatus
 from importlib import import_module
 from typing import Any
-from urllib.parse import urlsplit
 
 from ..core.errors import VisuohapticError
 
@@ -21,8 +21,8 @@ _log = logging.getLogger(__name__)
 _connections_log = logging.getLogger(f"{__name__}.connections")
 _connections_log.setLevel(logging.CRITICAL)
 
-#: Names by which a browser of this machine calls it; any other reached us by a foreign name server.
-_LOCAL_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
+#: What a browser of this machine writes into ``Host``; any other name reached us by a foreign name server.
+_LOCAL_HOST = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?", re.IGNORECASE)
 #: Largest message of a browser [bytes]: camera poses, clicks and values of widgets take a few hundred.
 MAX_MESSAGE_BYTES = 1 << 20
 #: Browsers at once; each gets every picture.
@@ -60,11 +60,7 @@ class Gate:
             host, origin = headers.get("Host", ""), headers.get("Origin")
         except LookupError:
             return "a header is there twice"
-        try:
-            name = urlsplit(f"//{host}").hostname
-        except ValueError:
-            name = None
-        if name not in _LOCAL_NAMES:
+        if not _LOCAL_HOST.fullmatch(host):
             return "the page is asked for under the name of another machine"
         if origin is not None and origin != f"http://{host}":
             return "the request comes from another page"

@@ -166,6 +166,20 @@ class TestFaults:
         assert abs(reading.wrench.force_N[1]) < 0.015
         assert reading.zero[1, 1] > 0
 
+    def test_a_reset_forgets_time_drift_and_yield_but_not_the_zero(self, bench, vector):
+        sensor = bench.sensor()
+        for k in range(300):
+            sensor.read(k / 3, bench.templates([0, 1e-4 * k, 0, 0, 0, 0]))
+        sensor.read(200.0, bench.templates([0, 4.0, 0, 0, 0, 0]))
+        assert sensor.read(201.0, bench.templates(np.zeros(6))).wrench.reason is Reason.DRIFTED
+        sensor.reset()
+        zero = sensor.zero_reference
+        # The force that was taken for drift is one again, at a time before those that were read, of a sound rod.
+        reading = sensor.read(1.0, bench.templates([0, 0.03, 0, 0, 0, 0]))
+        assert reading.wrench.valid
+        assert vector(reading.wrench)[1] == pytest.approx(0.03, abs=2e-3)
+        assert sensor.zero_reference is zero
+
     def test_a_bump_of_a_steady_camera(self, make_bench):
         bench = make_bench(view="steady")
         sensor = bench.sensor(np.random.default_rng(1))

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from ..._version import __version__
 from ...core.errors import InputError
 from ...core.files import load_yaml_model
-from ..shapes.container import ContainerDescription, load_container
+from ..shapes.container import ContainerDescription, class_names, load_container
 from ..shapes.variants import draw_variant
 from .features import HEIGHTS
 
@@ -118,9 +118,11 @@ def load_plan(path: Path | str, *, nonlinear: bool = False) -> tuple[BuildPlan, 
         plan = plan.model_copy(update={"nonlinear": Curves.model_validate({})})
     found = []
     for entry in plan.classes:
-        beside = Path(path).parent / entry.source
-        source = beside if Path(entry.source).suffix in {".yaml", ".yml"} else entry.source
-        found.append(load_container(source))
+        is_file = Path(entry.source).suffix in {".yaml", ".yml"}
+        if not is_file and entry.source not in class_names():
+            problem = f"found {entry.source!r}, expected a YAML file or one of: {', '.join(class_names())}"
+            raise InputError(path, problem, field="classes")
+        found.append(load_container(Path(path).parent / entry.source if is_file else entry.source))
     names = [description.name for description in found]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)

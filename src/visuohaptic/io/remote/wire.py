@@ -49,6 +49,8 @@ KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (BaseState, Camera, Frame, GripperState, MapPose, Pose, RemoteTouch, Wrench)
 }
+#: Types of arrays as :func:`pack` writes them.
+_CODES = frozenset(np.dtype(name).newbyteorder("<").str for name in DTYPES)
 #: Parts of a robot, and the members of each that may be called from the other process.
 PROTOCOLS: dict[str, tuple[str, ...]] = {
     "base": ("drive", "stop", "state"),
@@ -101,11 +103,10 @@ def unpack(message: bytes) -> Any:
         data = json.loads(head)
         arrays, at = [], 0
         for name, shape in data["arrays"]:
-            dtype = np.dtype(str(name))
-            if dtype.newbyteorder("=").name not in DTYPES or any(int(n) < 0 for n in shape):
-                raise ValueError(f"array of {name}")
-            count = math.prod(int(n) for n in shape)
-            arrays.append(np.frombuffer(body, dtype, count, at).reshape([int(n) for n in shape]))
+            if name not in _CODES or any(type(n) is not int or n < 0 for n in shape):
+                raise ValueError(f"array of {name!r}")
+            dtype, count = np.dtype(name), math.prod(shape)
+            arrays.append(np.frombuffer(body, dtype, count, at).reshape(shape))
             at += count * dtype.itemsize
         return _value(data["value"], arrays)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as problem:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from ...core.errors import InputError
 from ...core.files import read_head, save_yaml
@@ -112,7 +113,10 @@ class SqliteBag(McapFile):
                         "SELECT id, topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
                     )
                     for sequence, topic, time_ns, data in rows:
-                        if topic in known and (topics is None or known[topic][0] in topics):
+                        # A column of SQLite holds values of any type.
+                        if not (topic in known and isinstance(time_ns, int) and isinstance(data, bytes)):
+                            self._spoilt(f"{part.name}: message {sequence!r} has no topic, time or bytes")
+                        elif topics is None or known[topic][0] in topics:
                             yield McapMessage(
                                 known[topic][0], known[topic][1], time_ns, sequence, data, *known[topic][2:]
                             )
@@ -127,11 +131,12 @@ class SqliteBag(McapFile):
         texts: dict[str, tuple[str, str]] = {}
         if "message_definitions" in tables:
             words = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            texts = {kind: (encoding, text) for kind, encoding, text in bag.execute(words)}
+            texts = {row[0]: row[1:] for row in bag.execute(words) if _are_texts(row)}
         known = {}
-        for number, name, datatype, encoding in bag.execute(
-            "SELECT id, name, type, serialization_format FROM topics"
-        ):
+        for number, *words in bag.execute("SELECT id, name, type, serialization_format FROM topics"):
+            if not _are_texts(words):
+                continue  # its messages are told as damage
+            name, datatype, encoding = words
             channel = base + number
             self.channels[channel] = RecordedChannel(name, channel, encoding)
             kind, text = texts.get(datatype) or _own(datatype)
@@ -211,6 +216,10 @@ def _number(path: Path) -> tuple[int, str]:
     """Parts of a split bag are numbered: ``bag_0.db3`` to ``bag_12.db3``."""
     digits = path.stem.rpartition("_")[2]
     return (int(digits) if digits.isdecimal() else 0), path.name
+
+
+def _are_texts(row: Sequence[Any]) -> bool:
+    return all(isinstance(value, str) for value in row)
 
 
 def _own(datatype: str) -> tuple[str, str]:

@@ -210,7 +210,9 @@ def _next_rows(pa: Any, rows: Any) -> list[Any]:
     group: list[Any] = []
     try:
         while len(group) < _GROUP:
-            group.append(rows.read_next_batch())
+            row = rows.read_next_batch()
+            row.validate(full=True)  # damaged lengths would reach beyond the file
+            group.append(row)
     except (StopIteration, OSError, pa.ArrowException):
         pass
     return group

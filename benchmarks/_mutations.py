@@ -1,0 +1,197 @@
+"""Small mistakes that a programmer makes, put into the syntax tree of a module one at a time.
+
+Operators: a comparison takes or leaves its border or is turned round; ``+ -``, ``* /``, ``and or`` and their kin are
+exchanged; ``not`` is lost; True is False; an integer is one more, a float is multiplied by 1.25; a call whose result
+nobody takes is left out. What only words see is left alone: messages of errors and of logs, texts, annotations,
+decorators, ``__all__``; so are compiled functions, which are held by their twins.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from .house import is_compiled
+
+__all__ = ["Mutation", "mutate", "mutations"]
+
+_COMPARED: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+}
+_TURNED: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.GtE,
+    ast.LtE: ast.Gt,
+    ast.Gt: ast.LtE,
+    ast.GtE: ast.Lt,
+}
+_COUNTED: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+    ast.LShift: ast.RShift,
+    ast.RShift: ast.LShift,
+}
+#: Fields of a node that no test could see, or that are texts.
+_SILENT = {"annotation", "returns", "decorator_list", "type_params", "type_comment"}
+_WORDS = ("_log", "logging", "warnings", "typing", "__")
+
+
+@dataclass(frozen=True, slots=True)
+class Mutation:
+    """One mistake."""
+
+    line: int
+    statement: int  #: line of the statement that it is in, as coverage tells it
+    function: str  #: empty at the level of the module
+    title: str  #: before and after
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a statement is."""
+
+    statement: int = 0
+    function: str = ""
+
+
+_Site = tuple[Mutation, Callable[[], None]]
+
+
+def mutations(tree: ast.Module) -> list[Mutation]:
+    """All of a module, in the order of its text; ``tree`` is left as it is.
+
+    Parameters
+    ----------
+    tree
+        The module.
+    """
+    return [found for found, _ in _sites(tree, _Place())]
+
+
+def mutate(tree: ast.Module, number: int) -> ast.Module:
+    """The module with one mistake; changes ``tree``.
+
+    Parameters
+    ----------
+    tree
+        The module.
+    number
+        Place in what :func:`mutations` lists.
+    """
+    list(_sites(tree, _Place()))[number][1]()
+    return ast.fix_missing_locations(tree)
+
+
+def _sites(node: ast.AST, place: _Place) -> Iterator[_Site]:
+    if _is_silent(node):
+        return
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        place = _Place(node.lineno, node.name)
+    elif isinstance(node, ast.stmt):
+        place = _Place(node.lineno, place.function)
+    yield from _of(node, place)
+    for name, value in ast.iter_fields(node):
+        if name in _SILENT:
+            continue
+        # Default values are made when the module is imported.
+        here = _Place(place.statement) if isinstance(node, ast.arguments) else place
+        for number, child in enumerate(value if isinstance(value, list) else [value]):
+            if not isinstance(child, ast.AST):
+                continue
+            if (new := _replacement(child)) is not None:
+                there = _Place(child.lineno, place.function) if isinstance(child, ast.stmt) else here
+                yield _told(child, new, there), _setter(node, name, number, new)
+            yield from _sites(child, here)
+
+
+def _is_silent(node: ast.AST) -> bool:
+    """Whether nothing of a node is a mistake that a test should see."""
+    if isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.Import | ast.ImportFrom):
+        return True
+    if isinstance(node, ast.FunctionDef) and is_compiled(node):
+        return True
+    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).startswith("__"):
+        return True
+    if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        return True
+    return isinstance(node, ast.Expr) and (
+        not isinstance(node.value, ast.Call) or ast.unparse(node.value.func).startswith(_WORDS)
+    )
+
+
+def _of(node: ast.AST, place: _Place) -> Iterator[_Site]:
+    """Mistakes that change a field of the node itself."""
+    if isinstance(node, ast.Compare):
+        for table in (_COMPARED, _TURNED):
+            for number, operator in enumerate(node.ops):
+                if type(operator) in table:
+                    new = ast.Compare(node.left, list(node.ops), node.comparators)
+                    new.ops[number] = table[type(operator)]()
+                    yield _told(node, new, place), _setter(node, "ops", number, new.ops[number])
+    elif isinstance(node, ast.BinOp) and type(node.op) in _COUNTED and not _is_text(node):
+        operator = _COUNTED[type(node.op)]()
+        yield _told(node, ast.BinOp(node.left, operator, node.right), place), _setter(node, "op", 0, operator)
+    elif isinstance(node, ast.AugAssign) and type(node.op) in _COUNTED:
+        operator = _COUNTED[type(node.op)]()
+        changed = ast.AugAssign(node.target, operator, node.value)
+        yield _told(node, changed, place), _setter(node, "op", 0, operator)
+    elif isinstance(node, ast.BoolOp):
+        other = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+        yield _told(node, ast.BoolOp(other, node.values), place), _setter(node, "op", 0, other)
+
+
+def _replacement(node: ast.AST) -> ast.AST | None:
+    """What stands for a whole node."""
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return node.operand
+    if isinstance(node, ast.Expr) and not _is_silent(node):
+        return ast.Pass()
+    if isinstance(node, ast.Constant):
+        if isinstance(node.value, bool):
+            return ast.Constant(not node.value)
+        if isinstance(node.value, int):
+            return ast.Constant(node.value + 1)
+        if isinstance(node.value, float) and node.value:
+            return ast.Constant(1.25 * node.value)
+    return None
+
+
+def _is_text(node: ast.BinOp) -> bool:
+    """Whether an operator joins texts."""
+    return any(
+        isinstance(one, ast.JoinedStr) or (isinstance(one, ast.Constant) and isinstance(one.value, str))
+        for one in (node.left, node.right)
+    )
+
+
+def _told(old: Any, new: ast.AST, place: _Place) -> Mutation:
+    title = f"{ast.unparse(old)} -> {'' if isinstance(new, ast.Pass) else ast.unparse(new)}"
+    return Mutation(old.lineno, place.statement, place.function, " ".join(title.split()))
+
+
+def _setter(owner: ast.AST, field: str, number: int, new: ast.AST) -> Callable[[], None]:
+    def change() -> None:
+        value = getattr(owner, field)
+        if isinstance(value, list):
+            value[number] = new
+        else:
+            setattr(owner, field, new)
+
+    return change
