@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from .codec import Arrays, encode_record, read_record
+from .codec import Arrays, dtype_name, encode_record, read_record
 from .objects import Estimate, VisuoHapticObject
 
 __all__ = ["Arrays", "arrays_digest", "card_text", "decode", "digest_of", "encode", "order_of"]
+
+_JSON = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
 
 
 def encode(obj: VisuoHapticObject) -> tuple[dict[str, Any], Arrays]:
@@ -66,7 +68,7 @@ def card_text(card: Any) -> str:
     card
         Plain data, as :func:`encode` makes them.
     """
-    return json.dumps(card, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    return _JSON.encode(card)
 
 
 def arrays_digest(arrays: Mapping[str, np.ndarray]) -> str:
@@ -85,7 +87,7 @@ def arrays_digest(arrays: Mapping[str, np.ndarray]) -> str:
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = arrays[name]
-        digest.update(f"{name}\0{array.dtype.name}\0{array.shape}\0".encode())
+        digest.update(f"{name}\0{dtype_name(array.dtype)}\0{array.shape}\0".encode())
         digest.update(np.ascontiguousarray(array).data if array.size else b"")
     return digest.hexdigest()
 

@@ -158,11 +158,10 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
     """
     if one.id != other.id:
         raise InputError("merge_objects", f"found the objects {one.id!r} and {other.id!r}, expected one id")
-    everything = _all_evidence(one) | _all_evidence(other)
+    everything = _all_evidence(one)
     if one is other and not one.provenance:
-        return _with(
-            one, everything
-        )  # a new object: nothing to choose, and nothing to say where it came from
+        return _with(one, everything)  # new: nothing to choose, and nothing to say where it came from
+    everything |= _all_evidence(other)
     origins = {
         place: max(
             (obj.provenance[place] for obj in (one, other) if place in obj.provenance), key=_provenance_order
@@ -244,9 +243,11 @@ def _with(obj: VisuoHapticObject, everything: dict[tuple[str, ...], Evidence]) -
     by_place: dict[str, list[Estimate]] = {}
     for one in ordered:
         by_place.setdefault(one.property, []).append(one.estimate)
+    held = dict(estimates_of(obj))
     for place, estimates in by_place.items():
-        obj = _put(obj, place.split("."), combine(estimates), place)
-    return replace(obj, evidence=tuple(ordered))
+        if (combined := combine(estimates)) != held.get(place):
+            obj = _put(obj, place.split("."), combined, place)
+    return obj if obj.evidence == tuple(ordered) else replace(obj, evidence=tuple(ordered))
 
 
 _EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": ObjectPart, "states": ObjectState}

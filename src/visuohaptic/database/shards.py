@@ -8,12 +8,13 @@ import threading
 import uuid
 from collections import OrderedDict
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.codec import DTYPES, Arrays
+from ..core.codec import DTYPES, Arrays, dtype_name
 from ..core.errors import DatabaseError, InputError
 from ..core.files import atomic_path
 
@@ -54,20 +55,19 @@ def pack(items: Sequence[Arrays], sink: Any) -> None:
     with pq.ParquetWriter(
         sink, schema, compression="none", use_dictionary=False, write_statistics=False
     ) as writer:
-        for arrays in items:
-            names = list(arrays)
-            writer.write_batch(
-                pa.record_batch(
-                    [
-                        pa.array(names, pa.string()),
-                        pa.array([arrays[name].dtype.name for name in names], pa.string()),
-                        pa.array(["x".join(map(str, arrays[name].shape)) for name in names], pa.string()),
-                        pa.array([arrays[name].tobytes() for name in names], pa.large_binary()),
-                    ],
-                    schema=schema,
-                ),
-                row_group_size=max(len(names), 1),
-            )
+        # Objects of as many arrays are written at once: a call for each took a third of an import.
+        for count, run in groupby(items, len):
+            objects = list(run)
+            named = [item for arrays in objects for item in arrays.items()]
+            columns = [
+                pa.array([name for name, _ in named], pa.string()),
+                pa.array([dtype_name(array.dtype) for _, array in named], pa.string()),
+                pa.array(["x".join(map(str, array.shape)) for _, array in named], pa.string()),
+                pa.array([array.tobytes() for _, array in named], pa.large_binary()),
+            ]
+            table = pa.table(columns, schema=schema)
+            for _ in range(1 if count else len(objects)):  # each empty object is an empty row group
+                writer.write_table(table, row_group_size=max(count, 1))
 
 
 def unpack(file: Any, row_groups: Sequence[int], where: object) -> list[Arrays]:
