@@ -7,89 +7,87 @@ from __future__ import annotations
 
 import argparse
 import csv
-import os
+import resource
 import signal
 import struct
-import subprocess
-import sys
 import tempfile
+from collections.abc import Iterator
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-#: Writes rows 0, 1, ... and prints each number when ``write`` has returned.
-_WRITER = """
-import sys
-import numpy as np
-from visuohaptic.core import ErrorBudget, ForceProfile, Reason
+from visuohaptic.core import ErrorBudget, ForceProfile, InputError, Reason
 from visuohaptic.core.camera import Camera, Pose
-from visuohaptic.io import DepthFrame, MeasurementWriter, TableWriter
-from visuohaptic.io.depth import write_sequence
+from visuohaptic.io import DepthFrame, McapFile, MeasurementWriter, TableWriter, recover
+from visuohaptic.io.depth import DepthSequence, write_sequence
 
-path, count, limit = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-if limit:
-    import resource, signal
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+from ._victim import Say, Victim
 
-def said(number):
-    print(number, flush=True)
+KINDS = ("r.csv", "r.parquet", "r.mcap", "scan")
+_S_M = np.linspace(0.0, 0.1, 30)
 
-s_m = np.linspace(0.0, 0.1, 30)
-def profile(n):
-    values = (s_m, 1e-3 * s_m, 1e-5 + 0 * s_m, s_m, s_m, np.ones(30, bool))
-    return ForceProfile(0.1 * n, True, Reason.OK, float(n), ErrorBudget(image_N=0.1), *values)
 
-camera = Camera.simple(20, 16, 30.0)
-def views():
+def _profile(number: int) -> ForceProfile:
+    values = (_S_M, 1e-3 * _S_M, 1e-5 + 0 * _S_M, _S_M, _S_M, np.ones(30, bool))
+    return ForceProfile(0.1 * number, True, Reason.OK, float(number), ErrorBudget(image_N=0.1), *values)
+
+
+def _views(count: int, say: Say) -> Iterator[DepthFrame]:
     rng = np.random.default_rng(0)
+    camera = Camera.simple(20, 16, 30.0)
     for n in range(count):
         depth_m = rng.uniform(0.5, 3.0, (16, 20)).astype(np.float32)
         yield DepthFrame(0.1 * n, depth_m, None, Pose(np.eye(3), np.array([n, 0.0, 0.0]) * 1e-3), camera)
-        said(n)  # the next one is asked for when this one is written
+        say(f"{n}")  # the next one is asked for when this one is written
 
-try:
-    if path.endswith("scan"):
-        write_sequence(path, views())
-    elif path.endswith(".mcap"):
+
+def write(path: Path, say: Say, count: int = 10**6) -> None:
+    """Write rows 0, 1, ... into a recording, and say each number when it is acknowledged."""
+    if path.suffix == "":
+        write_sequence(path, _views(count, say))
+    elif path.suffix == ".mcap":
         with MeasurementWriter(path) as writer:
             for n in range(count):
-                writer.write_force(profile(n))
-                said(n)
+                writer.write_force(_profile(n))
+                say(f"{n}")
     else:
         with TableWriter(path) as table:
             for n in range(count):
-                table.write(profile(n))
-                said(n)
-except ValueError as error:
-    print(error)
-"""
-KINDS = ("r.csv", "r.parquet", "r.mcap", "scan")
+                table.write(_profile(n))
+                say(f"{n}")
 
 
-def start(path: Path, count: int, limit: int = 0) -> subprocess.Popen[str]:
-    """A process that writes rows into a recording, whose files may have ``limit`` bytes."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    return subprocess.Popen(
-        [sys.executable, "-c", _WRITER, str(path), str(count), str(limit)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment,
-        text=True,
-    )
+@cache
+def load_libraries() -> None:
+    """A row of every kind, so that a fork need not import what writes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name in KINDS:
+            write(Path(folder, name), str, 1)
 
 
-def kill(path: Path, after: int) -> int:
-    """Kill a writer without warning when it has acknowledged some rows; how many it had by then."""
-    with start(path, 10**6) as child:
-        assert child.stdout is not None
-        assert child.stderr is not None
-        for _ in range(after):
-            if not child.stdout.readline():
-                raise RuntimeError(child.stderr.read())
-        child.send_signal(signal.SIGKILL)
-        return after + len(child.stdout.read().split())
+def kill(path: Path, *, cpu_s: float = 0.0, file_bytes: int = 0) -> int:
+    """Kill a writer without warning; how many rows it had acknowledged by then."""
+    load_libraries()
+    lines, code = Victim.start(partial(write, path), cpu_s=cpu_s, file_bytes=file_bytes).end()
+    if code not in (-signal.SIGPROF, -signal.SIGXFSZ):
+        raise RuntimeError(f"{path.name}: the writer ended by itself with {code}")
+    return len(lines)
+
+
+def fill_disk(path: Path, limit: int) -> tuple[int, str]:
+    """Write until files may not grow beyond ``limit`` bytes; rows acknowledged by then, and the error."""
+
+    def work(say: Say) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))  # Python ignores the signal
+        try:
+            write(path, say)
+        except ValueError as error:
+            say(str(error))
+
+    (*rows, message), _ = Victim.start(work).end()
+    return len(rows), message
 
 
 def numbers(path: Path) -> list[float]:
@@ -107,40 +105,43 @@ def numbers(path: Path) -> list[float]:
         with path.open("rb") as stream:
             times_s = [m.log_time * 1e-9 for _, _, m in make_reader(stream).iter_messages(["/foam/profile"])]
         return [float(np.rint(10 * t_s)) for t_s in times_s]
-    from visuohaptic.io.depth import DepthSequence
-
     return [float(np.rint(1e3 * frame.T_world_camera.translation_m[0])) for frame in DepthSequence(path)]
 
 
 def killed_row(number: int, folder: Path) -> dict[str, Any]:
-    """One killed writer: acknowledged rows, and those of them that are lost after recovery."""
-    from visuohaptic.io import recover
+    """One killed writer: acknowledged rows, and those of them that are lost after recovery.
 
+    By turns after a time of the processor, and inside of a ``write``.
+    """
     name = KINDS[number % len(KINDS)]
-    after = int(np.random.default_rng([6, number]).integers(1, 60))
-    acknowledged = kill(folder / name, after)
-    found = numbers(recover(folder / name if name == "scan" else folder / f"{name}.part").path)
+    rng = np.random.default_rng([6, number])
+    in_write = number // len(KINDS) % 2 == 1 and name != "scan"  # whose files are small
+    acknowledged = (
+        kill(folder / name, file_bytes=int(rng.integers(2_000, 100_000)))
+        if in_write
+        else kill(folder / name, cpu_s=rng.uniform(0.005, 0.15))
+    )
+    left = folder / (name if name == "scan" else f"{name}.part")
+    try:
+        found = numbers(recover(left).path)
+    except InputError:
+        found = []  # there may be nothing yet
     right = found[:acknowledged] == list(range(acknowledged)) and len(found) <= acknowledged + 1
     return {"kind": name, "acknowledged": acknowledged, "lost": 0 if right else 1}
 
 
 def full_disk_row(number: int, folder: Path) -> dict[str, Any]:
     """One full disk: is the error one line with the file, is anything lost, has half a file its final name?"""
-    from visuohaptic.io import recover
-
     name = KINDS[number % 3]
     limit = int(np.random.default_rng([7, number]).integers(30_000, 200_000))
-    with start(folder / name, 10**6, limit) as child:
-        out, trouble = child.communicate(timeout=300)
-    *acknowledged, message = out.splitlines()
-    clear = message.startswith(str(folder / name)) and "recording recover" in message and not trouble
+    acknowledged, message = fill_disk(folder / name, limit)
+    clear = message.startswith(str(folder / name)) and "recording recover" in message
     final = (folder / name).exists()
     found = numbers(recover(folder / f"{name}.part").path)
-    lost = found != list(range(len(acknowledged)))
     return {
         "kind": name,
-        "acknowledged": len(acknowledged),
-        "lost": int(lost),
+        "acknowledged": acknowledged,
+        "lost": int(found != list(range(acknowledged))),
         "wrong": int(final or not clear),
     }
 
@@ -160,13 +161,10 @@ def _ends(data: bytes) -> list[int]:
 
 def cut_rows(count: int) -> list[dict[str, Any]]:
     """One recording, cut at ``count`` places: messages that were whole, and those of them that are recovered."""
-    from visuohaptic.io import McapFile, recover
-
     rows = []
     with tempfile.TemporaryDirectory() as root:
         folder = Path(root)
-        with start(folder / "r.mcap", 40) as child:
-            child.communicate(timeout=300)
+        write(folder / "r.mcap", str, 40)
         data = (folder / "r.mcap").read_bytes()
         ends = _ends(data)
         first = ends[0]

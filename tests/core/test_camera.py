@@ -194,3 +194,11 @@ def test_frames_refuse_what_is_no_image() -> None:
 def test_errors_survive_a_worker_process() -> None:
     error = InputError("file", "found 1, expected 2", field="x", remedy="try again")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)  # noqa: S301 - our own bytes
+
+
+def test_a_message_does_not_repeat_a_number_of_five_thousand_digits() -> None:
+    name = "/data/" + "x" * 300
+    error = InputError(name, f"found {'9' * 5000!r}, expected a number", field="k" * 5000, remedy="try again")
+    assert str(error).startswith(f"{name}: kkk")
+    assert str(error).endswith("expected a number; try again")
+    assert len(str(error)) < 600

@@ -28,6 +28,7 @@ from visuohaptic.core import (
     from_dict,
     to_dict,
 )
+from visuohaptic.core.codec import encode_record, read_record
 from visuohaptic.core.ranges import POSITIVE, check_ranges
 from visuohaptic.database import import_object
 from visuohaptic.navigation.problem import load_objects
@@ -88,6 +89,19 @@ def test_what_is_left_out_or_null_has_its_default() -> None:
         cart = from_dict(Cart, CART | extra)
         assert (cart.order, cart.gear, cart.load, cart.checked) == (None, Gear.LOW, "none", True)
         assert cart.named == {}
+
+
+@dataclass(frozen=True)
+class Cover:
+    sides: tuple[int, ...] | None = None
+    names: tuple[str, ...] = ("top",)
+    holes: tuple[int, ...] = ()
+
+
+@pytest.mark.parametrize("cover", [Cover(), Cover((), (), ()), Cover(None, ()), Cover((), ("top",), (2,))])
+def test_an_empty_list_is_not_taken_for_another_default(cover: Cover) -> None:
+    """A card leaves out what is a default; an empty list in a field whose default is another one is knowledge."""
+    assert read_record(Cover, encode_record(cover, {}), {}, "card") == cover
 
 
 def test_numbers_as_yaml_reads_them() -> None:

@@ -7,10 +7,12 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from benchmarks._victim import Say, Victim
 from benchmarks.hostile_files import _unfinished
-from benchmarks.kill_faults import cut_rows, kill, numbers, start
+from benchmarks.kill_faults import cut_rows, fill_disk, kill, numbers, write
 
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
@@ -23,10 +25,21 @@ from .test_depth_sequence_out import frames
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
 @pytest.mark.parametrize(
-    ("name", "after"), [("r.csv", 1), ("r.csv", 700), ("r.parquet", 33), ("r.mcap", 40), ("scan", 20)]
+    ("name", "point"),
+    [
+        ("r.csv", {"cpu_s": 0.02}),
+        ("r.csv", {"file_bytes": 60_000}),
+        ("r.parquet", {"file_bytes": 90_000}),
+        ("r.mcap", {"file_bytes": 70_001}),
+        ("r.mcap", {"cpu_s": 0.05}),
+        ("scan", {"cpu_s": 0.1}),
+    ],
 )
-def test_all_that_a_killed_run_had_acknowledged_is_recovered(tmp_path: Path, name: str, after: int) -> None:
-    acknowledged = kill(tmp_path / name, after)
+def test_all_that_a_killed_run_had_acknowledged_is_recovered(
+    tmp_path: Path, name: str, point: dict[str, Any]
+) -> None:
+    acknowledged = kill(tmp_path / name, **point)
+    assert acknowledged > 0
     left = tmp_path / name if name == "scan" else tmp_path / f"{name}.part"
     assert name == "scan" or not (tmp_path / name).exists()
     # Half of a row that was on its way when the process ended.
@@ -47,15 +60,12 @@ def test_all_that_a_killed_run_had_acknowledged_is_recovered(tmp_path: Path, nam
 @pytest.mark.skipif(sys.platform == "win32", reason="the limit for the size of files stands for the disk")
 @pytest.mark.parametrize("name", ["r.csv", "r.parquet", "r.mcap"])
 def test_a_full_disk_loses_no_acknowledged_row(tmp_path: Path, name: str) -> None:
-    with start(tmp_path / name, 10**6, limit=300_000) as child:
-        out, trouble = child.communicate(timeout=120)
-    assert trouble == ""
-    *acknowledged, message = out.splitlines()
+    acknowledged, message = fill_disk(tmp_path / name, 300_000)
     assert message.startswith(str(tmp_path / name))
     assert f"visuohaptic recording recover {tmp_path / name}.part" in message
     assert [one.name for one in tmp_path.iterdir()] == [f"{name}.part"]
-    assert len(acknowledged) > 20
-    assert numbers(recover(tmp_path / f"{name}.part").path) == list(range(len(acknowledged)))
+    assert acknowledged > 20
+    assert numbers(recover(tmp_path / f"{name}.part").path) == list(range(acknowledged))
 
 
 def test_cut_recordings_give_all_whole_messages() -> None:
@@ -98,10 +108,16 @@ def test_a_sequence_that_was_stopped_is_not_written_over(tmp_path: Path) -> None
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files are locked by fcntl")
 def test_two_runs_at_once_into_one_file_are_refused(tmp_path: Path) -> None:
+    def refused_writer(say: Say) -> None:
+        try:
+            write(tmp_path / "r.csv", say, 3)
+        except InputError as error:
+            say(str(error))
+
     with TableWriter(tmp_path / "r.csv") as table:
         table.write(profile(0.0, valid=True, force_N=1.0))
-        with start(tmp_path / "r.csv", 3) as other:
-            assert "another run is writing this file" in other.communicate(timeout=60)[0]
+        (message,), _ = Victim.start(refused_writer).end()
+        assert "another run is writing this file" in message
         code = "import sys\nfrom visuohaptic.io import recover\nrecover(sys.argv[1])\n"
         done = subprocess.run(
             [sys.executable, "-c", code, str(tmp_path / "r.csv.part")],

@@ -6,6 +6,7 @@ to do. The command line turns each of these into exit code 2 and that line.
 
 from __future__ import annotations
 
+import re
 import reprlib
 
 __all__ = [
@@ -21,6 +22,8 @@ __all__ = [
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 60
+#: A word longer than those of any language or number format is what a damaged file held.
+_LONG_WORD = re.compile(r"(\S{60})\S{440,}")
 
 
 def brief(value: object) -> str:
@@ -66,11 +69,11 @@ class InputError(VisuohapticError, ValueError):
 
     def __init__(self, where: object, problem: str, *, field: str = "", remedy: str = "") -> None:
         self.where = str(where)
-        self.field = field
-        self.problem = problem
+        self.field = _LONG_WORD.sub(r"\1...", field)
+        self.problem = _LONG_WORD.sub(r"\1...", problem)
         self.remedy = remedy
-        place = f"{self.where}: {field}" if field else self.where
-        text = f"{place}: {problem}" + (f"; {remedy}" if remedy else "")
+        place = f"{self.where}: {self.field}" if field else self.where
+        text = f"{place}: {self.problem}" + (f"; {remedy}" if remedy else "")
         super().__init__(" ".join(text.split()))
 
     def __reduce__(self) -> tuple[object, ...]:

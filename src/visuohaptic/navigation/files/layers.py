@@ -193,6 +193,8 @@ def load_layer(path: Path | str) -> Layer:
     if Path(info.image).name != info.image:
         raise InputError(path, f"found {info.image!r}, expected the name of a file beside it", field="image")
     picture = path.parent / info.image
+    if not picture.is_file():
+        raise InputError(path, f"found {info.image!r}, which is not there", field="image")
     pixels = read_image(picture, "unchanged")[::-1]
     layer = info.layer
     shape, depth = {"linear8": ((), "uint8"), "linear16": ((), "uint16"), "bits32": ((4,), "uint8")}[

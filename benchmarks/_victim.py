@@ -1,0 +1,70 @@
+"""Children of this process that are killed without warning at a chosen point of their work.
+
+A fork has the libraries loaded, so that a kill takes a tenth of a second. Two ways choose the point:
+
+- after a time of the processor: the same amount of work, however busy the machine is;
+- at a size of a file: the kernel ends the process inside of the ``write`` that goes beyond it, whoever calls that.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["Say", "Victim"]
+
+#: Says a line that the parent reads: what is said has been acknowledged.
+Say = Callable[[str], object]
+
+
+@dataclass(frozen=True, slots=True)
+class Victim:
+    """A child that works until it is killed."""
+
+    pid: int
+    reader: int  #: end of the pipe to which it says lines
+
+    @classmethod
+    def start(cls, work: Callable[[Say], object], *, cpu_s: float = 0.0, file_bytes: int = 0) -> Victim:
+        """Fork.
+
+        Parameters
+        ----------
+        work
+            What the child does, given how to say a line.
+        cpu_s
+            Time of the processor after which it is killed [s]; 0: never.
+        file_bytes
+            It is killed when a file becomes larger [bytes]; 0: never.
+        """
+        reader, writer = os.pipe()
+        pid = os.fork()
+        if pid:
+            os.close(writer)
+            return cls(pid, reader)
+        code = 1
+        try:
+            os.close(reader)
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            if file_bytes:
+                signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
+            if cpu_s:
+                signal.signal(signal.SIGPROF, signal.SIG_DFL)
+                signal.setitimer(signal.ITIMER_PROF, cpu_s)
+            work(lambda line: os.write(writer, f"{line}\n".encode()))
+            code = 0
+        except BaseException:  # noqa: BLE001 - the child must end here whatever happens
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+    def end(self) -> tuple[list[str], int]:
+        """Whole lines that it had said when it ended, and how it did: 0, an exit code, or minus the signal."""
+        with os.fdopen(self.reader) as pipe:
+            lines = [line[:-1] for line in pipe if line.endswith("\n")]
+        return lines, os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
