@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import os
 import random
-import select
 import signal
 import subprocess
 import tempfile
-import time
+from collections import Counter
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from visuohaptic.core import DatabaseError, Estimate, Evidence, FeatureVector, S
 from visuohaptic.database import add_evidence, open_database
 
 from ._journal import Journal
+from ._victim import Say, Victim
 
 
 def make_object(number: int, vertices: int = 60) -> VisuoHapticObject:
@@ -44,18 +45,6 @@ def make_object(number: int, vertices: int = 60) -> VisuoHapticObject:
     return add_evidence(known, Evidence("material.youngs_modulus_Pa", Estimate(1e9 + number, 1e8)))
 
 
-def forked(work: Callable[[], None]) -> int:
-    """Run in a child process; its id."""
-    pid = os.fork()
-    if pid == 0:
-        try:
-            work()
-        except BaseException:  # noqa: BLE001 - the child must end here whatever happens
-            os._exit(1)
-        os._exit(0)
-    return pid
-
-
 def losses(folder: Path, acknowledged: set[str]) -> tuple[int, list[str]]:
     """Acknowledged objects that are missing or changed, and the problems of the check."""
     with open_database(folder) as database:
@@ -70,73 +59,84 @@ def losses(folder: Path, acknowledged: set[str]) -> tuple[int, list[str]]:
         return lost, list(database.check().problems)
 
 
-def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
-    """Kill an import ``count`` times at random moments."""
-    with open_database(folder) as database:  # also loads the libraries, which the children share
-        database.add_many(make_object(number) for number in range(8))
-    acknowledged: set[str] = set()
-    lost = problems = wrong = 0
-    start = 8
-    for number in range(count):
-        reader, writer = os.pipe()
+@cache
+def _load_libraries() -> None:
+    """An object written and read, so that a fork need not import what does it."""
+    with tempfile.TemporaryDirectory() as folder, open_database(folder) as database:
+        database.get(database.add(make_object(0)).id)
 
-        def work(first: int = start, reader: int = reader, writer: int = writer) -> None:
-            os.close(reader)
+
+def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
+    """Kill an import ``count`` times: after a time of the processor, or inside of a ``write`` to one of its files."""
+    _load_libraries()
+    with open_database(folder):
+        pass
+    total = Counter({"acknowledged": 0, "lost": 0, "problems": 0, "half-written": 0})
+    acknowledged: set[str] = set()
+    start = 0
+    for number in range(count):
+
+        def work(say: Say, first: int = start) -> None:
             with open_database(folder) as database:
                 database.add_many(
                     (make_object(number) for number in range(first, first + 100_000)),
                     batch=8,
-                    stored=lambda ids: os.write(writer, (" ".join(ids) + "\n").encode()),
+                    stored=lambda ids: say(" ".join(ids)),
                 )
 
-        pid = forked(work)
-        os.close(writer)
-        if number % 2:
-            # Half of them are killed in the midst of writing, however slowly the machine gets there.
-            select.select([reader], [], [], 60.0)
-        time.sleep(rng.uniform(0.02, 0.5))
-        os.kill(pid, signal.SIGKILL)
-        os.waitpid(pid, 0)
-        with os.fdopen(reader) as pipe:
-            new = {one for line in pipe if line.endswith("\n") for one in line.split()}
+        grown = max(path.stat().st_size for path in folder.iterdir())
+        victim = (
+            Victim.start(work, file_bytes=grown + rng.randint(1, 200_000))
+            if number % 2
+            else Victim.start(work, cpu_s=rng.uniform(0.005, 0.15))
+        )
+        lines, code = victim.end()
+        if code not in (-signal.SIGPROF, -signal.SIGXFSZ):
+            raise RuntimeError(f"the import ended by itself with {code}")
+        new = {one for line in lines for one in line.split()}
         acknowledged |= new
         gone, found = losses(folder, new)
-        lost, problems = lost + gone, problems + len(found)
         with open_database(folder) as database:
             stored = len(database)
-            wrong += stored % 8 != 0  # whole transactions only
+        # Whole transactions only.
+        total.update({"lost": gone, "problems": len(found), "half-written": int(stored % 8 != 0)})
         start = stored
     gone, found = losses(folder, acknowledged)
-    return {
-        "acknowledged": len(acknowledged),
-        "lost": lost + gone,
-        "problems": problems + len(found),
-        "half-written": wrong,
-    }
+    total.update({"acknowledged": len(acknowledged), "lost": gone, "problems": len(found)})
+    return dict(total)
 
 
-def writers(folder: Path, processes: int = 16, objects: int = 40) -> dict[str, int]:
-    """Many at once: objects of their own, and evidence on one that all share."""
+def writers(
+    folder: Path, processes: int = 16, objects: int = 40, kill_rng: random.Random | None = None
+) -> dict[str, int]:
+    """Many at once: objects of their own, and evidence on one that all share; with ``kill_rng`` all are killed."""
+    _load_libraries()
     with open_database(folder):
         pass
 
-    def work(own: int) -> None:
+    def work(say: Say, own: int) -> None:
         with open_database(folder) as database:
             for number in range(objects):
                 database.add(make_object(own * 1000 + number))
                 seen = Evidence("tag.stiffness_N_per_m", Estimate(1000.0 + own, 10.0), key=f"{own} {number}")
                 database.add(add_evidence(VisuoHapticObject("shared"), seen))
+                say(f"{number}")
 
-    pids = [forked(lambda own=own: work(own)) for own in range(processes)]
-    failed = sum(os.waitpid(pid, 0)[1] != 0 for pid in pids)
-    wanted = {f"o{own * 1000 + number:07d}" for own in range(processes) for number in range(objects)}
-    lost, problems = losses(folder, wanted)
+    victims = [
+        Victim.start(partial(work, own=own), cpu_s=0.0 if kill_rng is None else kill_rng.uniform(0.005, 0.15))
+        for own in range(processes)
+    ]
+    ends = [victim.end() for victim in victims]
+    said = {(own, int(line)) for own, (lines, _) in enumerate(ends) for line in lines}
+    failed = sum(code != 0 and (kill_rng is None or code != -signal.SIGPROF) for _, code in ends)
+    lost, problems = losses(folder, {f"o{own * 1000 + number:07d}" for own, number in said})
     with open_database(folder) as database:
-        evidence = len(database.get("shared").evidence)
+        kept = {one.key for one in database.get("shared").evidence} if "shared" in database else set()
     return {
-        "acknowledged": 2 * processes * objects,
-        "lost": lost + processes * objects - evidence,
+        "acknowledged": 2 * len(said),
+        "lost": lost + sum(f"{own} {number}" not in kept for own, number in said),
         "problems": len(problems) + failed,
+        "killed": sum(code == -signal.SIGPROF for _, code in ends),
     }
 
 
@@ -200,21 +200,27 @@ def run(kill_count: int = 200, disk_count: int = 20) -> list[dict[str, Any]]:
         with tempfile.TemporaryDirectory() as name:
             return kills(Path(name) / "db", count, rng)
 
-    def some_writers() -> dict[str, int]:
+    def some_writers(rng: random.Random | None = None) -> dict[str, int]:
         with tempfile.TemporaryDirectory() as name:
-            return writers(Path(name) / "db")
+            return writers(Path(name) / "db", kill_rng=rng)
+
+    def killed_writers(count: int, rng: random.Random) -> dict[str, int]:
+        return some_writers(rng)
 
     rows: list[dict[str, Any]] = []
     found = {
-        f"{kill_count} x kill -9 during import": in_blocks("kills", kill_count, 20, some_kills),
+        f"{kill_count} x kill -9 during import": in_blocks("kills", kill_count, 5, some_kills),
         "16 writers at once": kept("16 writers", some_writers),
+        f"16 writers at once, {kill_count} of them killed": in_blocks(
+            "killed writers", kill_count, 16, killed_writers
+        ),
         f"{disk_count} x full disk": in_blocks("disks", disk_count, 5, full_disk),
     }
     for case, result in found.items():
         if result is None:
             continue
         note = f"{result['acknowledged']} acknowledged"
-        for key in result.keys() - {"acknowledged"}:
+        for key in result.keys() - {"acknowledged", "killed"}:
             rows.append(
                 {
                     "name": f"{case}: {key}",
