@@ -104,7 +104,7 @@ def test_old_schema_is_brought_up_to_date(tmp_path: Path, monkeypatch: pytest.Mo
     engine = create_engine(f"sqlite:///{tmp_path / 'objects.sqlite'}")
     with engine.begin() as connection:
         schema.migrate(connection, "old", upto=1)
-        assert schema.version_of(connection) == 1
+        assert schema.version_of(connection, "old") == 1
     engine.dispose()
     with open_database(tmp_path) as db:
         db.add(make_object(1))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.sensing import pushes
 
-from visuohaptic.core import Estimate, Event, EventKind, HapticTag
+from visuohaptic.core import Estimate, Event, EventKind
 from visuohaptic.database import merge_tags
 from visuohaptic.sensing.push import (
     StopLimits,
@@ -165,25 +165,6 @@ def test_a_limit_that_is_seen_says_more_than_a_reading_that_is_not() -> None:
     assert stop_reason(0.013, np.nan, 0.0, limits) == StopReason.DENSIFIED
     assert stop_reason(np.nan, 31.0, 0.0, limits) == StopReason.TOO_HEAVY
     assert stop_reason(np.nan, np.nan, 0.3, limits) == StopReason.PUSHED_FAR
-
-
-def test_merging_is_the_mean_and_scatter_of_the_samples() -> None:
-    values = [3.0, 4.0, 7.0, 5.5]
-    tags = [
-        HapticTag(dynamic_friction_N=Estimate(v, 0.2), explored=1, failed=i % 2) for i, v in enumerate(values)
-    ]
-    one = merge_tags(merge_tags(tags[0], tags[1]), merge_tags(tags[2], tags[3]))
-    other = merge_tags(merge_tags(merge_tags(tags[3], tags[0]), tags[2]), tags[1])
-    for tag in (one, other):
-        estimate = tag.dynamic_friction_N
-        assert estimate is not None
-        assert estimate.value == pytest.approx(np.mean(values))
-        assert estimate.spread == pytest.approx(np.std(values, ddof=1))
-        assert estimate.sigma == pytest.approx(0.1)
-        assert (estimate.samples, tag.explored, tag.failed) == (4, 4, 2)
-    empty = merge_tags(HapticTag(explored=1), HapticTag(fixed=True, explored=1))
-    assert empty.dynamic_friction_N is None
-    assert empty.fixed is True
 
 
 def test_the_predictive_interval_covers_the_next_push() -> None:

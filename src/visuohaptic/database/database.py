@@ -107,7 +107,7 @@ class ObjectDatabase(Closing):
         self._arrays = ArrayStore(None if shards is None else ShardFolder(shards))
         try:
             with self.connections.reading() as connection:
-                known = schema.version_of(connection)
+                known = schema.version_of(connection, self.where)
             if known != schema.VERSION:
                 with self.connections.writing() as connection:
                     schema.migrate(connection, self.where)

@@ -17,7 +17,6 @@ from sqlalchemy import (
     inspect,
     text,
 )
-from sqlalchemy.exc import DBAPIError
 
 from ..core.errors import DatabaseError
 
@@ -105,12 +104,15 @@ MIGRATIONS = (_from_nothing, _deletions_and_peers)
 VERSION = len(MIGRATIONS)
 
 
-def version_of(connection: Connection) -> int:
+def version_of(connection: Connection, where: str) -> int:
     """Version of the schema; 0 for an empty database."""
     if not inspect(connection).has_table("meta"):
         return 0
     found = connection.execute(meta.select().where(meta.c.key == "schema")).first()
-    return int(found.value) if found is not None else 0
+    try:
+        return int(found.value) if found is not None else 0
+    except ValueError as error:
+        raise DatabaseError(f"{where}: is not a database of objects ({error})") from error
 
 
 def migrate(connection: Connection, where: str, upto: int = VERSION) -> None:
@@ -132,10 +134,7 @@ def migrate(connection: Connection, where: str, upto: int = VERSION) -> None:
     """
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(7065241)"))  # any number, only ours
-    try:
-        version = version_of(connection)
-    except (DBAPIError, ValueError) as error:
-        raise DatabaseError(f"{where}: is not a database of objects ({error})") from error
+    version = version_of(connection, where)
     if version > VERSION:
         raise DatabaseError(
             f"{where}: has schema version {version}, expected at most {VERSION}; update visuohaptic"
