@@ -1,4 +1,12 @@
-"""``visuohaptic reconstruct``: surface and transparent regions from a depth sequence."""
+"""``visuohaptic reconstruct``: surface and transparent regions from a depth sequence.
+
+reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
+writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
+        each transparent part, and the axis, radii and heights of the body that its outlines show, in metres in
+        the frame of the poses) in the folder --out
+
+example: visuohaptic reconstruct scan --out model
+"""
 
 from __future__ import annotations
 
@@ -8,19 +16,10 @@ from typing import Any
 
 from ..._console import Arguments
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("skimage",)
-
-EPILOG = """\
-reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
-writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
-        each transparent part, and the axis, radii and heights of the body that its outlines show, in metres in
-        the frame of the poses) in the folder --out
-
-example: visuohaptic reconstruct scan --out model
-"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:

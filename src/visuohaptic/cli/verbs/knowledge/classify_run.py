@@ -1,4 +1,15 @@
-"""``visuohaptic classify run``: what an object is, from touches, and what to touch next."""
+"""``visuohaptic classify run``: what an object is, from touches, and what to touch next.
+
+reads   a classifier of classify train, and a CSV file of curves with the columns
+          height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
+        or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
+        and perhaps the width [m], as: 5200 5150 0.071
+writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
+        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
+
+example: visuohaptic classify run tree.json curves.csv --json
+         visuohaptic classify run tree.json --ask --view
+"""
 
 from __future__ import annotations
 
@@ -13,19 +24,7 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-reads   a classifier of classify train, and a CSV file of curves with the columns
-          height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
-        or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
-        and perhaps the width [m], as: 5200 5150 0.071
-writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
-        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
-
-example: visuohaptic classify run tree.json curves.csv --json
-         visuohaptic classify run tree.json --ask --view
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

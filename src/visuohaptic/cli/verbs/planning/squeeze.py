@@ -1,4 +1,13 @@
-"""``visuohaptic squeeze``: force against deformation of one pinch on a container."""
+"""``visuohaptic squeeze``: force against deformation of one pinch on a container.
+
+reads   a YAML description, the name of a shipped class, or a mesh, as `stiffness` does
+writes  the curve: CSV (deformation_m, force_N, first_m, second_m, gauge_Pa, stress_Pa), and a plot
+
+Large deformation is followed, with air and liquid that are enclosed. The answer says to which force the container
+is linear, at which it gives way (buckles), and at which it yields. Forces are newtons of one tip.
+
+example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv --plot curve.png
+"""
 
 from __future__ import annotations
 
@@ -9,17 +18,7 @@ from typing import Any
 
 from ._container import add_container_arguments, read_container
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-reads   a YAML description, the name of a shipped class, or a mesh, as `stiffness` does
-writes  the curve: CSV (deformation_m, force_N, first_m, second_m, gauge_Pa, stress_Pa), and a plot
-
-Large deformation is followed, with air and liquid that are enclosed. The answer says to which force the container
-is linear, at which it gives way (buckles), and at which it yields. Forces are newtons of one tip.
-
-example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv --plot curve.png
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

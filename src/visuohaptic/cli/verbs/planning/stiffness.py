@@ -1,4 +1,16 @@
-"""``visuohaptic stiffness``: how stiff a container is at every point of its surface."""
+"""``visuohaptic stiffness``: how stiff a container is at every point of its surface.
+
+reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
+        cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
+        of the wall or its two sides, z is its height axis unless --up says otherwise. The base is clamped, or
+        stands on springs with --base-stiffness.
+writes  the map: NPZ (vertices_m, faces, stiffness_N_per_m, stiffness_sigma_N_per_m), VTU or GLB
+
+The stiffness is the force of one tip by the mean deformation of both [N/m]; it is infinite where
+the wall is held, NaN where nothing is opposite.
+
+example: visuohaptic stiffness bottle --material PET --thickness 0.0005 --out map.npz --plot map.png
+"""
 
 from __future__ import annotations
 
@@ -14,20 +26,7 @@ if TYPE_CHECKING:
     from ....deformation.nonlinear.contents import Contents
     from ....deformation.shapes.mesher import ShellObject
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
-        cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
-        of the wall or its two sides, z is its height axis unless --up says otherwise. The base is clamped, or
-        stands on springs with --base-stiffness.
-writes  the map: NPZ (vertices_m, faces, stiffness_N_per_m, stiffness_sigma_N_per_m), VTU or GLB
-
-The stiffness is the force of one tip by the mean deformation of both [N/m]; it is infinite where
-the wall is held, NaN where nothing is opposite.
-
-example: visuohaptic stiffness bottle --material PET --thickness 0.0005 --out map.npz --plot map.png
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

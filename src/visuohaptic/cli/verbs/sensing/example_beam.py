@@ -1,18 +1,5 @@
-"""``visuohaptic example beam``: a recording to try the beam sensor on."""
+"""``visuohaptic example beam``: a recording to try the beam sensor on.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
-
-#: Modules beyond the core on its way.
-NEEDS = ("av",)
-
-
-EPILOG = """\
 reads
   nothing
 writes, into --out
@@ -26,6 +13,17 @@ example
   visuohaptic sense beam --config try/sensor.yaml --source try/rest.mp4 --zero
   visuohaptic sense beam --config try/sensor.yaml --source try/push.mp4 --csv try/run.csv --out try/run.mcap
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("av",)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

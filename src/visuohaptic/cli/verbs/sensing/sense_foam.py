@@ -1,4 +1,23 @@
-"""``visuohaptic sense foam``: from frames to force."""
+"""``visuohaptic sense foam``: from frames to force.
+
+reads
+  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...;
+             a camera's force is shown until Ctrl-C
+writes
+  --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
+             section finger in sensor.yaml also the finger's pose, geometry_msgs/PoseWithCovarianceStamped
+  --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, a row a frame
+  --parquet  the same, with the profiles along the strip
+  --plot     force over time with its uncertainty, events, and why frames are not valid
+  --page     with --against: a page with the measured force beside that of a scale (see `compare`)
+  --zero     the zero reference that sensor.yaml names, from frames of a strip that nothing touches
+
+examples
+  visuohaptic sense foam --config sensor.yaml --source rest.mp4 --zero
+  visuohaptic sense foam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv --plot force.png
+  visuohaptic sense foam --config sensor.yaml --source push.mp4 --against scale.csv --page scale.html
+"""
 
 from __future__ import annotations
 
@@ -27,28 +46,7 @@ if TYPE_CHECKING:
     from ....sensing.readers.foam_reader import FoamReader
     from ....sensing.readers.sensor_reader import SensorReading
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
-reads
-  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...;
-             a camera's force is shown until Ctrl-C
-writes
-  --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
-             section finger in sensor.yaml also the finger's pose, geometry_msgs/PoseWithCovarianceStamped
-  --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, a row a frame
-  --parquet  the same, with the profiles along the strip
-  --plot     force over time with its uncertainty, events, and why frames are not valid
-  --page     with --against: a page with the measured force beside that of a scale (see `compare`)
-  --zero     the zero reference that sensor.yaml names, from frames of a strip that nothing touches
-
-examples
-  visuohaptic sense foam --config sensor.yaml --source rest.mp4 --zero
-  visuohaptic sense foam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv --plot force.png
-  visuohaptic sense foam --config sensor.yaml --source push.mp4 --against scale.csv --page scale.html
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,21 @@
-"""``visuohaptic sense scene``: what else the foam's camera sees."""
+"""``visuohaptic sense scene``: what else the foam's camera sees.
+
+reads
+  --config    scene.yaml: camera, its pose, height above the floor (docs: Scene); with a field sensor the
+              foam's force is read, too, and the object that it touches is tracked
+  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --odometry  t_s, speed_m_s, turn_rate_rad_s of the platform, CSV; fused with the motion of the floor
+writes
+  --out       run.mcap with the platform's pose and covariance (geometry_msgs/PoseWithCovarianceStamped),
+              diagnostics with all numbers, falls and slips, and with --mask the obstacle mask; with a
+              sensor its geometry_msgs/WrenchStamped, too
+  --csv       t_s, valid, reason, x_m, y_m, heading_rad and their sigmas, object turn, tilt and shift,
+              proximity_m, events; a row a frame
+
+examples
+  visuohaptic sense scene --config scene.yaml --source drive.mp4 --csv scene.csv
+  visuohaptic sense scene --config scene.yaml --source push.mp4 --odometry wheels.csv --out run.mcap
+"""
 
 from __future__ import annotations
 
@@ -16,26 +33,7 @@ if TYPE_CHECKING:
     from ....sensing.readers.sensor_reader import SensorReading
     from ....sensing.scene.scene_tracker import SceneReading
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
-reads
-  --config    scene.yaml: camera, its pose, height above the floor (docs: Scene); with a field sensor the
-              foam's force is read, too, and the object that it touches is tracked
-  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
-  --odometry  t_s, speed_m_s, turn_rate_rad_s of the platform, CSV; fused with the motion of the floor
-writes
-  --out       run.mcap with the platform's pose and covariance (geometry_msgs/PoseWithCovarianceStamped),
-              diagnostics with all numbers, falls and slips, and with --mask the obstacle mask; with a
-              sensor its geometry_msgs/WrenchStamped, too
-  --csv       t_s, valid, reason, x_m, y_m, heading_rad and their sigmas, object turn, tilt and shift,
-              proximity_m, events; a row a frame
-
-examples
-  visuohaptic sense scene --config scene.yaml --source drive.mp4 --csv scene.csv
-  visuohaptic sense scene --config scene.yaml --source push.mp4 --odometry wheels.csv --out run.mcap
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,15 @@
-"""``visuohaptic track``: from frames to the poses of templates."""
+"""``visuohaptic track``: from frames to the poses of templates.
+
+reads
+  --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --camera     camera.yaml, a ROS camera_info file
+writes
+  --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
+  --csv        t_s, name, valid, reason, position [m], quaternion, standard deviations, correlation
+
+example: visuohaptic track --templates templates/ --source run.mp4 --camera camera.yaml --out poses.mcap
+"""
 
 from __future__ import annotations
 
@@ -18,20 +29,7 @@ if TYPE_CHECKING:
     from ....core.camera.frame import Frame
     from ....tracking.templates.template_tracker import TemplatePose
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
-reads
-  --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
-  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
-  --camera     camera.yaml, a ROS camera_info file
-writes
-  --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
-  --csv        t_s, name, valid, reason, position [m], quaternion, standard deviations, correlation
-
-example: visuohaptic track --templates templates/ --source run.mp4 --camera camera.yaml --out poses.mcap
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

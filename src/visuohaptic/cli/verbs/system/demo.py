@@ -1,34 +1,5 @@
-"""``visuohaptic demo``: the whole story in one command, or one part of it."""
+"""``visuohaptic demo``: the whole story in one command, or one part of it.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-from ....core.errors import InputError
-
-__all__ = ["EPILOG", "add_arguments", "needs", "run"]
-
-#: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
-PARTS = ("foam", "beam", "navigate", "glass", "bottle")
-
-
-def needs(args: argparse.Namespace) -> set[str]:
-    """Modules beyond the core on its way: none for the recorded mission.
-
-    Parameters
-    ----------
-    args
-        As parsed.
-    """
-    if args.quick:
-        return set()
-    remembers = {"pyarrow", "sqlalchemy"} if args.memory else set()
-    return {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"} | remembers
-
-
-EPILOG = """\
 parts
   foam      touch one obstacle with the camera-read foam and tag it
   beam      zero the beam sensor and read known loads
@@ -54,6 +25,33 @@ examples
   visuohaptic demo --world 4 --memory results/memory
   visuohaptic demo --world 4 --visit 1 --memory results/memory --seed 9
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["add_arguments", "needs", "run"]
+
+#: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
+PARTS = ("foam", "beam", "navigate", "glass", "bottle")
+
+
+def needs(args: argparse.Namespace) -> set[str]:
+    """Modules beyond the core on its way: none for the recorded mission.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
+    if args.quick:
+        return set()
+    remembers = {"pyarrow", "sqlalchemy"} if args.memory else set()
+    return {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"} | remembers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

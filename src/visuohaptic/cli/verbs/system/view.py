@@ -1,17 +1,5 @@
-"""``visuohaptic view``: a page in the browser for objects, maps, plans, surfaces and classifications."""
+"""``visuohaptic view``: a page in the browser for objects, maps, plans, surfaces and classifications.
 
-from __future__ import annotations
-
-import argparse
-import time
-from typing import Any
-
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run", "wait"]
-
-#: Modules beyond the core on its way.
-NEEDS = ("trimesh", "viser")
-
-EPILOG = """\
 reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a shipped
         class), surfaces (.ply; coloured by any number of their vertices, as sigma_m), maps of
         map_server (.yaml), plans (.json, drawn on the map before them), steps of a classification
@@ -20,6 +8,17 @@ writes  nothing; the page is served on 127.0.0.1 until Ctrl-C
 
 example: visuohaptic view cup-rim map.yaml plan.json completed.ply
 """
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+__all__ = ["NEEDS", "add_arguments", "run", "wait"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("trimesh", "viser")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
