@@ -138,12 +138,9 @@ def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
     from ....recognition.touch.steps import planner_follower, tree_follower
     from ....viewer.browse import BrowsePage
     from ....viewer.steps_view import StepsView
-    from ..system.view import wait
+    from ..system.view import check_page, wait
 
-    if not 0 <= args.port <= 65535:
-        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
-    if args.seconds is not None and not args.seconds >= 0:
-        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
+    check_page(args)
     pages = [StepsView("planner")]
     tellers = [planner_follower(model, pages[0])]
     if tree is not None:

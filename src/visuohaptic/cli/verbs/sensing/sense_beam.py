@@ -30,7 +30,9 @@ from ....core.errors import InputError
 from ..._sensor_run import (
     Outputs,
     SensorRun,
+    add_outputs,
     add_part,
+    add_zero_frames,
     is_live,
     opened_frames,
     run_sensor,
@@ -64,16 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--source", help="where the frames come from")
     where.add_argument("--poses", type=Path, help="poses of the templates, CSV")
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
-    parser.add_argument("--parquet", type=Path, help="table to write")
+    add_outputs(parser, "table to write")
     parser.add_argument("--zero", action="store_true", help="take and store the zero, then stop")
-    parser.add_argument(
-        "--zero-frames",
-        type=int,
-        default=0,
-        metavar="N",
-        help="zero on the first N frames, then measure (nothing is stored); with --zero: from N frames",
+    add_zero_frames(
+        parser, "zero on the first N frames, then measure (nothing is stored); with --zero: from N frames"
     )
     add_part(parser)
     parser.add_argument(

@@ -28,7 +28,9 @@ from typing import TYPE_CHECKING, Any
 from ....core.errors import InputError
 from ..._sensor_run import (
     SensorRun,
+    add_outputs,
     add_part,
+    add_zero_frames,
     force_outputs,
     opened_frames,
     run_sensor,
@@ -53,19 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
     parser.add_argument("--source", required=True, help="where the frames come from")
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
-    parser.add_argument("--parquet", type=Path, help="table with profiles to write")
+    add_outputs(parser, "table with profiles to write")
     parser.add_argument("--plot", type=Path, help="plot of the force to write (PNG)")
     add_reference(parser, "--against")
     parser.add_argument("--zero", action="store_true", help="take and store the zero reference, then stop")
-    parser.add_argument(
-        "--zero-frames",
-        type=int,
-        default=0,
-        metavar="N",
-        help="zero on the first N frames of the source, then measure (nothing is stored)",
-    )
+    add_zero_frames(parser, "zero on the first N frames of the source, then measure (nothing is stored)")
     add_part(parser)
     parser.add_argument(
         "--speed",

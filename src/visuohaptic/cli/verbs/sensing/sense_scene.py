@@ -25,7 +25,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
-from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, shown_frames, zero_frames
+from ..._sensor_run import (
+    Outputs,
+    SensorRun,
+    add_outputs,
+    add_part,
+    add_zero_frames,
+    opened_frames,
+    run_sensor,
+    shown_frames,
+    zero_frames,
+)
 
 if TYPE_CHECKING:
     from ....core.robots import FrameSource
@@ -41,16 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, type=Path, help="scene.yaml")
     parser.add_argument("--source", required=True, help="where the frames come from")
     parser.add_argument("--odometry", type=Path, metavar="CSV", help="speed and turn rate of the platform")
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
+    add_outputs(parser)
     parser.add_argument("--mask", action="store_true", help="write the obstacle mask to --out, too")
-    parser.add_argument(
-        "--zero-frames",
-        type=int,
-        default=0,
-        metavar="N",
-        help="zero the foam sensor on the first N frames, then measure (nothing is stored)",
-    )
+    add_zero_frames(parser, "zero the foam sensor on the first N frames, then measure (nothing is stored)")
     add_part(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the consensus search (0)")
 

@@ -75,13 +75,15 @@ def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from contextlib import ExitStack
 
+    from .view import wait
+
     if args.quick and (args.part or args.map):
         raise InputError(
             "--quick", f"found with {args.part or args.map}", remedy="it replays the whole mission"
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
-    for name, value in (("--seed", args.seed), ("--world", args.world), ("--visit", args.visit)):
+    for name, value in (("--world", args.world), ("--visit", args.visit)):
         if value < 0:
             raise InputError(name, f"found {value}, expected 0 or more")
     with ExitStack() as stack:
@@ -96,7 +98,7 @@ def run(args: Any) -> dict[str, Any]:
         result = work(args, page)
         if page is not None:
             args.report(f"the page stays at {page.url}; end with Ctrl-C")
-            _wait()
+            wait(args)
     return result
 
 
@@ -218,11 +220,3 @@ def _save_picture(result: Any, path: Path) -> None:
     if done:
         with atomic_path(path) as temporary:
             temporary.write_bytes(data.tobytes())
-
-
-def _wait() -> None:
-    import contextlib
-    import threading
-
-    with contextlib.suppress(KeyboardInterrupt):
-        threading.Event().wait()
