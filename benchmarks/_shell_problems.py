@@ -15,6 +15,7 @@ import numpy as np
 from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_arc, follow_displacement, follow_load
 from visuohaptic.deformation.shapes import grid_mesh
 from visuohaptic.deformation.shells import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
+from visuohaptic.rigs import mitc4_factor, mitc4_stiffness
 
 X, Y, Z, RX, RY, RZ = range(6)
 
@@ -31,6 +32,44 @@ def held(mesh: ShellMesh, *rules: tuple[np.ndarray, tuple[int, ...]]) -> np.ndar
 def near(values: np.ndarray, target: float) -> np.ndarray:
     """Mask of the values that are the target up to rounding."""
     return np.abs(values - target) < 1e-9 * max(1.0, float(np.ptp(values)))
+
+
+def mitc4_tube_stiffness(
+    radius_m: float,
+    height_m: float,
+    thickness_m: float,
+    material: IsotropicMaterial,
+    *,
+    around: int,
+    along: int,
+) -> float:
+    """Dual-tip stiffness [N/m] of a tube at half its height, clamped at its foot.
+
+    Parameters
+    ----------
+    radius_m, height_m, thickness_m
+        Size of the tube [m].
+    material
+        Elastic constants.
+    around, along
+        Number of elements around and along the tube.
+    """
+    ring, place = (part.ravel() for part in np.mgrid[: along + 1, :around])
+    angle = 2 * np.pi * place / around
+    normals = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    vertices = radius_m * normals + np.outer(height_m * ring / along, [0.0, 0.0, 1.0])
+    row, column = (part.ravel() for part in np.mgrid[:along, :around])
+    a, b = row * around + column, row * around + (column + 1) % around
+    quads = np.stack([a, b, b + around, a + around], axis=1)
+    fixed = np.zeros((len(vertices), 6), dtype=bool)
+    fixed[:around] = True
+    factor = mitc4_factor(
+        vertices, quads, mitc4_stiffness(vertices, quads, normals, thickness_m, material), fixed
+    )
+    load = np.zeros((len(vertices), 6))
+    first = along // 2 * around
+    load[first, 0], load[first + around // 2, 0] = -1.0, 1.0
+    return float(2 / (load.ravel() @ factor.solve(load.ravel())))
 
 
 # -- Linear ------------------------------------------------------------------------------------

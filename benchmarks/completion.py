@@ -17,16 +17,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
-from visuohaptic.rigs import HOLE, SIGMA_M, STAGES, TOUCHES, blown_up, explore, touches_to_tenth
-from visuohaptic.simulation.tabletop import random_bottle
+from visuohaptic.reconstruction.completion import Completion
+from visuohaptic.rigs import HOLE, SIGMA_M, TOUCHES, explore, touches_to_tenth
+from visuohaptic.simulation.tabletop import Bottle, random_bottle
 
 from . import harness
 from ._journal import Journal
 
 SEED = 20261121
+#: Numbers of touches at which the deviation is compared with the error.
+STAGES = (0, 1, 2, 3, 5, 8, 10, 15)
 
 
 def study(
@@ -81,7 +85,59 @@ def study(
 def _explored(task: tuple[int, int, str], *, priors: bool, touches: int) -> dict[str, Any]:
     seed, number, name = task
     rng = np.random.default_rng([seed, number])
-    return explore(random_bottle(rng), rng, planned=name == "planned", priors=priors, touches=touches)
+    bottle = random_bottle(rng)
+    stages: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def compare(number: int, completion: Completion) -> None:
+        if number in STAGES:
+            # Deviation of every point of the surface, its distance from the true wall, and whether it was not seen.
+            found = completion.uncertainty()
+            stages.append((found.sigma_m, wall_distance_m(bottle, found.mesh.vertices_m), found.missing))
+
+    found = explore(bottle, rng, planned=name == "planned", priors=priors, touches=touches, on_plan=compare)
+    hidden = [(told[missing], true[missing]) for told, true, missing in stages]
+    found["spearman"] = [float(spearmanr(told, true).statistic) for told, true in hidden]
+    #: With the visible band around the hole, which is a part of the surface that is told.
+    found["spearman_with_band"] = [float(spearmanr(told, true).statistic) for told, true, _ in stages]
+    found["told_over_true"] = [float(np.sqrt(np.mean(told**2) / np.mean(true**2))) for told, true in hidden]
+    if stages:
+        # All stages of one exploration together: does it fall as and where the error falls?
+        told, true = (np.concatenate(part) for part in zip(*hidden, strict=True))
+        found["spearman_all"] = float(spearmanr(told, true).statistic)
+    return found
+
+
+def wall_distance_m(bottle: Bottle, points: np.ndarray) -> np.ndarray:
+    """Distance of points near the wall from it [m]: along the normal, of second order in the radial distance.
+
+    Parameters
+    ----------
+    bottle
+        Object.
+    points
+        Points (n, 3) [m].
+    """
+    theta = np.arctan2(points[:, 1], points[:, 0])
+    z = np.clip(points[:, 2], 0.0, bottle.height_m)
+    rho = bottle.radius_m(theta, z)
+    step = 1e-5
+    climb = (bottle.radius_m(theta, z + step) - bottle.radius_m(theta, z - step)) / (2 * step)
+    turn = (bottle.radius_m(theta + step, z) - bottle.radius_m(theta - step, z)) / (2 * step) / rho
+    return np.abs(np.hypot(points[:, 0], points[:, 1]) - rho) / np.sqrt(1 + climb**2 + turn**2)
+
+
+def blown_up(mse: list[float]) -> bool:
+    """Whether the error rises above twice the untouched one, or tenfold in one step to a fifth of it.
+
+    Parameters
+    ----------
+    mse
+        Mean square error [m^2] before and after each touch.
+    """
+    found = np.array(mse)
+    jump = (found[1:] > 10 * found[:-1]) & (found[1:] > 0.2 * found[0])
+    # Half a millimetre is noise, not a blow-up, however good the start was.
+    return bool(((found > 2 * found[0]) & (found > 0.0005**2)).any() or jump.any())
 
 
 def _by_stage(runs: list[dict[str, Any]], name: str) -> dict[str, float]:

@@ -15,7 +15,9 @@ from typing import Any, Literal
 import numpy as np
 
 from visuohaptic.core.camera import Camera
-from visuohaptic.rigs import OpenerSensor, open_virtual_cap
+from visuohaptic.rigs import open_virtual_cap
+
+from ._opener_sensor import OpenerSensor
 
 SEEDS = 50
 

@@ -233,7 +233,8 @@ def run_deformation() -> None:
         opposing_points,
         pinch_stiffness,
     )
-    from visuohaptic.rigs import mitc4_tube_stiffness
+
+    from ._shell_problems import mitc4_tube_stiffness
 
     plastic = IsotropicMaterial(2.5e9, 0.38)
     mesh = tube_mesh(0.03, 0.08, 0.0005, around=12, along=8)

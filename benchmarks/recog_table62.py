@@ -33,6 +33,7 @@ from visuohaptic.recognition.trees import train_tree, walk
 from visuohaptic.rigs import virtual_containers as world
 
 from ._journal import Journal
+from .recog_trees import training_set
 
 FIVE = ("bottle", "cup", "cup-rim", "elliptic", "smoothie")
 _NAMED = {member: name for name, members in world.GROUPS.items() for member in members}
@@ -227,7 +228,7 @@ def _confidences(model: HapticModel, readings: Any, truth: str) -> list[tuple[fl
 def _data(folder: Path, variants: int) -> Any:
     kept = folder / f"training-{variants}.npz"
     if not kept.is_file():
-        save_feature_set(kept, world.training_set(folder / "objects", variants))
+        save_feature_set(kept, training_set(folder / "objects", variants))
     return load_feature_set(kept)
 
 

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.recognition.data import FeatureSet, load_feature_set
+from visuohaptic.deformation.maps import BuildPlan, build, plan_jobs
+from visuohaptic.deformation.shapes import class_names
+from visuohaptic.recognition.data import FeatureSet, load_feature_set, read_build
 from visuohaptic.recognition.trees import feature_name, mean_touches, train_tree
 from visuohaptic.rigs import virtual_containers as world
 
@@ -38,10 +40,19 @@ TREES: dict[int, tuple[tuple[str, ...], str, float]] = {
 REPEATS = 5
 
 
+def training_set(folder: Path, variants: int, *, cut_bottle: bool = True) -> Any:
+    """Features of ``variants`` of each class from ``objects build``, kept in the folder."""
+    names = (*class_names(), *(("cut-bottle",) if cut_bottle else ()))
+    entries = [{"class": name, "variants": variants} for name in names]
+    plan = BuildPlan.model_validate({"classes": entries, "band": False})
+    build(plan_jobs(plan, [world.description(name) for name in names]), folder)
+    return read_build(folder)
+
+
 def run() -> list[dict[str, Any]]:
     """All nine, on 50 variants a class."""
     with TemporaryDirectory() as folder:
-        return table(world.training_set(folder, 50, cut_bottle=False))
+        return table(training_set(folder, 50, cut_bottle=False))
 
 
 def table(data: FeatureSet, groups: dict[str, Any] | None = None) -> list[dict[str, Any]]:

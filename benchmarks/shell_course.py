@@ -17,9 +17,8 @@ from visuohaptic.deformation.shells import (
     dual_tip_map,
     pinch_stiffness,
 )
-from visuohaptic.rigs import mitc4_tube_stiffness
 
-from ._shell_problems import COURSE, solid_scordelis_lo
+from ._shell_problems import COURSE, mitc4_tube_stiffness, solid_scordelis_lo
 
 #: Stiffness of the pinched tube [N/m] by height [mm]: series of 400 harmonics, design anchors.
 TUBE = {20: 15547.0, 50: 10062.0, 100: 6164.0, 150: 3486.0, 200: 1230.0}

@@ -23,7 +23,9 @@ def verbs(monkeypatch):
 
     def register(name, run, **more):
         module = types.ModuleType(f"fake_{name.replace(' ', '_')}")
-        module.EPILOG = "reads   a box\nwrites  a tag\n\nexample: visuohaptic touch box --force 3\n"
+        module.__doc__ = (
+            "A verb.\n\nreads   a box\nwrites  a tag\n\nexample: visuohaptic touch box --force 3\n"
+        )
         module.run = run
         module.add_arguments = lambda parser: parser.add_argument("--force", type=float, default=1.0)
         for key, value in more.items():

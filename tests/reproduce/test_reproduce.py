@@ -23,6 +23,7 @@ from visuohaptic.reproduce import (
     write_index,
 )
 from visuohaptic.reproduce.batch import _units
+from visuohaptic.reproduce.runner import title_and_caption
 
 #: What issue 8 asks for.
 WANTED = {
@@ -38,9 +39,10 @@ def test_all_are_there_and_say_what_is_simulated() -> None:
     assert set(EXPERIMENTS) == WANTED
     for key, name in EXPERIMENTS.items():
         module = importlib.import_module(f"{experiments.__name__}.chapter_{key.split('-')[1][0]}.{name}")
-        assert module.TITLE
+        title, caption = title_and_caption(module)
+        assert title
         assert callable(module.run)
-        assert len(module.CAPTION) > 30
+        assert len(caption) > 30
 
 
 @pytest.mark.parametrize("spelling", ["3.2", "fig3.2", "figure-3.2", "Figure 3.2", "figure_3.2"])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks._opener_sensor import OpenerSensor
 
 from visuohaptic.core.camera import Camera, Frame
-from visuohaptic.rigs import OpenerSensor, virtual_opener
+from visuohaptic.rigs import virtual_opener
 from visuohaptic.simulation.tabletop import OpenerBeam
 
 

@@ -11,7 +11,7 @@ import pytest
 from visuohaptic.core import InputError
 from visuohaptic.core.files import load_yaml
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.simulation.mobile import ApproachPath, furnished_office, obstacles_for_map, wall_obstacles
+from visuohaptic.simulation.mobile import ApproachPath, furnished_office, obstacles_for_map
 
 
 def read_map(path: Path) -> tuple[np.ndarray, float, tuple[float, float, float]]:
@@ -91,18 +91,8 @@ def test_turned_map_is_the_same_place_turned() -> None:
         assert (a.obstacle.x_m, a.obstacle.y_m) == pytest.approx((1.0 + c * x - s * y, 2.0 + s * x + c * y))
 
 
-def test_walls_are_where_the_map_says() -> None:
-    office = furnished_office()
-    walls = wall_obstacles(office.cells, 0.05, office.origin, (0.0, 3.0), 0.5)
-    assert walls
-    assert all(w.fixed and abs(w.x_m) < 1.0 for w in walls)
-    assert min(w.x_m - w.length_m / 2 for w in walls) == pytest.approx(-0.1)
-
-
 def test_maps_without_room_are_refused() -> None:
     with pytest.raises(InputError, match="no free place wider than"):
         obstacles_for_map(np.full((20, 20), 100, np.int8), 0.05)
     with pytest.raises(InputError, match="no room for obstacle"):
         obstacles_for_map(np.zeros((16, 16), np.int8), 0.05)
-    with pytest.raises(InputError, match="not in wide free space"):
-        obstacles_for_map(np.zeros((90, 90), np.int8), 0.05, start_m=(-5.0, 0.0))

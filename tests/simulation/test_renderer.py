@@ -130,7 +130,6 @@ def test_stripe_has_its_own_exact_edge() -> None:
         expected = truth_rows(curve, columns)
         found = edge_rows(image[:, columns], expected, before, after, reach=4.0)
         assert np.abs(found - expected).max() < 0.005
-    assert renderer.truth(scene).stripe_at([[300.0, 180.0]], [[0.0, 1.0]]).shape == (1,)
 
 
 def shaken(t_s: float) -> Pose:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import EventKind, FrameSource, InputError, MobileBase
+from visuohaptic.simulation.foam import FoamStripGeometry
 from visuohaptic.simulation.mobile import (
     FoamPushWorld,
     PlatformConfig,
@@ -157,7 +158,9 @@ def test_off_centre_push_turns_the_box() -> None:
 
 def test_table_leg_and_bent_strip() -> None:
     desk = table("desk", FRONT_M + 0.05 + 0.6 - 0.02, 0.35 - 0.02, round_legs=True)
-    world = FoamPushWorld([desk], PlatformConfig.round_with_bent_strip())
+    world = FoamPushWorld(
+        [desk], PlatformConfig(round=True, strip=FoamStripGeometry(radius_m=0.17, spacing_m=0.001))
+    )
     drive_until(world, 0.03, strain=0.4)
     state = world.truth.strip
     # The leg stands on the platform's axis; a 4 cm cylinder touches about +-1.5 cm of the arc.

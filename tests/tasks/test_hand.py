@@ -94,9 +94,9 @@ def test_contents_show_in_large_deformations_only() -> None:
     assert found["full"] > 1.2 * found["open"]
 
 
-def test_curves_of_grasps_become_a_container() -> None:
-    curves = {0.02: ([0.001, 0.004], [2.0, 8.0]), 0.1: ([0.001, 0.004], [1.0, 6.0])}
-    thing = DeformableContainer.from_curves("cup", curves, {0.02: 0.03, 0.1: 0.04}, mass_kg=0.02)
+def test_a_container_is_as_stiff_between_its_curves() -> None:
+    depths, forces = np.array([0.0, 0.001, 0.004]), np.array([[0.0, 2.0, 8.0], [0.0, 1.0, 6.0]])
+    thing = DeformableContainer("cup", np.array([0.02, 0.1]), np.array([0.03, 0.04]), depths, forces, 0.02)
     assert thing.force_at(0.1, 0.001) == pytest.approx(1.0)
     assert thing.force_at(0.06, 0.004) == pytest.approx(7.0)
     assert thing.radius_at(0.06) == pytest.approx(0.035)

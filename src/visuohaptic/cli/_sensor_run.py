@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 __all__ = [
     "Outputs",
     "SensorRun",
+    "add_outputs",
     "add_part",
+    "add_zero_frames",
     "force_outputs",
     "force_text",
     "is_live",
@@ -50,6 +52,35 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
     parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
     parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
+
+
+def add_outputs(parser: argparse.ArgumentParser, parquet: str = "") -> None:
+    """``--out``, ``--csv`` and, with a text for its help, ``--parquet``.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    parquet
+        What that table is.
+    """
+    parser.add_argument("--out", type=Path, help="MCAP recording to write")
+    parser.add_argument("--csv", type=Path, help="table to write")
+    if parquet:
+        parser.add_argument("--parquet", type=Path, help=parquet)
+
+
+def add_zero_frames(parser: argparse.ArgumentParser, text: str) -> None:
+    """``--zero-frames``.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    text
+        Its help.
+    """
+    parser.add_argument("--zero-frames", type=int, default=0, metavar="N", help=text)
 
 
 def is_live(source: str) -> bool:

@@ -4,7 +4,8 @@ A verb is a line of ``VERBS`` (what it does) and a module with
 
 - ``add_arguments(parser)``, its arguments;
 - ``run(args) -> dict | None``, the work; the mapping is what ``--json`` prints;
-- optionally ``EPILOG: str``, what it reads and writes, with an example;
+- its docstring, whose first line names it; the rest, what it reads and writes with an example, is the
+  end of its help;
 - optionally ``NEEDS: tuple[str, ...]``, modules beyond the core that it always imports on its way, and
   ``needs(args) -> set[str]``, those that depend on the arguments; what an argument of several verbs needs
   is in ``_extras``. All are checked before it runs.
@@ -243,7 +244,7 @@ def verb_parser(
     parser = _Parser(
         prog=f"visuohaptic {verb}",
         description=f"{text[:1].upper()}{text[1:]}.",
-        epilog=getattr(module, "EPILOG", None),
+        epilog=(module.__doc__ or "").partition("\n\n")[2] or None,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
         conflict_handler="resolve",  # an option of the verb's own wins

@@ -36,23 +36,17 @@ class ForceRun:
 
 
 @styled
-def force_against_truth(
-    runs: Sequence[ForceRun], *, relative: float = 0.03, absolute_N: float = 0.1
-) -> Figure:
+def force_against_truth(runs: Sequence[ForceRun]) -> Figure:
     """Measured force against the truth, as in Alt 2016, Fig. 3.7a, and the error below.
 
     The curve of each run is a cubic through its valid samples, as in the
     source; the dashed line is the ideal. The grey band is the promise
-    ``max(relative * truth, absolute_N)``.
+    3 % of the truth, or 0.1 N where that is more.
 
     Parameters
     ----------
     runs
         Forces of the runs, a colour each.
-    relative
-        Promised relative error.
-    absolute_N
-        Promised absolute error [N].
 
     Raises
     ------
@@ -79,11 +73,10 @@ def force_against_truth(
         upper.plot([], [], color=colour, marker="x", ms=4, label=f"{run.name}, rms error {rms_N:.3f} N")
     limit_N = 1.05 * max_N
     grid_N = np.linspace(0, limit_N, 200)
-    promise_N = np.maximum(relative * grid_N, absolute_N)
+    promise_N = np.maximum(0.03 * grid_N, 0.1)
     upper.plot([0, limit_N], [0, limit_N], "--", color=COLOURS["ink"], lw=1.1, label="ideal", zorder=1)
     lower.axhline(0, ls="--", color=COLOURS["ink"], lw=1.1)
-    promise = f"{100 * relative:g} % or {absolute_N:g} N"
-    lower.fill_between(grid_N, -promise_N, promise_N, color="#eceff2", lw=0, zorder=0, label=promise)
+    lower.fill_between(grid_N, -promise_N, promise_N, color="#eceff2", lw=0, zorder=0, label="3 % or 0.1 N")
     upper.set(ylabel="measured force [N]", xlim=(0, limit_N), ylim=(min(0, upper.get_ylim()[0]), limit_N))
     lower.set(xlabel="true force [N]", ylabel="error [N]")
     upper.legend(loc="upper left")

@@ -39,7 +39,6 @@ def floor_map(
     path_world_m: Float[np.ndarray, "n 2"] | None = None,
     objects: Sequence[MapObject] = (),
     robot_radius_m: float | None = None,
-    title: str = "",
 ) -> Figure:
     """A map with the platform's path and the obstacles with their tags.
 
@@ -58,8 +57,6 @@ def floor_map(
         Obstacles; each is named, with its tag when it has one, beside all that is drawn.
     robot_radius_m
         Size of the platform, which is drawn at the end of its path.
-    title
-        Of the axes.
     """
     rows, columns = cells.shape
     x_m, y_m = origin_world_m
@@ -87,7 +84,7 @@ def floor_map(
             end = np.vstack([obj.end_outline_world_m, obj.end_outline_world_m[:1]])
             axes.plot(*end.T, color=colour, lw=1.2, ls="--")
         drawn.append(outline if obj.end_outline_world_m is None else np.vstack([outline, end]))
-    axes.set(xlabel="x [m]", ylabel="y [m]", title=title, xlim=extent[:2], ylim=extent[2:])
+    axes.set(xlabel="x [m]", ylabel="y [m]", xlim=extent[:2], ylim=extent[2:])
     if path_world_m is not None:
         axes.legend(loc="lower right", frameon=True, facecolor="white", edgecolor="#dde2e8")
     _label(axes, objects, drawn, extent, path_world_m)

@@ -1,5 +1,6 @@
 from .batch import reproduce_all as reproduce_all
 from .batch import write_costs as write_costs
+from .output import Columns as Columns
 from .output import Comparison as Comparison
 from .output import Output as Output
 from .pages import write_gallery as write_gallery

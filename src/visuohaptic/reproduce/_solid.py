@@ -74,7 +74,6 @@ def frame_3d(
     high_m: np.ndarray | Sequence[float],
     *,
     elev: float = 14,
-    azim: float = -60,
     zoom: float = 1.0,
 ) -> None:
     """Set limits in millimetres, equal axes, no frame; a flat scene may be enlarged.
@@ -85,8 +84,8 @@ def frame_3d(
         In space.
     low_m, high_m
         Opposite corners (3,) [m].
-    elev, azim
-        Direction of the view [deg].
+    elev
+        Height of the view [deg].
     zoom
         Enlargement.
     """
@@ -94,5 +93,5 @@ def frame_3d(
     for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):
         setter(a, b)
     axes.set_box_aspect(np.maximum(high - low, 1e-3), zoom=zoom)
-    axes.view_init(elev=elev, azim=azim)
+    axes.view_init(elev=elev, azim=-60)
     axes.set_axis_off()

@@ -18,7 +18,7 @@ from ..core.files import atomic_path, write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Comparison", "Output"]
+__all__ = ["Columns", "Comparison", "Output"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,30 @@ class Comparison:
     unit: str  #: empty for a plain number
     dissertation: float | None = None  #: ``None`` where it prints none
     note: str = ""  #: how they compare, or what differs
+
+
+class Columns(dict[str, list[Any]]):
+    """A table that grows row by row: heading with unit -> values.
+
+    Parameters
+    ----------
+    headings
+        With a blank between them.
+    """
+
+    def __init__(self, headings: str) -> None:
+        super().__init__((heading, []) for heading in headings.split())
+
+    def add(self, *values: Any) -> None:
+        """Add a row.
+
+        Parameters
+        ----------
+        *values
+            One for each heading, in their order.
+        """
+        for column, value in zip(self.values(), values, strict=True):
+            column.append(value)
 
 
 @dataclass

@@ -21,38 +21,18 @@ from .output import Output
 
 __all__ = ["EXPERIMENTS", "NEEDS", "ExperimentOutcome", "known_name", "read_result", "reproduce"]
 
-#: Name -> module, in the dissertation's order.
+#: Figures and tables of each chapter, in the dissertation's order.
+_NUMBERS = (
+    ("figure", 3, (2, 4, 7, 8, 10, 11, 12, 13)), ("table", 3, (1,)),
+    ("figure", 4, (1, 2, 3, 4)), ("table", 4, (1,)), ("figure", 4, (6,)),
+    ("figure", 5, (3, 4, 6, 7, 8)),
+    ("figure", 6, (2, 4, 5, 6, 7)), ("table", 6, (1,)), ("figure", 6, (10,)), ("table", 6, (2,)), ("figure", 6, (11, 12)),
+)  # fmt: skip
+#: Name -> module.
 EXPERIMENTS: Mapping[str, str] = {
-    "figure-3.2": "figure_3_2",
-    "figure-3.4": "figure_3_4",
-    "figure-3.7": "figure_3_7",
-    "figure-3.8": "figure_3_8",
-    "figure-3.10": "figure_3_10",
-    "figure-3.11": "figure_3_11",
-    "figure-3.12": "figure_3_12",
-    "figure-3.13": "figure_3_13",
-    "table-3.1": "table_3_1",
-    "figure-4.1": "figure_4_1",
-    "figure-4.2": "figure_4_2",
-    "figure-4.3": "figure_4_3",
-    "figure-4.4": "figure_4_4",
-    "table-4.1": "table_4_1",
-    "figure-4.6": "figure_4_6",
-    "figure-5.3": "figure_5_3",
-    "figure-5.4": "figure_5_4",
-    "figure-5.6": "figure_5_6",
-    "figure-5.7": "figure_5_7",
-    "figure-5.8": "figure_5_8",
-    "figure-6.2": "figure_6_2",
-    "figure-6.4": "figure_6_4",
-    "figure-6.5": "figure_6_5",
-    "figure-6.6": "figure_6_6",
-    "figure-6.7": "figure_6_7",
-    "table-6.1": "table_6_1",
-    "figure-6.10": "figure_6_10",
-    "table-6.2": "table_6_2",
-    "figure-6.11": "figure_6_11",
-    "figure-6.12": "figure_6_12",
+    f"{kind}-{chapter}.{number}": f"{kind}_{chapter}_{number}"
+    for kind, chapter, numbers in _NUMBERS
+    for number in numbers
 }
 
 #: Modules beyond the core that an experiment imports on its way; all of them draw with matplotlib.
@@ -126,6 +106,7 @@ def reproduce(
 
     try:
         module = _module(key)
+        title, caption = title_and_caption(module)
         module.run(out)
     except VisuohapticError as error:
         return ended(str(error))
@@ -138,8 +119,8 @@ def reproduce(
     outcome = ended()
     result = {
         "name": key,
-        "title": module.TITLE,
-        "caption": module.CAPTION,
+        "title": title,
+        "caption": caption,
         **_made_of(seed, quick),
         "seconds": round(outcome.seconds, 2),
         "cpu_seconds": round(outcome.cpu_seconds, 2),
@@ -223,6 +204,18 @@ def known_name(name: str) -> str:
 def _module(key: str) -> ModuleType:
     chapter = key.split("-")[1].split(".")[0]
     return importlib.import_module(f".chapter_{chapter}.{EXPERIMENTS[key]}", __package__)
+
+
+def title_and_caption(module: ModuleType) -> tuple[str, str]:
+    """What an experiment shows, and how: from its docstring ``TITLE (Fig. 3.2).`` and the text below.
+
+    Parameters
+    ----------
+    module
+        Of the experiment.
+    """
+    first, _, caption = (module.__doc__ or "").partition("\n\n")
+    return first.partition(" (")[0], " ".join(caption.split())
 
 
 def _versions() -> dict[str, str]:

@@ -72,9 +72,9 @@ def write_example(
 
 
 def write_video(
-    path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, rate_Hz: int = 30, crf: int = 10
+    path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, crf: int = 10
 ) -> None:
-    """Write grey images as H.264; sizes must be even.
+    """Write grey images as H.264, 30 a second; sizes must be even.
 
     Parameters
     ----------
@@ -82,8 +82,6 @@ def write_video(
         File to write.
     images
         Grey images (rows, columns).
-    rate_Hz
-        Frames per second.
     crf
         Quality, smaller is better.
     """
@@ -96,10 +94,10 @@ def write_video(
         stream = None
         for image in images:
             if stream is None:
-                stream = container.add_stream("libx264", rate=rate_Hz)
+                stream = container.add_stream("libx264", rate=30)
                 stream.height, stream.width = image.shape
                 stream.pix_fmt = "yuv420p"
-                stream.time_base = Fraction(1, rate_Hz)
+                stream.time_base = Fraction(1, 30)
                 # Grey levels stay as they are only in full range; 10 is close to lossless for noise, which a
                 # search for motion does not make smaller: the quickest preset leaves it out.
                 stream.options = {"crf": str(crf), "preset": "ultrafast", "x264-params": "fullrange=on"}

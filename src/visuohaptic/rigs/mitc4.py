@@ -13,7 +13,7 @@ from ..deformation.shells.factor import Factor, factorise
 from ..deformation.shells.ordering import front_tree
 from ..deformation.shells.shell_material import IsotropicMaterial
 
-__all__ = ["mitc4_factor", "mitc4_stiffness", "mitc4_tube_stiffness"]
+__all__ = ["mitc4_factor", "mitc4_stiffness"]
 
 #: Stiffness against drilling, as a fraction of the plate's; small, for a freedom that bilinear quads lack.
 DRILLING = 1e-3
@@ -89,44 +89,6 @@ def mitc4_factor(
     held = matrices.copy()
     constrain(held, np.ascontiguousarray(quads), fixed)
     return factorise(front_tree(vertices_m, quads), held, fixed.astype(float))
-
-
-def mitc4_tube_stiffness(
-    radius_m: float,
-    height_m: float,
-    thickness_m: float,
-    material: IsotropicMaterial,
-    *,
-    around: int,
-    along: int,
-) -> float:
-    """Dual-tip stiffness [N/m] of a tube at half its height, clamped at its foot.
-
-    Parameters
-    ----------
-    radius_m, height_m, thickness_m
-        Size of the tube [m].
-    material
-        Elastic constants.
-    around, along
-        Number of elements around and along the tube.
-    """
-    ring, place = (part.ravel() for part in np.mgrid[: along + 1, :around])
-    angle = 2 * np.pi * place / around
-    normals = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    vertices = radius_m * normals + np.outer(height_m * ring / along, [0.0, 0.0, 1.0])
-    row, column = (part.ravel() for part in np.mgrid[:along, :around])
-    a, b = row * around + column, row * around + (column + 1) % around
-    quads = np.stack([a, b, b + around, a + around], axis=1)
-    fixed = np.zeros((len(vertices), 6), dtype=bool)
-    fixed[:around] = True
-    factor = mitc4_factor(
-        vertices, quads, mitc4_stiffness(vertices, quads, normals, thickness_m, material), fixed
-    )
-    load = np.zeros((len(vertices), 6))
-    first = along // 2 * around
-    load[first, 0], load[first + around // 2, 0] = -1.0, 1.0
-    return float(2 / (load.ravel() @ factor.solve(load.ravel())))
 
 
 def _interpolation(r: float, s: float) -> tuple[np.ndarray, np.ndarray]:

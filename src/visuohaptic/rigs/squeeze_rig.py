@@ -15,9 +15,8 @@ from ..sensing.foam.finger import FingerReading, FingerSensor
 from ..simulation.foam.outline import Outline
 from ..simulation.tabletop.gripper import VirtualGripper
 from ..simulation.tabletop.gripper_setup import GraspObject, GripperTruth
-from .virtual_gripper import GripperSensor
 
-__all__ = ["BOTTLE", "FORCES_N", "Squeeze", "plot_squeeze", "run", "squeeze", "stiffness_N_per_m"]
+__all__ = ["BOTTLE", "FORCES_N", "Squeeze", "plot_squeeze", "squeeze", "stiffness_N_per_m"]
 
 #: Five grasping forces [N].
 FORCES_N = (10.0, 20.0, 35.0, 50.0, 70.0)
@@ -89,26 +88,6 @@ def squeeze(
         if gripper.state().opening_m <= 0.0 or frame.t_s > 30.0:
             break
     raise CalibrationError("squeeze", f"{wanted[0]} N was not reached")
-
-
-def run(folder: Path | str, rng: np.random.Generator, *, stripe: bool = True) -> list[Squeeze]:
-    """Build the sensor in a folder and squeeze the bottle; writes ``squeeze.png``.
-
-    Parameters
-    ----------
-    folder
-        Existing folder.
-    rng
-        Source of all noise.
-    stripe
-        Whether the foam has a stripe.
-    """
-    rig = GripperSensor(stripe=stripe)
-    sensor = rig.build(folder, rng)
-    sensor.reset()
-    found = squeeze(sensor, rig.gripper(BOTTLE, rng=rng))
-    plot_squeeze(found, Path(folder) / "squeeze.png")
-    return found
 
 
 def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:

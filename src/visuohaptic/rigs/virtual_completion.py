@@ -8,6 +8,7 @@ estimated surface.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,20 +23,15 @@ from ..simulation.tabletop.bottles import Bottle
 __all__ = [
     "HOLE",
     "SIGMA_M",
-    "STAGES",
     "TOUCHES",
-    "blown_up",
     "errors_m",
     "explore",
     "scene",
     "touches_to_tenth",
     "true_points",
-    "wall_distance_m",
 ]
 
 TOUCHES = 20
-#: Numbers of touches at which the deviation is compared with the error.
-STAGES = (0, 1, 2, 3, 5, 8, 10, 15)
 #: Noise of a contact in each direction [m].
 SIGMA_M = 0.0003
 HOLE = (0.27, 0.73)
@@ -56,18 +52,16 @@ def scene(bottle: Bottle) -> tuple[SurfaceMesh, HoleRegion]:
     return visible, HoleRegion.of_points(centre + 0.9 * (hidden - centre))
 
 
-def true_points(bottle: Bottle, rows: int = 24, columns: int = 48) -> Float[np.ndarray, "n 3"]:
+def true_points(bottle: Bottle) -> Float[np.ndarray, "n 3"]:
     """A regular grid of the hidden wall.
 
     Parameters
     ----------
     bottle
         Object.
-    rows, columns
-        Number of points along the height and around.
     """
-    z = (HOLE[0] + (HOLE[1] - HOLE[0]) * (np.arange(rows) + 0.5) / rows) * bottle.height_m
-    theta = 2 * np.pi * np.arange(columns) / columns
+    z = (HOLE[0] + (HOLE[1] - HOLE[0]) * (np.arange(24) + 0.5) / 24) * bottle.height_m
+    theta = 2 * np.pi * np.arange(48) / 48
     tt, zz = (part.ravel() for part in np.meshgrid(theta, z))
     rho = bottle.radius_m(tt, zz)
     return np.column_stack([rho * np.cos(tt), rho * np.sin(tt), zz])
@@ -100,8 +94,9 @@ def explore(
     planned: bool = True,
     priors: bool = True,
     touches: int = TOUCHES,
+    on_plan: Callable[[int, Completion], None] = lambda number, completion: None,
 ) -> dict[str, Any]:
-    """Mean square error after each touch, rank correlation of the uncertainty, time of a step.
+    """Mean square error after each touch, and the time of a step.
 
     Parameters
     ----------
@@ -115,28 +110,27 @@ def explore(
         Whether priors of the shape are used.
     touches
         Number of touches.
+    on_plan
+        Called before each planned touch, with the number of those before it.
     """
-    from scipy.stats import spearmanr
-
     visible, region = scene(bottle)
     completion = Completion(visible, region, CompletionSettings(use_priors=priors))
     truth = true_points(bottle)
-    mse, stages, steps_s = [], [], []
-    mse.append(float(np.mean(errors_m(truth, completion.surface()) ** 2)))
+    mse, steps_s = [float(np.mean(errors_m(truth, completion.surface()) ** 2))], []
     for number in range(touches):
         started_s = time.process_time()
         if planned:
             plan = completion.next_touch()
             start, end = plan.start_m, plan.end_m
-            if number in STAGES:
-                stages.append(_told_and_true(completion, bottle))
+            spent_s = time.process_time() - started_s
+            on_plan(number, completion)
         else:
             # Along random directions, within the hole.
             angle = rng.uniform(0, 2 * np.pi)
             z = rng.uniform(*HOLE) * bottle.height_m
             end = np.array([*completion.axis_m, z])
             start = end + 0.15 * np.array([np.cos(angle), np.sin(angle), 0.0])
-        spent_s = time.process_time() - started_s
+            spent_s = 0.0
         way = end - start
         length = float(np.linalg.norm(way))
         contact = bottle.probe(start, way / length, length, sigma_m=SIGMA_M, rng=rng)
@@ -145,43 +139,7 @@ def explore(
         surface = completion.surface()
         steps_s.append(spent_s + time.process_time() - started_s)
         mse.append(float(np.mean(errors_m(truth, surface) ** 2)))
-    found: dict[str, Any] = {"kind": bottle.kind, "mse": mse, "step_s": steps_s}
-    hidden = [(told[missing], true[missing]) for told, true, missing in stages]
-    found["spearman"] = [float(spearmanr(told, true).statistic) for told, true in hidden]
-    #: With the visible band around the hole, which is a part of the surface that is told.
-    found["spearman_with_band"] = [float(spearmanr(told, true).statistic) for told, true, _ in stages]
-    found["told_over_true"] = [float(np.sqrt(np.mean(told**2) / np.mean(true**2))) for told, true in hidden]
-    if stages:
-        # All stages of one exploration together: does it fall as and where the error falls?
-        told, true = (np.concatenate(part) for part in zip(*hidden, strict=True))
-        found["spearman_all"] = float(spearmanr(told, true).statistic)
-    return found
-
-
-def _told_and_true(completion: Completion, bottle: Bottle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Deviation of every point of the surface, its distance from the true wall [m], and whether it was not seen."""
-    found = completion.uncertainty()
-    points = found.mesh.vertices_m
-    return found.sigma_m, wall_distance_m(bottle, points), found.missing
-
-
-def wall_distance_m(bottle: Bottle, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Distance of points near the wall from it [m]: along the normal, of second order in the radial distance.
-
-    Parameters
-    ----------
-    bottle
-        Object.
-    points
-        Points (n, 3) [m].
-    """
-    theta = np.arctan2(points[:, 1], points[:, 0])
-    z = np.clip(points[:, 2], 0.0, bottle.height_m)
-    rho = bottle.radius_m(theta, z)
-    step = 1e-5
-    climb = (bottle.radius_m(theta, z + step) - bottle.radius_m(theta, z - step)) / (2 * step)
-    turn = (bottle.radius_m(theta + step, z) - bottle.radius_m(theta - step, z)) / (2 * step) / rho
-    return np.abs(np.hypot(points[:, 0], points[:, 1]) - rho) / np.sqrt(1 + climb**2 + turn**2)
+    return {"kind": bottle.kind, "mse": mse, "step_s": steps_s}
 
 
 def touches_to_tenth(mse: list[float]) -> float:
@@ -194,17 +152,3 @@ def touches_to_tenth(mse: list[float]) -> float:
     """
     below = np.flatnonzero(np.array(mse) <= 0.1 * mse[0])
     return float(below[0]) if len(below) else float("inf")
-
-
-def blown_up(mse: list[float]) -> bool:
-    """Whether the error rises above twice the untouched one, or tenfold in one step to a fifth of it.
-
-    Parameters
-    ----------
-    mse
-        Mean square error [m^2] before and after each touch.
-    """
-    found = np.array(mse)
-    jump = (found[1:] > 10 * found[:-1]) & (found[1:] > 0.2 * found[0])
-    # Half a millimetre is noise, not a blow-up, however good the start was.
-    return bool(((found > 2 * found[0]) & (found > 0.0005**2)).any() or jump.any())

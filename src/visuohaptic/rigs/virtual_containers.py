@@ -8,7 +8,6 @@ finger feels, from which noisy closing curves are drawn.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,6 @@ __all__ = [
     "perturbed",
     "real_draw",
     "real_object",
-    "training_set",
 ]
 
 #: The elliptic bottles of Table 6.2 are one class, as there.
@@ -59,6 +57,10 @@ REAL = {
 SPEED_m_per_s, RATE_Hz, MAX_N, MAX_m = 0.005, 30.0, 20.0, 0.003
 NOISE_N, NOISE_m = 0.1, 0.0001
 POSE_m, POSE_rad = 0.002, np.deg2rad(3.0)
+#: Largest relative change of the wall's thickness, of each length and of Young's modulus.
+WALL_ERROR, SHAPE_ERROR, MODULUS_ERROR = 0.1, 0.02, 0.1
+#: Elements around a container.
+AROUND = 72
 
 #: A bottle that was cut is a cup in Table 6.2; the shipped cups widen upwards, so it is trained beside them.
 CUT_BOTTLE = """
@@ -122,32 +124,6 @@ def description(name: str) -> ContainerDescription:
     return ContainerDescription.model_validate({"name": name, **parse_yaml(text, name)})
 
 
-def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle: bool = True) -> Any:
-    """Features of the classes from ``objects build``, kept in the folder.
-
-    Parameters
-    ----------
-    folder
-        Folder that keeps the features.
-    variants
-        Variants of each class.
-    seed
-        Seed of the variants.
-    cut_bottle
-        Whether the class of cut bottles is included.
-    """
-    from ..deformation.maps.build_plan import BuildPlan, plan_jobs
-    from ..deformation.maps.class_build import build
-    from ..deformation.shapes.container import class_names
-    from ..recognition.data.data_set import read_build
-
-    names = (*class_names(), *(("cut-bottle",) if cut_bottle else ()))
-    entries = [{"class": name, "variants": variants} for name in names]
-    plan = BuildPlan.model_validate({"classes": entries, "seed": seed, "band": False})
-    build(plan_jobs(plan, [description(name) for name in names]), folder)
-    return read_build(folder)
-
-
 def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
     """One sample of an unseen object: of the nine always the same container, perturbed, unless varied.
 
@@ -173,9 +149,7 @@ def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealO
     raise RuntimeError(f"{name}: no valid draw")
 
 
-def perturbed(
-    container: ContainerDescription, rng: np.random.Generator, *, wall: float = 0.1, shape: float = 0.02
-) -> ContainerDescription:
+def perturbed(container: ContainerDescription, rng: np.random.Generator) -> ContainerDescription:
     """Every length by its own factor, all walls by a common one.
 
     Parameters
@@ -184,10 +158,8 @@ def perturbed(
         Nominal shape.
     rng
         Source of randomness.
-    wall, shape
-        Maximum relative change of the wall thickness and of each length.
     """
-    common = 1 + rng.uniform(-wall, wall)
+    common = 1 + rng.uniform(-WALL_ERROR, WALL_ERROR)
 
     def changed(part: Any, key: str = "") -> Any:
         if isinstance(part, dict):
@@ -197,7 +169,7 @@ def perturbed(
                 if key == "wall":
                     return tuple(value * common for value in part)
                 lengths = {"radius", "radius_y", "height", "bulge", "shift", "depth", "width", "z", "blend"}
-                factor = 1 + rng.uniform(-shape, shape)
+                factor = 1 + rng.uniform(-SHAPE_ERROR, SHAPE_ERROR)
                 return tuple(value * factor for value in part) if key in lengths else tuple(part)
             return [changed(value, key) for value in part]
         return part
@@ -205,9 +177,7 @@ def perturbed(
     return ContainerDescription.model_validate(changed(container.model_dump(exclude_none=True)))
 
 
-def real_object(
-    container: ContainerDescription, rng: np.random.Generator, *, around: int = 72, modulus: float = 0.1
-) -> RealObject:
+def real_object(container: ContainerDescription, rng: np.random.Generator) -> RealObject:
     """Measured stiffness of one container under a gripper whose pose is wrong.
 
     Parameters
@@ -216,11 +186,8 @@ def real_object(
         Shape and material.
     rng
         Source of the errors.
-    around
-        Number of elements around the container.
-    modulus
-        Maximum relative change of Young's modulus.
     """
+    around = AROUND
     thing = mesh_container(container, around=around, even=True)
     capped = container.top.kind != "open"
     steps = max(2, round(around / 12))
@@ -228,7 +195,8 @@ def real_object(
     wall = thing.mesh.vertices_m[: rings * around]
     thickness = np.asarray(thing.mesh.thickness_m)[: 4 * around * (rings - 1)].reshape(rings - 1, -1)[:, 0]
     plastic = IsotropicMaterial(
-        thing.material.youngs_modulus_Pa * (1 + rng.uniform(-modulus, modulus)), thing.material.poisson_ratio
+        thing.material.youngs_modulus_Pa * (1 + rng.uniform(-MODULUS_ERROR, MODULUS_ERROR)),
+        thing.material.poisson_ratio,
     )
     row, column = (part.ravel() for part in np.mgrid[: rings - 1, :around])
     a, b = row * around + column, row * around + (column + 1) % around

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -16,10 +17,7 @@ from ..simulation.tabletop.crown_cap import CrownCapCell, OpenerBeam
 from ..tasks.manipulation.crown_cap import open_crown_cap
 from ..tasks.manipulation.crown_cap_records import CapOpening, CapSettings
 
-if TYPE_CHECKING:
-    from .opener_sensor import OpenerSensor
-
-__all__ = ["OpenerTrial", "open_virtual_cap", "virtual_opener"]
+__all__ = ["CapSensor", "OpenerTrial", "open_virtual_cap", "virtual_opener"]
 
 #: Places of the scanning motion [m].
 SCAN_M = ((0.4, 0.0, 0.6), (0.5, 0.1, 0.5))
@@ -37,6 +35,24 @@ class OpenerTrial:
     def right(self) -> bool:
         """Whether the claim is true: open when it says so, and else a stated failure."""
         return self.really_open if self.opening.opened else bool(self.opening.ending.why)
+
+
+class CapSensor(Protocol):
+    """What reads the wrench on the opener."""
+
+    rod: OpenerBeam  #: that carries it
+
+    def reader(self, cell: CrownCapCell, rng: np.random.Generator) -> Callable[[Frame], Wrench]:
+        """A function that reads the wrench from the frames of a cell, axes of the tool.
+
+        Parameters
+        ----------
+        cell
+            Simulated cell.
+        rng
+            Source of its noise.
+        """
+        ...
 
 
 def virtual_opener(
@@ -89,9 +105,8 @@ def virtual_opener(
 def open_virtual_cap(
     seed: int,
     sight: Literal["tracked", "start", "corner"] = "start",
-    settings: CapSettings | None = None,
     *,
-    sensor: OpenerSensor | None = None,
+    sensor: CapSensor | None = None,
 ) -> OpenerTrial:
     """Open the cap of one seed.
 
@@ -101,8 +116,6 @@ def open_virtual_cap(
         Seed of the cell.
     sight
         As in :func:`virtual_opener`.
-    settings
-        Of the task.
     sensor
         Reads the wrench from images of the bending rod; by default it is the truth with noise.
     """
@@ -114,5 +127,5 @@ def open_virtual_cap(
 
     feel = noisy if sensor is None else sensor.reader(cell, np.random.default_rng([seed, 1]))
 
-    opening = open_crown_cap(cell.arm, cell, feel, cell.look, settings or CapSettings(scan_m=SCAN_M))
+    opening = open_crown_cap(cell.arm, cell, feel, cell.look, CapSettings(scan_m=SCAN_M))
     return OpenerTrial(seed, opening, cell.opened)

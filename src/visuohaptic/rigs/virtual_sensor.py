@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,19 +27,17 @@ __all__ = ["VirtualSensor", "calibrate_by_press", "rest_scene"]
 WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
 
 
-def rest_scene(geometry: FoamStripGeometry, t_s: float = 0.0) -> FoamScene:
+def rest_scene(geometry: FoamStripGeometry) -> FoamScene:
     """The strip with nothing in front of it.
 
     Parameters
     ----------
     geometry
         Foam strip.
-    t_s
-        Time of the scene [s].
     """
     s = geometry.positions_m()
     back = geometry.back_m(s)
-    return FoamScene(t_s, back, back + geometry.width_m * geometry.normals(s))
+    return FoamScene(0.0, back, back + geometry.width_m * geometry.normals(s))
 
 
 def calibrate_by_press(
@@ -49,7 +46,6 @@ def calibrate_by_press(
     law: StripLaw,
     press_sigma_N: float,
     rng: np.random.Generator,
-    on_step: Callable[[str], None] = lambda text: None,
 ) -> None:
     """Write ``strain_stress.csv`` from a simulated press and ``foam.yaml`` from that, as a user would.
 
@@ -63,10 +59,7 @@ def calibrate_by_press(
         Standard deviation of the press's force sensor [N].
     rng
         Source of that noise.
-    on_step
-        Called with the name of each step.
     """
-    on_step("pressing the foam for its strain-stress curve")
     rows = calibration_press(
         geometry=FoamStripGeometry(geometry.length_m, geometry.width_m, geometry.height_m, spacing_m=0.002),
         law=law,
@@ -74,7 +67,6 @@ def calibrate_by_press(
         rng=rng,
     )
     write_calibration_csv(folder / "strain_stress.csv", rows)
-    on_step("calibrating")
     calibration = calibrate_foam(
         read_strain_stress(folder / "strain_stress.csv"),
         width_m=geometry.width_m,
@@ -106,7 +98,6 @@ class VirtualSensor:
         rng: np.random.Generator,
         *,
         zero_frames: int = 30,
-        on_step: Callable[[str], None] = lambda text: None,
         **config: Any,
     ) -> FoamSensor:
         """Write all files to a folder and return the zeroed sensor.
@@ -119,13 +110,11 @@ class VirtualSensor:
             Source of the noise of press and camera.
         zero_frames
             Number of frames of the zero reference.
-        on_step
-            Called with the name of each step.
         config
             Further sections of ``sensor.yaml``.
         """
         folder = Path(folder)
-        calibrate_by_press(folder, self.geometry, self.law, self.press_sigma_N, rng, on_step)
+        calibrate_by_press(folder, self.geometry, self.law, self.press_sigma_N, rng)
         bent = np.isfinite(self.geometry.radius_m)
         path = self.rig.write(
             folder,
@@ -134,7 +123,6 @@ class VirtualSensor:
             **config,
         )
         sensor = FoamSensor.load(path)
-        on_step("taking the zero reference")
         zero = sensor.zero(self.rest_frames(rng, zero_frames), limit=zero_frames)
         zero.save(sensor.setup.zero_path)
         return sensor

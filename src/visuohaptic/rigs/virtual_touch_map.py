@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from ..navigation.mapping.haptic_map import HapticContact, HapticMap
 from ..simulation.foam.strip_geometry import FoamStripGeometry
-from ..simulation.mobile.odometry import DriftingBase, OdometryErrors
+from ..simulation.mobile.odometry import DriftingBase
 from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.quick_foam import QuickFoam, QuickFrames
 from ..simulation.mobile.quick_world import QuickWorld
@@ -53,14 +52,7 @@ class RoomTrial:
     score: MapScore
 
 
-def map_virtual_room(
-    seed: int,
-    contacts: int = 22,
-    *,
-    resolution_m: float = 0.025,
-    errors: OdometryErrors | None = None,
-    on_contact: Callable[[HapticContact, HapticMap], None] | None = None,
-) -> RoomTrial:
+def map_virtual_room(seed: int, contacts: int = 22) -> RoomTrial:
     """Map the room of a seed with the quick foam and drifting odometry.
 
     Parameters
@@ -69,12 +61,6 @@ def map_virtual_room(
         Seed of the room.
     contacts
         Number of contacts.
-    resolution_m
-        Side of a cell [m].
-    errors
-        Of the odometry.
-    on_contact
-        Called after each contact.
     """
     room, rng = touch_room(seed), np.random.default_rng(seed)
     x, y, heading = room.start
@@ -83,9 +69,8 @@ def map_virtual_room(
         x_m=x, y_m=y, heading_rad=heading, width_m=0.28, strip=FoamStripGeometry(0.3, spacing_m=0.002)
     )
     world = QuickWorld(room.obstacles, config)
-    haptic = HapticMap.empty(
-        (-0.5, -0.5), (room.size_m[0] + 1.0, room.size_m[1] + 1.0), resolution_m, depth_m=WALL_M
-    )
+    size_m = (room.size_m[0] + 1.0, room.size_m[1] + 1.0)
+    haptic = HapticMap.empty((-0.5, -0.5), size_m, 0.025, depth_m=WALL_M)
     touched: list[tuple[str, float, float]] = []
 
     def note(contact: HapticContact, so_far: HapticMap) -> None:
@@ -93,11 +78,9 @@ def map_virtual_room(
         cx, cy, _ = world.platform_pose()
         name = world.last_touched
         touched.append((name, *world.places.get(name, (cx, cy))))
-        if on_contact is not None:
-            on_contact(contact, so_far)
 
     mapping = map_by_touch(
-        DriftingBase(world, rng, errors),
+        DriftingBase(world, rng),
         QuickFrames(world),
         cast("FoamSensor", QuickFoam(world, rng)),
         haptic,

@@ -253,7 +253,6 @@ def wrong_map(
     *,
     shift_cells: int = 4,
     blocks: int = 3,
-    block_cells: int = 8,
 ) -> Int8[np.ndarray, "rows columns"]:
     """A map that is wrong: shifted, with obstacles that do not exist and without obstacles that do.
 
@@ -266,9 +265,7 @@ def wrong_map(
     shift_cells
         In a random direction; what comes in at the border is unknown.
     blocks
-        So many squares are turned from free to occupied, and as many emptied.
-    block_cells
-        Side of the squares [cells].
+        So many squares of 8 cells are turned from free to occupied, and as many emptied.
     """
     cells = np.asarray(cells)
     if cells.ndim != 2 or cells.size == 0:
@@ -285,6 +282,6 @@ def wrong_map(
     for value, wanted in ((100, 0), (0, 100)):
         places = np.argwhere(wrong == wanted)
         for row, column in places[rng.integers(0, len(places), blocks)] if len(places) else ():
-            part = wrong[row : row + block_cells, column : column + block_cells]
+            part = wrong[row : row + 8, column : column + 8]
             part[part == wanted] = value
     return wrong

@@ -1,4 +1,9 @@
-"""What the platform's camera sees while it touches things, with the fitted primitives (Fig. 3.10)."""
+"""Contacts seen by the platform's camera, with fitted primitives (Fig. 3.10).
+
+Image gradients in the lower half, the image in the upper half; contours and contacts of the foam and the
+fitted primitive: (a) line, (b) line segment, (c) corner, (d-f) circles (simulated camera, foam and
+objects). Of the corner, turned by 30 deg, the edge that touches is drawn; one at 45 deg is in the table.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +25,10 @@ from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
 from ...tasks.mobile.explore import ExploreStep, explore_obstacle
 from ...tasks.mobile.explore_records import ExploreSettings
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Contacts seen by the platform's camera, with fitted primitives"
-CAPTION = (
-    "Image gradients in the lower half, the image in the upper half; contours and contacts of the foam and the "
-    "fitted primitive: (a) line, (b) line segment, (c) corner, (d-f) circles (simulated camera, foam and objects). Of "
-    "the corner, turned by 30 deg, the edge that touches is drawn; one at 45 deg is in the table."
-)
 #: Of the foam's front at rest, ahead of the platform's centre [m], and the gap that is driven first.
 FRONT_m, GAP_m = 0.19, 0.01
 
@@ -63,9 +62,10 @@ def things() -> tuple[Thing, ...]:
     return tuple(found)
 
 
-def _corner(letter: str, turned_deg: float, side_m: float = 0.25) -> Thing:
+def _corner(letter: str, turned_deg: float) -> Thing:
     """A box with one edge ahead of the strip, 1 cm right of its middle."""
-    yaw, half = math.radians(turned_deg), 0.5 * side_m
+    yaw, side_m = math.radians(turned_deg), 0.25
+    half = 0.5 * side_m
     # Place of the nearest edge from the centre: the corner (-half, half) turned.
     edge = (-half * (math.cos(yaw) + math.sin(yaw)), half * (math.cos(yaw) - math.sin(yaw)))
     place = (FRONT_m + GAP_m - edge[0], -0.01 - edge[1])
@@ -85,9 +85,7 @@ def run(out: Output) -> None:
 
     virtual, rng = VirtualSensor(), out.rng()
     chosen = things()[1:4:2] if out.quick else things()
-    rows: dict[str, list[Any]] = {
-        name: [] for name in ("letter", "thing", "primitive", "score", "force_N", "radius_m", "true_radius_m")
-    }
+    rows = Columns("letter thing primitive score force_N radius_m true_radius_m")
     with tempfile.TemporaryDirectory() as folder:
         sensor = virtual.build(folder, rng)
         renderer = virtual.renderer()
@@ -95,8 +93,7 @@ def run(out: Output) -> None:
         for number, thing in enumerate(chosen):
             picture, row = _touched(thing, sensor, renderer, out.seed + number)
             pictures.append(picture)
-            for name, value in zip(rows, row, strict=True):
-                rows[name].append(value)
+            rows.add(*row)
         steep = _touched(_corner("c at 45 deg", 45.0), sensor, renderer, out.seed)[1]
     out.table("primitives", {name: [*rows[name], value] for name, value in zip(rows, steep, strict=True)})
     half = [cv2.resize(one, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for one in pictures]

@@ -1,4 +1,9 @@
-"""A small office mapped by touch, with 22 contacts (Fig. 3.11)."""
+"""A room mapped by touch (Fig. 3.11).
+
+Fixed obstacles in red, free space in green, movable objects in blue; stronger colours are more confident.
+Thin black lines are the truth, movable objects as they stood at the begin; crosses are the contacts
+(simulated room, foam and odometry that drifts).
+"""
 
 from __future__ import annotations
 
@@ -12,14 +17,8 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_touch_map import RoomTrial, map_virtual_room
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "A room mapped by touch"
-CAPTION = (
-    "Fixed obstacles in red, free space in green, movable objects in blue; stronger colours are more confident. Thin "
-    "black lines are the truth, movable objects as they stood at the begin; crosses are the contacts (simulated room, "
-    "foam and odometry that drifts)."
-)
 CONTACTS = 22
 
 

@@ -1,4 +1,8 @@
-"""A gripper with foam closes on a bottle: the front contour at five forces (Fig. 3.12)."""
+"""Front contour while a bottle is squeezed (Fig. 3.12).
+
+The contour of the foam on the finger in the fixed frame at five forces, measured (dots) beside true (lines)
+(simulated gripper, foam and bottle).
+"""
 
 from __future__ import annotations
 
@@ -8,15 +12,9 @@ import numpy as np
 
 from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Front contour while a bottle is squeezed"
-CAPTION = (
-    "The contour of the foam on the finger in the fixed frame at five forces, measured (dots) beside true (lines) "
-    "(simulated gripper, foam and bottle)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:
@@ -37,13 +35,11 @@ def run(out: Output) -> None:
     path = out.folder / "squeeze.png"
     squeezing.plot_squeeze(found, path)
     out.pictures.append(path.name)
-    rows = [
-        (one.wanted_N, one.reading.profile.force_N, one.truth.force_N, x, y)
-        for one in found
-        for x, y in one.reading.contour_m
-    ]
-    names = ("wanted_N", "measured_N", "true_N", "x_m", "y_m")
-    out.table("contours", dict(zip(names, np.array(rows).T, strict=True)))
+    rows = Columns("wanted_N measured_N true_N x_m y_m")
+    for one in found:
+        for point in one.reading.contour_m:
+            rows.add(one.wanted_N, one.reading.profile.force_N, one.truth.force_N, *point)
+    out.table("contours", rows)
     errors = np.concatenate([one.contour_error_m for one in found])
     out.compare(
         "contour where it touches: error, root mean square", 1e3 * float(np.sqrt(np.mean(errors**2))), "mm"

@@ -1,4 +1,10 @@
-"""Stiffness of a bottle along its height and with different contents (Fig. 3.13)."""
+"""Stiffness of a bottle at several heights and with several contents (Fig. 3.13).
+
+Force of one finger against deformation (a) at six heights of the open bottle, (b) in the middle with
+different contents, from the shell model of a bottle with a waist; crosses: slope that the foam sensor
+measures where the simulated gripper holds a spring of the model's stiffness (simulated bottle, gripper and
+foam).
+"""
 
 from __future__ import annotations
 
@@ -17,16 +23,10 @@ from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor
 from ...simulation.foam.outline import Outline
 from ...simulation.tabletop.gripper_setup import GraspObject
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Stiffness of a bottle at several heights and with several contents"
-CAPTION = (
-    "Force of one finger against deformation (a) at six heights of the open bottle, (b) in the middle with different "
-    "contents, from the shell model of a bottle with a waist; crosses: slope that the foam sensor measures where the "
-    "simulated gripper holds a spring of the model's stiffness (simulated bottle, gripper and foam)."
-)
 #: Heights h_1 .. h_6 as shares of the bottle's.
 HEIGHTS = (0.08, 0.2, 0.33, 0.45, 0.6, 0.85)
 DEFORMATIONS_m = (0.0005, 0.001, 0.002, 0.003, 0.0045, 0.006, 0.008)
@@ -105,9 +105,11 @@ def run(out: Output) -> None:
 
 
 def _write(out: Output, name: str, curves: dict[str, GraspCurve]) -> None:
-    rows = [(key, d, f) for key, c in curves.items() for d, f in zip(c.deformation_m, c.force_N, strict=True)]
-    columns = zip(("curve", "deformation_m", "force_N"), zip(*rows, strict=True), strict=True)
-    out.table(name, dict(columns))
+    rows = Columns("curve deformation_m force_N")
+    for key, curve in curves.items():
+        for point in zip(curve.deformation_m, curve.force_N, strict=True):
+            rows.add(key, *point)
+    out.table(name, rows)
 
 
 def _measured(out: Output, stiffness: np.ndarray, radii: list[float]) -> list[float]:

@@ -1,4 +1,8 @@
-"""Strain and stress of two foams with the fitted m_P, and a foam that must be refused (Fig. 3.2)."""
+"""Strain-stress relation of two foams (Fig. 3.2).
+
+Points while the stress increases and decreases, and the polynomial m_P fitted to the increasing ones
+(simulated foams; the dissertation pressed real ones with a robot arm).
+"""
 
 from __future__ import annotations
 
@@ -14,13 +18,7 @@ from ...sensing.foam.material.records import StrainStress
 from .._press import FOAMS, pressed
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Strain-stress relation of two foams"
-CAPTION = (
-    "Points while the stress increases and decreases, and the polynomial m_P fitted to the increasing ones "
-    "(simulated foams; the dissertation pressed real ones with a robot arm)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:

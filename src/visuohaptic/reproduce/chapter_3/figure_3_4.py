@@ -1,4 +1,9 @@
-"""How much the stress changes per pixel, for three cross sections (Fig. 3.4, Eq. (3.9))."""
+"""Sensitivity of stress to the image position (Fig. 3.4, Eq. (3.9)).
+
+Change of stress per pixel over strain at d = 0.3 m, gamma = 70 deg, f = 1800 px. The triangle is low and
+even, the trapezoid lowers the barrier at zero strain, the rectangle is steep at both ends (simulated foam;
+triangle and trapezoid follow from the rectangle's curve).
+"""
 
 from __future__ import annotations
 
@@ -11,14 +16,8 @@ from ...sensing.foam.material.section import Section, section_material, sensitiv
 from .._press import FOAMS, pressed
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Sensitivity of stress to the image position"
-CAPTION = (
-    "Change of stress per pixel over strain at d = 0.3 m, gamma = 70 deg, f = 1800 px. The triangle is low and "
-    "even, the trapezoid lowers the barrier at zero strain, the rectangle is steep at both ends (simulated "
-    "foam; triangle and trapezoid follow from the rectangle's curve)."
-)
 _SECTIONS: tuple[Section, ...] = ("rectangle", "trapezoid", "triangle")
 
 

@@ -1,4 +1,9 @@
-"""Force of the foam sensor against a reference, shapes A, B and C (Fig. 3.7)."""
+"""Accuracy of the foam sensor (Fig. 3.7).
+
+Force read from camera frames against the true force, for two cylinders (A), a large plate (B) and a plate
+of 4 cm (C), with a polynomial of order three through each; crosses: four runs with shape C (simulated foam
+and camera). Right: the front contour under shape C is smoothed beyond the plate's edges.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +17,10 @@ from ...core.measurement import ForceProfile
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
 from ...simulation.foam.press_rig import PressShape, press, press_path
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Accuracy of the foam sensor"
-CAPTION = (
-    "Force read from camera frames against the true force, for two cylinders (A), a large plate (B) and a plate "
-    "of 4 cm (C), with a polynomial of order three through each; crosses: four runs with shape C (simulated foam "
-    "and camera). Right: the front contour under shape C is smoothed beyond the plate's edges."
-)
 NAMES = {
     "A4": "A, cylinder of 4 cm",
     "A12": "A, cylinder of 12 cm",
@@ -64,9 +63,7 @@ def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
     """Columns of all presses, and the deepest profile under shape C."""
     virtual = VirtualSensor()
     steps, runs = (4, 1) if out.quick else (12, 4)
-    rows: dict[str, list[Any]] = {
-        k: [] for k in ("shape", "run", "true_N", "measured_N", "sigma_N", "noise_N")
-    }
+    rows = Columns("shape run true_N measured_N sigma_N noise_N")
     with tempfile.TemporaryDirectory() as folder:
         rng = out.rng()
         sensor = virtual.build(folder, rng)
@@ -85,9 +82,7 @@ def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
                         index += 1
                         forces.append(profile.force_N)
                     noise_N = float(np.std(forces, ddof=1))
-                    values = (shape.value, number, sample.force_N, forces[0], profile.force_sigma_N, noise_N)
-                    for column, value in zip(rows.values(), values, strict=True):
-                        column.append(value)
+                    rows.add(shape.value, number, sample.force_N, forces[0], profile.force_sigma_N, noise_N)
                     small = shape is PressShape.PLATE_4CM
                     if small and (body is None or profile.force_N > body.force_N):
                         body = profile

@@ -1,4 +1,9 @@
-"""All six components of the beam sensor while the force along Y is stepped up and down (Fig. 3.8)."""
+"""Accuracy of the beam sensor (Fig. 3.8).
+
+Read against true values while a force steps up and down along Y, at two camera distances; the dashed line
+is the ideal one, bars are one standard deviation of a frame, five times enlarged and twice for F_Z, as
+printed (simulated rod of 12 cm, 1.5 mm, templates of 4 cm, camera of 1600 x 896 px).
+"""
 
 from __future__ import annotations
 
@@ -13,14 +18,8 @@ from ...rigs.virtual_beam import VirtualBeam
 from ...simulation.beam.rod_rig import RodRig
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Accuracy of the beam sensor"
-CAPTION = (
-    "Read against true values while a force steps up and down along Y, at two camera distances; the dashed line is "
-    "the ideal one, bars are one standard deviation of a frame, five times enlarged and twice for F_Z, as printed "
-    "(simulated rod of 12 cm, 1.5 mm, templates of 4 cm, camera of 1600 x 896 px)."
-)
 AXES = ("F_X", "F_Y", "F_Z", "M_X", "M_Y", "M_Z")
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 TOP_N = 2.8  #: 3.3 N bend the rod for good

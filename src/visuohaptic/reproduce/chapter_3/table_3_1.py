@@ -1,4 +1,9 @@
-"""A crown cap opened by sight and touch, step by step (Table 3.1)."""
+"""Opening a crown cap (Table 3.1).
+
+Steps of the task with the input of each, when it ended and how far the tip then was from the cap, median
+over the bottles that were opened; picture: forces and moments of one bottle (simulated arm, opener, beam
+sensor and camera).
+"""
 
 from __future__ import annotations
 
@@ -13,13 +18,8 @@ from ...rigs.virtual_crown_cap import OpenerTrial, open_virtual_cap, virtual_ope
 from ...tasks.manipulation.crown_cap_records import CapState
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Opening a crown cap"
-CAPTION = (
-    "Steps of the task with the input of each, when it ended and how far the tip then was from the cap, median over the "
-    "bottles that were opened; picture: forces and moments of one bottle (simulated arm, opener, beam sensor and camera)."
-)
 #: Step -> input and goal, as printed.
 STEPS = {
     CapState.FIND: ("features (V)", "find object", "1 cm, 1 cm, > 1 cm"),

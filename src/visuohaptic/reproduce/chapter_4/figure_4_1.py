@@ -1,4 +1,8 @@
-"""Distance map, skeleton, navigation graph and regions of several rooms (Fig. 4.1)."""
+"""Skeleton, distance map and navigation graph (Fig. 4.1).
+
+Several rooms and a hallway: (a) distance from obstacles with the skeleton, (b) navigation graph, regions in
+pale colours (a floor drawn here; the dissertation used the map of a real building).
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,7 @@ from ...rigs.virtual_office import ROBOT
 from .._building import building, regions_of
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Skeleton, distance map and navigation graph"
-CAPTION = (
-    "Several rooms and a hallway: (a) distance from obstacles with the skeleton, (b) navigation graph, regions in pale "
-    "colours (a floor drawn here; the dissertation used the map of a real building)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:

@@ -1,4 +1,9 @@
-"""Four movable obstacles block passages; manipulation nodes open them again (Fig. 4.2)."""
+"""Visuo-haptic graph with manipulation nodes (Fig. 4.2).
+
+(a) Four movable obstacles (brown) are on the map, two of them in doorways: the graph falls apart. (b)
+Manipulation nodes (blue) with their regions (yellow) connect it again (floor drawn here, tags of Table
+4.1).
+"""
 
 from __future__ import annotations
 
@@ -15,13 +20,7 @@ from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, building, draw_map, regions_of, with_all
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Visuo-haptic graph with manipulation nodes"
-CAPTION = (
-    "(a) Four movable obstacles (brown) are on the map, two of them in doorways: the graph falls apart. (b) Manipulation "
-    "nodes (blue) with their regions (yellow) connect it again (floor drawn here, tags of Table 4.1)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:

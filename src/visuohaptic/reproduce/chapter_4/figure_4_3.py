@@ -1,4 +1,9 @@
-"""Where an obstacle may be pushed without blocking another way (Fig. 4.3)."""
+"""Search for push goals (Fig. 4.3).
+
+Detail of the map of Fig. 4.2: candidate positions (+) of the crate with the path that encircles it there,
+its points nearer to obstacles than the platform's radius in red. Only the position in the door frame has
+two occupied parts. Green: all goals according to the map M_g (floor drawn here).
+"""
 
 from __future__ import annotations
 
@@ -15,14 +20,8 @@ from ..pushes.goal_maps import GoalMap, goal_map
 from ..pushes.local_costmap import FootprintSamples, LocalCostmap
 from ..pushes.push_scene import PushedObject
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Search for push goals"
-CAPTION = (
-    "Detail of the map of Fig. 4.2: candidate positions (+) of the crate with the path that encircles it there, its points "
-    "nearer to obstacles than the platform's radius in red. Only the position in the door frame has two occupied parts. "
-    "Green: all goals according to the map M_g (floor drawn here)."
-)
 REACH_m = 1.6
 
 

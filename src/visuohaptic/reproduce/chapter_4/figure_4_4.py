@@ -1,4 +1,9 @@
-"""Sideward pushes in two scenes: candidates and what becomes of them (Fig. 4.4)."""
+"""Planning of the sideward push (Fig. 4.4).
+
+Two scenes with static obstacles (grey), a movable object (orange) and the platform (blue). Left: straight
+candidates, green where the object drops in time, dotted grey otherwise. Right: one success and one failure,
+the object's way in red; dashed is MuJoCo's answer to the same drive (the dissertation simulated these too).
+"""
 
 from __future__ import annotations
 
@@ -19,16 +24,10 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, box, rooms
 from ...simulation.floor.floor_push import FloorBody, FloorPush
 from .._building import draw_map, outline
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Planning of the sideward push"
-CAPTION = (
-    "Two scenes with static obstacles (grey), a movable object (orange) and the platform (blue). Left: straight candidates, "
-    "green where the object drops in time, dotted grey otherwise. Right: one success and one failure, the object's way in "
-    "red; dashed is MuJoCo's answer to the same drive (the dissertation simulated these too)."
-)
 FRICTION, FLOOR, HEIGHT_m, ROUND_m = 0.2, 0.3, 0.03, 0.005
 LENGTH_m = 1.0
 
@@ -73,16 +72,14 @@ def run(out: Output) -> None:
     out
         Receives tables, pictures and comparisons; its seed and size are used.
     """
-    rows: dict[str, list[Any]] = {k: [] for k in ("scene", "x0_m", "y0_m", "x1_m", "y1_m", "outcome")}
+    rows = Columns("scene x0_m y0_m x1_m y1_m outcome")
     shown, off, agree = [], [], []
     counts = dict.fromkeys(SidewardOutcome, 0)
     for scene in scenes()[:1] if out.quick else scenes():
         found, model, at = _candidates(scene)
         for one in found:
             counts[one.outcome] += 1
-            ends = (*one.path_m[0, :2], *one.path_m[-1, :2])
-            for key, value in zip(rows, (scene.name, *ends, str(one.outcome)), strict=True):
-                rows[key].append(value)
+            rows.add(scene.name, *one.path_m[0, :2], *one.path_m[-1, :2], str(one.outcome))
         chosen = _two(found)
         truths = []
         for one in chosen:

@@ -1,4 +1,9 @@
-"""The office: candidates, direct push plans, the way round and the way through (Fig. 4.6)."""
+"""Joint planning in an office (Fig. 4.6).
+
+(a) Map with candidates for exploration (orange) and direct push plans (red). (b) Navigation graph of the
+map and shortest path (green), a long detour. (c) With manipulation nodes (blue), a much shorter one (office
+drawn after the figure, objects with the printed tags).
+"""
 
 from __future__ import annotations
 
@@ -22,14 +27,7 @@ from ..output import Output
 from ..pushes.direct_push import DirectPush, DirectPushSettings, plan_direct_push
 from ..pushes.push_scene import PushedObject
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Joint planning in an office"
-CAPTION = (
-    "(a) Map with candidates for exploration (orange) and direct push plans (red). (b) Navigation graph of the map and "
-    "shortest path (green), a long detour. (c) With manipulation nodes (blue), a much shorter one (office drawn after the "
-    "figure, objects with the printed tags)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:

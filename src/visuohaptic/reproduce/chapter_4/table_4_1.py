@@ -1,4 +1,10 @@
-"""Haptic tags of the objects of an office (Table 4.1)."""
+"""Haptic tags of various objects (Table 4.1).
+
+Objects with the printed friction forces, pushed by the simulated platform: tag read from rendered frames
+beside the printed value; hatched: largest force where no friction is printed. The strip has the
+dissertation's section and a foam that bears the table. The cushion is left out (the simulation has no soft
+obstacles); so is the deformability of the stool.
+"""
 
 from __future__ import annotations
 
@@ -22,17 +28,10 @@ from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
 from ...tasks.mobile.explore import ExploreStep, explore_obstacle
 from ...tasks.mobile.explore_records import ExploreSettings
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Haptic tags of various objects"
-CAPTION = (
-    "Objects with the printed friction forces, pushed by the simulated platform: tag read from rendered frames beside the "
-    "printed value; hatched: largest force where no friction is printed. The strip has the dissertation's section and a "
-    "foam that bears the table. The cushion is left out (the simulation has no soft obstacles); so is the deformability of "
-    "the stool."
-)
 FRONT_m, GAP_m, GRAVITY = 0.19, 0.012, 9.81
 #: Slow: the water in the vase breaks away after less than a millimetre, and 30 frames a second have to see it.
 SPEED_m_s, PUSH_m = 0.0125, 0.04
@@ -103,11 +102,10 @@ def run(out: Output) -> None:
     """
     virtual, rng = VirtualSensor(law=FIRM_FOAM), out.rng()
     chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]
-    columns: dict[str, list[Any]] = {
-        k: [] for k in ("object", "outcome", "max_force_N", "force_N", "printed_force_N", "dynamic_N", "true_dynamic_N",
-                        "printed_dynamic_N", "deformability", "deceleration_s", "drift", "printed_drift", "fixed",
-                        "printed_fixed", "falls", "printed_falls")
-    }  # fmt: skip
+    columns = Columns(
+        "object outcome max_force_N force_N printed_force_N dynamic_N true_dynamic_N printed_dynamic_N deformability "
+        "deceleration_s drift printed_drift fixed printed_fixed falls printed_falls"
+    )
     with tempfile.TemporaryDirectory() as folder:
         sensor = virtual.build(folder, rng)
         renderer = virtual.renderer()
@@ -115,11 +113,9 @@ def run(out: Output) -> None:
             outcome, tag, largest, true_dynamic = _explored(row, sensor, renderer, out.seed)
             static = _number(tag.static_friction_N) if row.known else math.nan
             dynamic = _number(tag.dynamic_friction_N) if row.known else math.nan
-            values = (row.name, outcome, largest, static, row.static_N, dynamic, true_dynamic if row.known else math.nan,
-                      row.dynamic_N, _number(tag.deformability), _number(tag.deceleration_s), _number(tag.drift),
-                      PRINTED_DRIFT.get(row.name, math.nan), bool(tag.fixed), row.fixed, bool(tag.falls), row.falls)  # fmt: skip
-            for key, value in zip(columns, values, strict=True):
-                columns[key].append(value)
+            columns.add(row.name, outcome, largest, static, row.static_N, dynamic, true_dynamic if row.known else math.nan,
+                        row.dynamic_N, _number(tag.deformability), _number(tag.deceleration_s), _number(tag.drift),
+                        PRINTED_DRIFT.get(row.name, math.nan), bool(tag.fixed), row.fixed, bool(tag.falls), row.falls)  # fmt: skip
     out.table("tags", columns)
     out.picture("forces", draw_axes(1, 1, lambda axes: _draw(axes, columns), size=(9.0, 4.6)))
     for name, ours, printed in (("static friction", "force_N", "printed_force_N"),

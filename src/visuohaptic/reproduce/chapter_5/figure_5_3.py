@@ -1,4 +1,8 @@
-"""Background model of one view and the error image against it (Fig. 5.3)."""
+"""Local background model and error score of one view (Fig. 5.3).
+
+Mean depth, standard deviation and reliability of the model from eight past views, the depth of the present
+view, and the error score (simulated depth camera and bottles with labels).
+"""
 
 from __future__ import annotations
 
@@ -15,13 +19,8 @@ from ...simulation.tabletop.depth_camera import DepthCamera
 from ...simulation.tabletop.glass_scenes import glass_scene
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Local background model and error score of one view"
-CAPTION = (
-    "Mean depth, standard deviation and reliability of the model from eight past views, the depth of the present view, and "
-    "the error score (simulated depth camera and bottles with labels)."
-)
 #: Views 2 cm apart over 0.2 m, with a gap of 16 cm behind the present one.
 STEP_m, VIEWS, GAP = 0.02, 8, 8
 

@@ -1,4 +1,9 @@
-"""Fusion leaves holes where a bottle is transparent; the detector marks them (Fig. 5.4)."""
+"""Reconstruction of partly transparent bottles (Fig. 5.4).
+
+Left: fused surface (signed distance, 5 mm); only labels and caps of the bottles are there. Middle: with the
+regions that the transparency detector finds, in yellow. Right: the true bottles (simulated depth camera and
+objects).
+"""
 
 from __future__ import annotations
 
@@ -10,15 +15,10 @@ from ...reconstruction.fusion.depth_fusion import TsdfVolume
 from ...rigs.virtual_glass import HIGH_M, LOW_M, detected, judged, rendered
 from ...simulation.tabletop.glass_scenes import glass_scene
 from .._solid import figure_3d, frame_3d, shaded
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Reconstruction of partly transparent bottles"
-CAPTION = (
-    "Left: fused surface (signed distance, 5 mm); only labels and caps of the bottles are there. Middle: with the regions "
-    "that the transparency detector finds, in yellow. Right: the true bottles (simulated depth camera and objects)."
-)
 VOXEL_m = 0.005
 
 
@@ -41,7 +41,7 @@ def run(out: Output) -> None:
     regions = detected(frames, "consistency")
     said = judged(scene, regions)
     walls = [_wall_points(solid) for solid in scene.glass]
-    rows: dict[str, list[Any]] = {"bottle": [], "part": [], "points": [], "reconstructed": []}
+    rows = Columns("bottle part points reconstructed")
     from scipy.spatial import cKDTree
 
     tree = cKDTree(mesh.vertices_m)
@@ -49,9 +49,7 @@ def run(out: Output) -> None:
         near = tree.query(points)[0] < 0.01
         for part, chosen in (("opaque", ~clear), ("transparent", clear)):
             if chosen.any():
-                for key, value in zip(rows, (number, part, int(chosen.sum()), float(near[chosen].mean())),
-                                      strict=True):  # fmt: skip
-                    rows[key].append(value)
+                rows.add(number, part, int(chosen.sum()), float(near[chosen].mean()))
     out.table("bottles", rows)
     out.table("regions", {
         "x_m": [r.centroid_m[0] for r in regions] or [np.nan], "y_m": [r.centroid_m[1] for r in regions] or [np.nan],

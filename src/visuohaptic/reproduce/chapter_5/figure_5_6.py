@@ -1,4 +1,9 @@
-"""Transparent parts that the detector finds on tables with other things (Fig. 5.6)."""
+"""Transparency detection on tables with different glass (Fig. 5.6).
+
+Points of the depth camera, coloured by height, with the detected regions in yellow and the true transparent
+parts in blue, for thin plastic, thick glass, labelled and filled bottles (simulated depth camera and
+scenes; no mirror).
+"""
 
 from __future__ import annotations
 
@@ -11,15 +16,9 @@ from ...reconstruction.mesh import SurfaceMesh
 from ...rigs.virtual_glass import detected, judged, rendered
 from ...simulation.tabletop.glass_scenes import SCENE_KINDS, glass_scene
 from .._solid import figure_3d, frame_3d, shaded
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Transparency detection on tables with different glass"
-CAPTION = (
-    "Points of the depth camera, coloured by height, with the detected regions in yellow and the true transparent parts in "
-    "blue, for thin plastic, thick glass, labelled and filled bottles (simulated depth camera and scenes; no mirror)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:
@@ -32,7 +31,7 @@ def run(out: Output) -> None:
     """
     kinds = SCENE_KINDS[2:3] if out.quick else SCENE_KINDS
     figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 9.0))
-    rows: dict[str, list[Any]] = {"kind": [], "method": [], "objects": [], "found": [], "false": [], "f1": []}
+    rows = Columns("kind method objects found false f1")
     for number, (kind, axis) in enumerate(zip(kinds, axes.ravel(), strict=True)):
         scene = glass_scene(
             out.seed + 16 + number, kind=kind, arc_deg=105 if out.quick else 180, step_m=0.045
@@ -41,9 +40,7 @@ def run(out: Output) -> None:
         for method in ("published", "consistency"):
             regions = detected(frames, method)
             said = judged(scene, regions)
-            values = (kind, method, int(said["objects"]), int(said["found"]), int(said["false"]), said["f1"])
-            for key, value in zip(rows, values, strict=True):
-                rows[key].append(value)
+            rows.add(kind, method, *(int(said[key]) for key in ("objects", "found", "false")), said["f1"])
         _draw(axis, frames, scene, regions)
         axis.set_title(f"{'abcd'[number]}  {kind}: {int(said['found'])} of {int(said['objects'])} found")
     out.table("scenes", rows)

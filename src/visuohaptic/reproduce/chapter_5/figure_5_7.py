@@ -1,4 +1,9 @@
-"""Three bottles whose middle is not seen, completed touch by touch (Fig. 5.7)."""
+"""Simulated haptic exploration of three objects (Fig. 5.7).
+
+Left: complete geometry; its middle is taken away and estimated. Then the surface (yellow) with 0, 3 and 10
+touches (red), the visible parts in grey. Right: uncertainty before the fourth touch, dark is certain,
+yellow the least certain of the object (as in the dissertation, simulation on parametric bottles).
+"""
 
 from __future__ import annotations
 
@@ -12,16 +17,10 @@ from ...reconstruction.mesh import SurfaceMesh
 from ...rigs.virtual_completion import SIGMA_M, errors_m, scene, true_points
 from ...simulation.tabletop.bottles import Bottle, random_bottle
 from .._solid import figure_3d, frame_3d, shaded
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Simulated haptic exploration of three objects"
-CAPTION = (
-    "Left: complete geometry; its middle is taken away and estimated. Then the surface (yellow) with 0, 3 and 10 touches "
-    "(red), the visible parts in grey. Right: uncertainty before the fourth touch, dark is certain, yellow the least "
-    "certain of the object (as in the dissertation, simulation on parametric bottles)."
-)
 SHOWN = (0, 3, 10)
 
 
@@ -36,7 +35,7 @@ def run(out: Output) -> None:
     shown = SHOWN[:2] if out.quick else SHOWN
     names = "A" if out.quick else "ABC"
     figure, axes = figure_3d(len(names), len(shown) + 2, size=(2.7 * (len(shown) + 2), 3.4 * len(names)))
-    rows: dict[str, list[Any]] = {"object": [], "kind": [], "touches": [], "mse_mm2": [], "largest_mm": []}
+    rows = Columns("object kind touches mse_mm2 largest_mm")
     better = []
     for row, name in enumerate(names):
         bottle = random_bottle(out.rng(row))
@@ -44,12 +43,7 @@ def run(out: Output) -> None:
         mean = [float(np.mean(errors**2)) for _, _, errors, _ in found]
         better.append(mean[-1] / mean[0])
         for count, (_, _, errors, _) in zip(shown, found, strict=True):
-            for key, value in zip(
-                rows,
-                (name, bottle.kind, count, 1e6 * float(np.mean(errors**2)), 1e3 * float(errors.max())),
-                strict=True,
-            ):
-                rows[key].append(value)
+            rows.add(name, bottle.kind, count, 1e6 * float(np.mean(errors**2)), 1e3 * float(errors.max()))
         _draw(axes[row], name, bottle, found, shown)
     out.table("errors", rows)
     out.picture("completion", figure, dpi=75)

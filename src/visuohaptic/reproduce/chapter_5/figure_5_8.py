@@ -1,4 +1,9 @@
-"""Error of the extrapolated geometry over the touches, planned and at random (Fig. 5.8)."""
+"""Error of the extrapolated geometry by simulated haptic exploration (Fig. 5.8).
+
+Mean square error over the number of touches: grey for single objects, blue the mean of the data set; orange
+for touches at random places (as in the dissertation, simulation on parametric bottles; a part of its 700,
+see `python -m benchmarks.completion --objects 700` for all).
+"""
 
 from __future__ import annotations
 
@@ -11,14 +16,8 @@ from ...rigs.virtual_completion import TOUCHES, explore, touches_to_tenth
 from ...simulation.tabletop.bottles import random_bottle
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Error of the extrapolated geometry by simulated haptic exploration"
-CAPTION = (
-    "Mean square error over the number of touches: grey for single objects, blue the mean of the data set; orange for "
-    "touches at random places (as in the dissertation, simulation on parametric bottles; a part of its 700, see "
-    "`python -m benchmarks.completion --objects 700` for all)."
-)
 #: Of the dissertation's 700. Three seconds each; the mean over fifty tells planned from random touches.
 OBJECTS = 50
 

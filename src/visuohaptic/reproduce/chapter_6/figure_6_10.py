@@ -1,4 +1,9 @@
-"""Exploration of one bottle: stiffness at all places, and curves open and closed (Fig. 6.10)."""
+"""Exploration of the "cien" bottle (Fig. 6.10).
+
+(a) Stiffness features at 16 heights on four sides; (b) readings of the gripper at a point of the flat front
+(y+) and one of the curved side (x+), open and closed with air inside; straight: linear model up to 3 mm,
+dotted: quadratic one (simulated bottle, gripper and noise).
+"""
 
 from __future__ import annotations
 
@@ -10,16 +15,10 @@ from ...deformation.maps.features import linear_features
 from ...deformation.shapes.load_shell import load_object
 from ...report.style import COLOURS, draw_axes
 from .._curves import curves_of, read_curve
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = 'Exploration of the "cien" bottle'
-CAPTION = (
-    "(a) Stiffness features at 16 heights on four sides; (b) readings of the gripper at a point of the flat front (y+) and "
-    "one of the curved side (x+), open and closed with air inside; straight: linear model up to 3 mm, dotted: quadratic one "
-    "(simulated bottle, gripper and noise)."
-)
 PLACES = ("y+5", "x+4")
 
 
@@ -37,13 +36,11 @@ def run(out: Output) -> None:
     read = {key: read_curve(curve, out.rng(number)) for number, (key, curve) in enumerate(curves.items())}
     out.table("features", {"height": np.arange(1, 17), **{side: values[:, k] for k, side in
                            enumerate(("x_plus_N_per_m", "x_minus_N_per_m", "y_plus_N_per_m", "y_minus_N_per_m"))}})  # fmt: skip
-    rows = [
-        (place, state, a, b) for (state, place), (d, f, _) in read.items() for a, b in zip(d, f, strict=True)
-    ]
-    out.table(
-        "curves",
-        dict(zip(("place", "state", "deformation_m", "force_N"), zip(*rows, strict=True), strict=True)),
-    )
+    rows = Columns("place state deformation_m force_N")
+    for (state, place), (d, f, _) in read.items():
+        for reading in zip(d, f, strict=True):
+            rows.add(place, state, *reading)
+    out.table("curves", rows)
 
     def draw(left: Any, right: Any) -> None:
         shown = left.imshow(

@@ -1,4 +1,9 @@
-"""Quadratic feature of bottles, closed less open, along the flat side (Fig. 6.11)."""
+"""Quadratic feature of closed and open bottles (Fig. 6.11).
+
+Difference of the quadratic feature II, closed with air less open, on y+ from 3 to 13 sixteenths of the
+height; values up to 0 in red (simulated only; the dissertation measured real bottles as well, where it is
+up to 3).
+"""
 
 from __future__ import annotations
 
@@ -8,15 +13,10 @@ import numpy as np
 
 from ...report.style import draw_axes
 from .._curves import curves_of
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Quadratic feature of closed and open bottles"
-CAPTION = (
-    "Difference of the quadratic feature II, closed with air less open, on y+ from 3 to 13 sixteenths of the height; values "
-    "up to 0 in red (simulated only; the dissertation measured real bottles as well, where it is up to 3)."
-)
 NAMES = ("isana", "palmo", "cien", "smoothie")
 #: II is stated for a nominal deformation [m] and force [N].
 NOMINAL_m, NOMINAL_N = 0.003, 50.0
@@ -34,16 +34,15 @@ def run(out: Output) -> None:
     heights = (5, 9) if out.quick else (3, 5, 7, 9, 11, 13)
     places = [f"y+{height}" for height in heights]
     found = np.full((len(heights), len(names)), np.nan)
-    rows = []
+    rows = Columns("object height II_open II_closed difference")
     for column, name in enumerate(names):
         curves = curves_of(name, places, 24)
         for row, place in enumerate(places):
             two = [_quadratic(curves[state, place].deformation_m, curves[state, place].force_N)
                    for state in ("open", "closed")]  # fmt: skip
             found[row, column] = two[1] - two[0]
-            rows.append((name, heights[row], two[0], two[1], two[1] - two[0]))
-    out.table("quadratic", dict(zip(("object", "height", "II_open", "II_closed", "difference"), zip(*rows, strict=True),
-                                    strict=True)))  # fmt: skip
+            rows.add(name, heights[row], *two, two[1] - two[0])
+    out.table("quadratic", rows)
 
     def draw(axes: Any) -> None:
         from matplotlib import colormaps

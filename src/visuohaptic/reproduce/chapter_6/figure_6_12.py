@@ -1,4 +1,9 @@
-"""Predicted grasps checked under large deformation (Fig. 6.12)."""
+"""Grasps verified under large deformation (Fig. 6.12).
+
+Force against deformation of the grasps of the text, green where the text says that it holds, red where it
+does not; the dotted line is the largest allowed deformation (nonlinear simulation; the dissertation grasped
+real objects).
+"""
 
 from __future__ import annotations
 
@@ -12,15 +17,9 @@ from ...grasping.grasp_task import GraspTask
 from ...grasping.planner import plan_grasps
 from ...report.style import COLOURS, draw_axes
 from ...rigs.grasp_cases import CASES, best_vertex
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Grasps verified under large deformation"
-CAPTION = (
-    "Force against deformation of the grasps of the text, green where the text says that it holds, red where it does not; "
-    "the dotted line is the largest allowed deformation (nonlinear simulation; the dissertation grasped real objects)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:
@@ -32,9 +31,7 @@ def run(out: Output) -> None:
         Receives tables, pictures and comparisons; its seed and size are used.
     """
     cases = CASES[3:5] if out.quick else CASES
-    rows: dict[str, list[Any]] = {
-        k: [] for k in ("grasp", "force_N", "text_holds", "score", "map_mm", "simulated_mm", "map_holds", "simulated_holds", "why")
-    }  # fmt: skip
+    rows = Columns("grasp force_N text_holds score map_mm simulated_mm map_holds simulated_holds why")
     curves = []
     plans: dict[tuple[str, float], Any] = {}
     for case in cases:
@@ -46,11 +43,9 @@ def run(out: Output) -> None:
         vertex = best_vertex(plan, case)
         said = confirm_grasp(thing, vertex, case.force_N)
         score = float(plan.scores.pair[vertex])
-        values = (case.name, case.force_N, case.good, score, 1e3 * float(plan.scores.deformation_m[vertex]),
-                  1e3 * min(said.deformation_m, float(said.curve_m[-1])), score >= plan.task.min_score, said.holds,
-                  said.reason)  # fmt: skip
-        for column, value in zip(rows, values, strict=True):
-            rows[column].append(value)
+        rows.add(case.name, case.force_N, case.good, score, 1e3 * float(plan.scores.deformation_m[vertex]),
+                 1e3 * min(said.deformation_m, float(said.curve_m[-1])), score >= plan.task.min_score, said.holds,
+                 said.reason)  # fmt: skip
         curves.append((case, said))
     out.table("grasps", rows)
 

@@ -1,4 +1,8 @@
-"""Deformation of a cup with and without a rim, and its stiffness map (Fig. 6.2)."""
+"""Simulated deformation shapes of two models (Fig. 6.2).
+
+A cup without (a) and with a reinforced rim (b) under the same pinch near the top, colour: how far the wall
+moves; (c) local stiffness of (b), dark soft, bright stiff (simulated, as in the dissertation).
+"""
 
 from __future__ import annotations
 
@@ -13,15 +17,10 @@ from ...deformation.maps.map_file import colours
 from ...deformation.shapes.load_shell import load_object
 from ...grasping.confirm import confirm_grasp
 from .._solid import figure_3d, frame_3d, shaded
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Simulated deformation shapes of two models"
-CAPTION = (
-    "A cup without (a) and with a reinforced rim (b) under the same pinch near the top, colour: how far the wall moves; "
-    "(c) local stiffness of (b), dark soft, bright stiff (simulated, as in the dissertation)."
-)
 FORCE_N, HEIGHT = 3.0, 0.9
 
 
@@ -36,7 +35,7 @@ def run(out: Output) -> None:
     from matplotlib.colors import LogNorm, Normalize
 
     figure, axes = figure_3d(1, 3, size=(11.0, 4.4))
-    rows: dict[str, list[Any]] = {"model": [], "deformation_mm": [], "stiffness_N_per_m": []}
+    rows = Columns("model deformation_mm stiffness_N_per_m")
     moved = {}
     for axis, name, letter in zip(axes[0, :2], ("cup", "cup-rim"), "ab", strict=True):
         thing = load_object(name, around=24 if out.quick else 40)
@@ -45,8 +44,7 @@ def run(out: Output) -> None:
         points = thing.mesh.vertices_m
         moved[name] = float(np.linalg.norm(said.shape_m[vertex] - points[vertex]))
         stiffness = 1.0 / float(PinchPlane(thing).linear(vertex).mean())
-        for key, value in zip(rows, (name, 1e3 * moved[name], stiffness), strict=True):
-            rows[key].append(value)
+        rows.add(name, 1e3 * moved[name], stiffness)
         amount = np.linalg.norm(said.shape_m - points, axis=1)
         mesh = replace(thing.mesh, vertices_m=said.shape_m)
         shaded(axis, _Surface(mesh.vertices_m, thing.surface_faces), amount / max(float(amount.max()), 1e-9))

@@ -1,8 +1,10 @@
-"""Grasp scores and plans of a bottle and of a cup with and without a rim (Fig. 6.4)."""
+"""Grasping scores of a bottle and of a cup with and without a rim (Fig. 6.4).
+
+Grasp score on the surface, yellow is good, arrows at feasible grasps, and the scores over the height
+(simulated maps, as in the dissertation).
+"""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
@@ -10,15 +12,10 @@ from ...deformation.shapes.load_shell import load_object
 from ...grasping.grasp_task import GraspTask
 from ...grasping.planner import plan_grasps
 from ...grasping.plots import plot_plan
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Grasping scores of a bottle and of a cup with and without a rim"
-CAPTION = (
-    "Grasp score on the surface, yellow is good, arrows at feasible grasps, and the scores over the height (simulated maps, "
-    "as in the dissertation)."
-)
 #: Object -> force [N].
 TASKS = {"cleaner": 20.0, "cup-rim": 20.0, "cup": 5.0}
 
@@ -32,19 +29,15 @@ def run(out: Output) -> None:
         Receives tables, pictures and comparisons; its seed and size are used.
     """
     plans = []
-    rows: dict[str, list[Any]] = {
-        k: [] for k in ("object", "rank", "height_share", "angle_deg", "score", "deformation_mm")
-    }
+    rows = Columns("object rank height_share angle_deg score deformation_mm")
     for name, force in TASKS.items():
         thing = load_object(name, around=24 if out.quick else None)
         plan = plan_grasps(thing, GraspTask(force_N=force, pairs="axis"), count=5)
         plans.append((f"{name}, {force:g} N", plan))
         for rank, grasp in enumerate(plan.grasps, start=1):
             x, y, z = grasp.first_m
-            values = (name, rank, z / thing.height_m, float(np.degrees(np.arctan2(y, x))), grasp.score,
-                      1e3 * grasp.deformation_m)  # fmt: skip
-            for key, value in zip(rows, values, strict=True):
-                rows[key].append(value)
+            angle_deg = float(np.degrees(np.arctan2(y, x)))
+            rows.add(name, rank, z / thing.height_m, angle_deg, grasp.score, 1e3 * grasp.deformation_m)
     out.drawn("scores", lambda path: plot_plan(path, plans))
     out.table("grasps", rows)
     for name, wanted, printed in (

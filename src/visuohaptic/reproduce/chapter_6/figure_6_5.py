@@ -1,4 +1,8 @@
-"""Stiffness maps of models of the data base (Fig. 6.5)."""
+"""Stiffness maps of models in the data base (Fig. 6.5).
+
+Local stiffness in N/m, one logarithmic scale for all: blue soft, red stiff (simulated, as in the
+dissertation).
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,10 @@ import numpy as np
 from ...deformation.maps.confidence_band import object_map
 from ...deformation.shapes.load_shell import load_object
 from .._solid import figure_3d, frame_3d
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Stiffness maps of models in the data base"
-CAPTION = "Local stiffness in N/m, one logarithmic scale for all: blue soft, red stiff (simulated, as in the dissertation)."
 NAMES = ("elliptic", "cleaner", "cien", "bottle", "cup", "cup-rim")
 
 
@@ -36,7 +38,7 @@ def run(out: Output) -> None:
     )
     norm = LogNorm(*np.percentile(values, [2, 97]))
     figure, axes = figure_3d(1, len(names), size=(2.3 * len(names), 4.0))
-    rows = []
+    rows = Columns("object height_share p10_N_per_m median_N_per_m p90_N_per_m")
     for axis, (name, found) in zip(axes[0], maps.items(), strict=True):
         points, stiffness = found.vertices_m, found.stiffness_N_per_m
         per_face = np.nanmean(np.where(np.isfinite(stiffness), stiffness, np.nan)[found.faces], axis=1)
@@ -51,12 +53,11 @@ def run(out: Output) -> None:
         for low in np.arange(0.0, 1.0, 0.1):
             here = used & (fraction >= low) & (fraction < low + 0.1)
             if here.any():
-                rows.append((name, low + 0.05, *np.percentile(stiffness[here], [10, 50, 90])))
+                rows.add(name, low + 0.05, *np.percentile(stiffness[here], [10, 50, 90]))
     figure.colorbar(ScalarMappable(norm, "viridis"), ax=list(axes[0]), label="stiffness [N/m]", shrink=0.6)
     out.picture("maps", figure, dpi=80)
-    columns = ("object", "height_share", "p10_N_per_m", "median_N_per_m", "p90_N_per_m")
-    out.table("profiles", dict(zip(columns, zip(*rows, strict=True), strict=True)))
-    by = {(row[0], round(row[1], 2)): row[3] for row in rows}
+    out.table("profiles", rows)
+    by = {(name, round(height, 2)): median for name, height, _, median, _ in zip(*rows.values(), strict=True)}
     if "cup-rim" in maps:
         out.compare("cup-rim by cup, top tenth", by["cup-rim", 0.95] / by["cup", 0.95])
         out.compare("cleaner: top tenth by the middle", by["cleaner", 0.95] / by["cleaner", 0.55])

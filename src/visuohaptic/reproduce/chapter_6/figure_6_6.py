@@ -1,4 +1,7 @@
-"""Correlation of the stiffness features of different classes (Fig. 6.6)."""
+"""Correlation between feature vectors of different classes (Fig. 6.6).
+
+Mean normalised cross-correlation of simulated features; 1 is the same shape of stiffness.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,7 @@ from ...recognition.trees.tree_plots import class_correlation, plot_correlation
 from .._features import CONFUSABLE, training_features
 from ..output import Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Correlation between feature vectors of different classes"
-CAPTION = "Mean normalised cross-correlation of simulated features; 1 is the same shape of stiffness."
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:

@@ -1,21 +1,21 @@
-"""Features of four distinct classes and the decision tree trained for them (Fig. 6.7)."""
+"""Stiffness features of four classes and their decision tree (Fig. 6.7).
+
+Features over the height (x+ solid, y+ dashed), bars: standard deviation in a class; crosses: features and
+thresholds of the tree beside (simulated features, as in the dissertation).
+"""
 
 from __future__ import annotations
+
+from itertools import product
 
 from ...recognition.data.places import SIDES
 from ...recognition.trees.tree import train_tree
 from ...recognition.trees.tree_nodes import feature_name, scaled_features
 from ...recognition.trees.tree_plots import plot_tree
 from .._features import DISTINCT, grouped, training_features
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "run"]
-
-TITLE = "Stiffness features of four classes and their decision tree"
-CAPTION = (
-    "Features over the height (x+ solid, y+ dashed), bars: standard deviation in a class; crosses: features and thresholds "
-    "of the tree beside (simulated features, as in the dissertation)."
-)
+__all__ = ["run"]
 
 
 def run(out: Output) -> None:
@@ -30,13 +30,11 @@ def run(out: Output) -> None:
     tree = train_tree(data, rng=out.rng(), folds=6 if out.quick else 10)
     out.drawn("tree", lambda path: plot_tree(path, tree, data))
     x = scaled_features(data.features[..., 0], tree.scheme).reshape(len(data), 16, 4)
-    rows = [
-        (name, height + 1, SIDES[side], float(x[data.number == k, height, side].mean()),
-         float(x[data.number == k, height, side].std()))
-        for k, name in enumerate(data.classes) for height in range(16) for side in (0, 2)
-    ]  # fmt: skip
-    out.table("features", dict(zip(("class", "height", "side", "mean", "deviation"), zip(*rows, strict=True),
-                                   strict=True)))  # fmt: skip
+    rows = Columns("class height side mean deviation")
+    for (k, name), height, side in product(enumerate(data.classes), range(16), (0, 2)):
+        values = x[data.number == k, height, side]
+        rows.add(name, height + 1, SIDES[side], float(values.mean()), float(values.std()))
+    out.table("features", rows)
     asked = [
         (feature_name(int(f)), float(t)) for f, t in zip(tree.feature, tree.threshold, strict=True) if f >= 0
     ]

@@ -1,4 +1,7 @@
-"""Decision trees trained with different classes and normalisations (Table 6.1)."""
+"""Decision trees trained with subsets of classes (Table 6.1).
+
+Cross-validated loss of nine trees beside the printed one (simulated features, as in the dissertation).
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,10 @@ from ...recognition.trees.tree_nodes import feature_name
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_containers import GROUPS
 from .._features import CONFUSABLE, FIVE, training_features
-from ..output import Output
+from ..output import Columns, Output
 
-__all__ = ["CAPTION", "TITLE", "TREES", "run"]
+__all__ = ["TREES", "run"]
 
-TITLE = "Decision trees trained with subsets of classes"
-CAPTION = (
-    "Cross-validated loss of nine trees beside the printed one (simulated features, as in the dissertation)."
-)
 #: Number -> classes, scheme, printed loss [%], printed count of different features.
 TREES: dict[int, tuple[tuple[str, ...], str, float, int]] = {
     1: (("cup", "cup-rim"), "centre", 0.0, 1),
@@ -47,10 +46,9 @@ def run(out: Output) -> None:
         Receives tables, pictures and comparisons; its seed and size are used.
     """
     data = training_features(out)
-    rows: dict[str, list[Any]] = {
-        k: [] for k in ("tree", "classes", "feature", "loss_percent", "sigma_percent", "printed_percent",
-                        "nodes", "features", "printed_features", "selected")
-    }  # fmt: skip
+    rows = Columns(
+        "tree classes feature loss_percent sigma_percent printed_percent nodes features printed_features selected"
+    )
     for number, (classes, scheme, printed, count) in TREES.items():
         chosen = data.of_classes(classes, ELLIPTIC if number != 9 else {})
         rng, folds = out.rng(number), 5 if out.quick else 10
@@ -59,10 +57,8 @@ def run(out: Output) -> None:
         asked = [int(f) for f in tree.feature if f >= 0]
         text = "; ".join(f"{feature_name(int(f))} [{t:.2f}]"
                          for f, t in zip(tree.feature, tree.threshold, strict=True) if f >= 0)  # fmt: skip
-        values = (number, ", ".join(classes), _NAMES[scheme], loss, 100 * tree.loss_sigma, printed,
-                  len(asked), len(tree.features), count, text)  # fmt: skip
-        for key, value in zip(rows, values, strict=True):
-            rows[key].append(value)
+        rows.add(number, ", ".join(classes), _NAMES[scheme], loss, 100 * tree.loss_sigma, printed,
+                 len(asked), len(tree.features), count, text)  # fmt: skip
         out.compare(f"tree {number}: loss", loss, "%", dissertation=printed,
                     note=f"{', '.join(classes)}; {_NAMES[scheme]}; {len(chosen)} variants, {len(asked)} nodes")  # fmt: skip
     out.table("trees", rows)

@@ -1,4 +1,9 @@
-"""Nine objects that no tree has seen, classified by touch (Table 6.2)."""
+"""Classification of nine objects by haptic exploration (Table 6.2).
+
+Share of trials in which each tree, and our planner that knows its uncertainty, names the class (simulated
+objects from another element than the training's, with own walls, shapes and a gripper that comes at a wrong
+pose).
+"""
 
 from __future__ import annotations
 
@@ -17,13 +22,8 @@ from .._features import grouped, training_features
 from ..output import Output
 from .table_6_1 import TREES
 
-__all__ = ["CAPTION", "TITLE", "run"]
+__all__ = ["run"]
 
-TITLE = "Classification of nine objects by haptic exploration"
-CAPTION = (
-    "Share of trials in which each tree, and our planner that knows its uncertainty, names the class (simulated objects from "
-    "another element than the training's, with own walls, shapes and a gripper that comes at a wrong pose)."
-)
 #: Rows of the table: 1 right, 0 wrong, 2/3, NaN not trained.
 _N = float("nan")
 PRINTED = {

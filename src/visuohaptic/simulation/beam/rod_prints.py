@@ -31,7 +31,7 @@ class Print:
         return self.width_m / self.levels.shape[1]
 
 
-def print_of_tag(tag_id: int, size_m: float, *, dark: float = 25.0, bright: float = 215.0) -> Print:
+def print_of_tag(tag_id: int, size_m: float) -> Print:
     """An AprilTag 36h11 with half a cell of white paper around its black border.
 
     Parameters
@@ -40,8 +40,6 @@ def print_of_tag(tag_id: int, size_m: float, *, dark: float = 25.0, bright: floa
         Number in the family.
     size_m
         Side of the black border [m].
-    dark, bright
-        Grey levels of ink and paper.
     """
     import cv2
 
@@ -49,13 +47,11 @@ def print_of_tag(tag_id: int, size_m: float, *, dark: float = 25.0, bright: floa
     cells = cv2.aruco.generateImageMarker(family, tag_id, _CELLS * 4)[2::4, 2::4] > 127
     fine = np.kron(cells, np.ones((_CELL_PX, _CELL_PX), bool))
     fine = np.pad(fine, _CELL_PX // 2, constant_values=True)
-    levels = np.where(fine, bright, dark).astype(np.float32)
+    levels = np.where(fine, 215.0, 25.0).astype(np.float32)
     return Print(levels, size_m * (_CELLS + 1) / _CELLS)
 
 
-def print_of_image(
-    image: UInt8[np.ndarray, "R C"], width_m: float, *, dark: float = 20.0, bright: float = 225.0
-) -> Print:
+def print_of_image(image: UInt8[np.ndarray, "R C"], width_m: float) -> Print:
     """An image as a printer puts it on paper: smooth between its pixels, and not quite black or white.
 
     Parameters
@@ -64,8 +60,6 @@ def print_of_image(
         Grey image (rows, columns).
     width_m
         Printed width [m].
-    dark, bright
-        Grey levels of ink and paper.
     """
     import cv2
 
@@ -74,19 +68,17 @@ def print_of_image(
         raise InputError(
             "print_of_image", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
         )
-    levels = dark + (bright - dark) / 255.0 * image.astype(np.float32)
+    levels = 20.0 + 205.0 / 255.0 * image.astype(np.float32)
     return Print(cv2.resize(levels, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC), width_m)
 
 
-def collage(seed: int, side_px: int = 320) -> UInt8[np.ndarray, "side side"]:
-    """An image full of shapes and shades, different for every seed; it tracks as a photo does.
+def collage(seed: int) -> UInt8[np.ndarray, "side side"]:
+    """An image of 320 x 320 pixels full of shapes and shades, different for every seed; it tracks as a photo does.
 
     Parameters
     ----------
     seed
         Seed of the shapes.
-    side_px
-        Side of the image [px].
     """
     import cv2
 
@@ -108,7 +100,5 @@ def collage(seed: int, side_px: int = 320) -> UInt8[np.ndarray, "side side"]:
             cv2.fillPoly(mask, [np.round(ring).astype(np.int32)], 1.0, cv2.LINE_AA)
         canvas += fraction * mask * (level - canvas)
     canvas += 10 * fractal_noise(rng, size, 0.3, shortest_texels=4)
-    small = cv2.resize(
-        cv2.GaussianBlur(canvas, (0, 0), 0.8), (side_px, side_px), interpolation=cv2.INTER_AREA
-    )
+    small = cv2.resize(cv2.GaussianBlur(canvas, (0, 0), 0.8), (320, 320), interpolation=cv2.INTER_AREA)
     return np.clip(np.rint(small), 0, 255).astype(np.uint8)

@@ -215,10 +215,10 @@ def _ribbon(points_camera_m: Float[np.ndarray, "n 3"], width_m: float) -> Float[
     return np.vstack([points + side, (points - side)[::-1]])
 
 
-def hand_held(rig: RodRig, t_s: float, *, shift_m: float = 0.01, turn_rad: float = 0.04) -> Pose:
+def hand_held(rig: RodRig, t_s: float) -> Pose:
     """``T_camera_sensor`` of a hand-held camera: slow swings about the view of the rig.
 
-    Sines of unlike periods of 2 to 5 s, in every direction.
+    Sines of unlike periods of 2 to 5 s, of 1 cm and 0.04 rad, in every direction.
 
     Parameters
     ----------
@@ -226,16 +226,12 @@ def hand_held(rig: RodRig, t_s: float, *, shift_m: float = 0.01, turn_rad: float
         Rod and camera.
     t_s
         Time [s].
-    shift_m
-        Amplitude of the translation [m].
-    turn_rad
-        Amplitude of the rotation [rad].
     """
     periods_s = np.array([2.9, 3.7, 4.9, 3.1, 4.3, 2.3])
     swing = np.sin(2 * np.pi * t_s / periods_s + np.arange(6))
-    turn = turn_rad * swing[:3] * [1.0, 1.0, 1.5]
+    turn = 0.04 * swing[:3] * [1.0, 1.0, 1.5]
     view = rig.T_camera_sensor
     # About the point that the camera looks at, so that the prints stay in the image.
     middle = view.apply(np.array([0.5 * rig.rod.length_m, 0.0, 0.0]))
-    moved = Pose.from_rotation_vector(turn, middle + shift_m * swing[3:])
+    moved = Pose.from_rotation_vector(turn, middle + 0.01 * swing[3:])
     return moved @ Pose(np.eye(3), -middle) @ view

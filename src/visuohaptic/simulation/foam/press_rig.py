@@ -164,13 +164,12 @@ def calibration_press(
     *,
     geometry: FoamStripGeometry | None = None,
     law: StripLaw = SOFT_FOAM,
-    max_strain: float = 0.6,
     steps: int = 60,
     runs: int = 3,
     reference_sigma_N: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> list[tuple[float, float, str]]:
-    """Calibration rows (strain, stress_Pa, direction) as a large plate measures them (Sec. 3.2).
+    """Calibration rows (strain, stress_Pa, direction) as a large plate measures them (Sec. 3.2), down to a strain of 0.6.
 
     The stress is the force by the area of the front; write the rows with
     :func:`~visuohaptic.simulation.foam.strip_law.write_calibration_csv`.
@@ -179,8 +178,6 @@ def calibration_press(
     ----------
     geometry, law
         The foam strip and its material.
-    max_strain
-        Strain at the deepest point of each run.
     steps, runs
         Steps of each run, and number of runs.
     reference_sigma_N
@@ -190,7 +187,7 @@ def calibration_press(
     """
     geometry = geometry if geometry is not None else FoamStripGeometry()
     area = geometry.length_m * geometry.height_m
-    path = press_path(max_strain * geometry.width_m, steps, runs=runs)
+    path = press_path(0.6 * geometry.width_m, steps, runs=runs)
     samples = press(
         PressShape.LARGE_PLATE, path, geometry=geometry, law=law, reference_sigma_N=reference_sigma_N, rng=rng
     )

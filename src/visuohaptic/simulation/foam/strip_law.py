@@ -86,23 +86,6 @@ class StripLaw:
             np.zeros_like(stretch),
         )
 
-    def energy_density_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Integral of the loading branch over the strain [J/m^3].
-
-        Parameters
-        ----------
-        strain
-            Compression, 0 to 1.
-        """
-        stretch = 1.0 - np.asarray(strain, dtype=np.float64)
-        return sum(
-            (
-                2 * mu / a**2 * (stretch**a - 1 - a * np.log(stretch))
-                for mu, a in zip(self.mu_Pa, self.alpha, strict=True)
-            ),
-            np.zeros_like(stretch),
-        )
-
     def shear_modulus_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """G at a compression [Pa].
 
@@ -122,38 +105,6 @@ class StripLaw:
         """Stress and shear modulus [Pa] at ``TABLE_SIZE`` strains, for the kernel."""
         strain = np.linspace(TABLE_START, TABLE_END, TABLE_SIZE)
         return self.elastic_stress_Pa(strain), self.shear_modulus_Pa(strain)
-
-    def path_stress_Pa(
-        self, strain: Float[np.ndarray, "n"], t_s: Float[np.ndarray, "n"] | None = None
-    ) -> Float[np.ndarray, "n"]:
-        """Stress along a path of strains that begins at rest [Pa].
-
-        The time matters only where the foam relaxes; without it the path is
-        infinitely slow.
-
-        Parameters
-        ----------
-        strain
-            Path of compressions (n).
-        t_s
-            Time of each [s].
-        """
-        strain = np.asarray(strain, dtype=np.float64)
-        base = self.elastic_stress_Pa(strain)
-        yields = np.asarray(self.loss_strain)
-        xi, chi, before = np.ones(len(self.loss)), 0.0, 0.0
-        result = np.empty_like(strain)
-        for i, now in enumerate(strain):
-            step = now - before
-            xi = np.clip(xi + step / yields, -1.0, 1.0)
-            elapsed = np.inf if t_s is None else t_s[i] - t_s[max(i - 1, 0)]
-            chi = (chi + step / self.relaxation_strain) * np.exp(-elapsed / self.relaxation_time_s)
-            if now <= FREE_STRAIN:
-                xi[:], chi = 1.0, 0.0
-            factor = 1.0 - float(np.asarray(self.loss) @ (1.0 - xi)) + self.relaxation * chi
-            result[i] = base[i] * (factor if now > 0.0 else 1.0)
-            before = now
-        return result
 
     def uniaxial(
         self, strain: Float[np.ndarray, "n"], direction: str = "loading", *, max_strain: float = 0.6
@@ -177,41 +128,6 @@ class StripLaw:
         yields = np.asarray(self.loss_strain)
         xi = np.clip(1.0 - np.maximum(max_strain - strain, 0.0)[:, None] / yields, -1.0, 1.0)
         return self.elastic_stress_Pa(strain) * (1.0 - (1.0 - xi) @ np.asarray(self.loss))
-
-    def calibration_rows(
-        self,
-        *,
-        runs: int = 3,
-        max_strain: float = 0.6,
-        points: int = 61,
-        noise_Pa: float = 0.0,
-        rng: np.random.Generator | None = None,
-    ) -> list[tuple[float, float, str]]:
-        """Rows (strain, stress_Pa, direction) of repeated press runs, up and down.
-
-        Parameters
-        ----------
-        runs
-            Number of runs.
-        max_strain
-            Largest strain of each run.
-        points
-            Points of a run in each direction.
-        noise_Pa
-            Standard deviation of the stress [Pa], e.g. that of the force sensor (0.15 N in Alt 2016, Sec.
-            3.6.1) by the area of the strip.
-        rng
-            Source of the noise.
-        """
-        rng = rng if rng is not None else np.random.default_rng(0)
-        up = np.linspace(0.0, max_strain, points)
-        rows: list[tuple[float, float, str]] = []
-        for _ in range(runs):
-            for strains, direction in ((up, "loading"), (up[-2::-1], "unloading")):
-                stress = self.uniaxial(strains, direction, max_strain=max_strain)
-                stress = stress + noise_Pa * rng.standard_normal(len(strains))
-                rows += [(float(e), float(s), direction) for e, s in zip(strains, stress, strict=True)]
-        return rows
 
 
 def write_calibration_csv(path: Path | str, rows: Sequence[tuple[float, float, str]]) -> None:

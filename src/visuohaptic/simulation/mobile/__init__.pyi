@@ -19,7 +19,6 @@ from .office import ApproachPath as ApproachPath
 from .office import Office as Office
 from .office import furnished_office as furnished_office
 from .office import obstacles_for_map as obstacles_for_map
-from .office import wall_obstacles as wall_obstacles
 from .platform import DrivenWorld as DrivenWorld
 from .platform import PlatformConfig as PlatformConfig
 from .platform import SimulatedBase as SimulatedBase

@@ -108,9 +108,8 @@ class SimulatedObstacle:
         if self.kind is ObstacleKind.CYLINDER:
             return (Outline.disc((0.0, 0.0), 0.5 * self.length_m),)
         if self.kind is ObstacleKind.DOOR:
-            return (
-                Outline.box((0.5 * self.length_m, 0.0), (self.length_m, self.width_m), edge_m=self.edge_m),
-            )
+            leaf = (self.length_m, self.width_m)
+            return (Outline.box((0.5 * self.length_m, 0.0), leaf, edge_m=self.edge_m),)
         if self.kind is ObstacleKind.TABLE:
             at = 0.5 * (np.array([self.length_m, self.width_m]) - self.leg_m)
             corners = at * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -155,17 +154,7 @@ def box(
     rest
         Further fields of :class:`SimulatedObstacle`.
     """
-    length, width, height = size_m
-    return SimulatedObstacle(
-        name,
-        ObstacleKind.BOX,
-        x_m,
-        y_m,
-        length_m=length,
-        width_m=width,
-        height_m=height,
-        **rest,
-    )
+    return _standing(ObstacleKind.BOX, name, x_m, y_m, size_m, **rest)
 
 
 def cylinder(
@@ -184,17 +173,7 @@ def cylinder(
     rest
         Further fields of :class:`SimulatedObstacle`.
     """
-    across_m = 2 * radius_m
-    return SimulatedObstacle(
-        name,
-        ObstacleKind.CYLINDER,
-        x_m,
-        y_m,
-        length_m=across_m,
-        width_m=across_m,
-        height_m=height_m,
-        **rest,
-    )
+    return _standing(ObstacleKind.CYLINDER, name, x_m, y_m, (2 * radius_m, 2 * radius_m, height_m), **rest)
 
 
 def table(
@@ -213,18 +192,7 @@ def table(
     rest
         Further fields of :class:`SimulatedObstacle`.
     """
-    length, width, height = size_m
-    return SimulatedObstacle(
-        name,
-        ObstacleKind.TABLE,
-        x_m,
-        y_m,
-        length_m=length,
-        width_m=width,
-        height_m=height,
-        fixed=True,
-        **rest,
-    )
+    return _standing(ObstacleKind.TABLE, name, x_m, y_m, size_m, fixed=True, **rest)
 
 
 def wall(
@@ -243,26 +211,11 @@ def wall(
     rest
         Further fields of :class:`SimulatedObstacle`.
     """
-    return SimulatedObstacle(
-        name,
-        ObstacleKind.WALL,
-        x_m,
-        y_m,
-        length_m=length_m,
-        width_m=thickness_m,
-        height_m=1.0,
-        fixed=True,
-        **rest,
-    )
+    return _standing(ObstacleKind.WALL, name, x_m, y_m, (length_m, thickness_m, 1.0), fixed=True, **rest)
 
 
 def door(
-    name: str,
-    hinge_x_m: float,
-    hinge_y_m: float,
-    length_m: float = 0.8,
-    mass_kg: float = 12.0,
-    **rest: Any,
+    name: str, hinge_x_m: float, hinge_y_m: float, length_m: float = 0.8, mass_kg: float = 12.0, **rest: Any
 ) -> SimulatedObstacle:
     """A door leaf that turns about its hinge.
 
@@ -279,17 +232,15 @@ def door(
     rest
         Further fields of :class:`SimulatedObstacle`.
     """
-    return SimulatedObstacle(
-        name,
-        ObstacleKind.DOOR,
-        hinge_x_m,
-        hinge_y_m,
-        length_m=length_m,
-        width_m=0.04,
-        height_m=1.0,
-        mass_kg=mass_kg,
-        **rest,
-    )
+    size_m = (length_m, 0.04, 1.0)
+    return _standing(ObstacleKind.DOOR, name, hinge_x_m, hinge_y_m, size_m, mass_kg=mass_kg, **rest)
+
+
+def _standing(
+    kind: ObstacleKind, name: str, x_m: float, y_m: float, size_m: tuple[float, float, float], **rest: Any
+) -> SimulatedObstacle:
+    length, width, height = size_m
+    return SimulatedObstacle(name, kind, x_m, y_m, length_m=length, width_m=width, height_m=height, **rest)
 
 
 def section(

@@ -14,17 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int8
 
 from ...core.errors import InputError
-from .obstacles import ObstacleKind, SimulatedObstacle, box, cylinder, table
+from .obstacles import SimulatedObstacle, box, cylinder, table
 
-__all__ = [
-    "ApproachPath",
-    "Office",
-    "furnished_office",
-    "obstacles_for_map",
-    "wall_obstacles",
-]
+__all__ = ["ApproachPath", "Office", "furnished_office", "obstacles_for_map"]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+#: Clearance on both sides of a way, free gap between foam and obstacle at its start, and free length behind [m].
+ROBOT_RADIUS_M, APPROACH_M, PUSH_M = 0.2, 0.35, 0.35
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,32 +86,17 @@ def obstacles_for_map(
     cells: Int8[np.ndarray, "rows columns"],
     resolution_m: float,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    *,
-    robot_radius_m: float = 0.2,
-    approach_m: float = 0.35,
-    push_m: float = 0.35,
-    start_m: tuple[float, float] | None = None,
-    seed: int = 0,
 ) -> tuple[ApproachPath, ApproachPath, ApproachPath]:
     """Three reachable places for a light, a heavy and a fixed obstacle, each at the end of a straight path.
 
     A corridor as wide as the platform, from behind the start of the way to the
     end of the push, is free of occupied and unknown cells and of the other
-    obstacles. All starts lie in one connected part of the free space: the
-    largest, or the one that holds ``start_m``.
+    obstacles. All starts lie in the largest connected part of the free space.
 
     Parameters
     ----------
     cells, resolution_m, origin
         The map, see the module.
-    robot_radius_m
-        Clearance on both sides of the way.
-    approach_m, push_m
-        Free gap between foam and obstacle at the start, and way behind the obstacle.
-    start_m
-        Position (x, y) from which they are reachable [m].
-    seed
-        Seed of the choice.
 
     Raises
     ------
@@ -133,37 +114,36 @@ def obstacles_for_map(
     # A border of obstacles: the world ends at the edge of the map.
     padded = np.pad(free, 1)
     clearance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1] * resolution_m
-    wide = (clearance > robot_radius_m + resolution_m).astype(np.uint8)
-    region = _region(wide, resolution_m, origin, start_m)
+    wide = (clearance > ROBOT_RADIUS_M + resolution_m).astype(np.uint8)
+    region = _region(wide)
     rows, columns = np.nonzero(region)
     if not len(rows):
         raise InputError(
             "map",
-            f"no free place wider than {2 * robot_radius_m} m",
+            f"no free place wider than {2 * ROBOT_RADIUS_M} m",
             remedy="check free_thresh and resolution",
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     order = rng.permutation(len(rows))
     # The roomiest places first, in random order among equals of 10 cm.
     order = order[np.argsort(-np.floor(clearance[rows, columns] / 0.1)[order], kind="stable")]
     sample = order[:: max(1, len(order) // 4000)]
-    kinds = _three(robot_radius_m)
     found: list[ApproachPath] = []
     taken: list[tuple[float, float, float]] = []
-    for obstacle in kinds:
+    for obstacle in _three():
         reach = 0.5 * obstacle.length_m
-        before = robot_radius_m + 0.03 + approach_m + reach
-        behind = reach + (push_m if not obstacle.fixed else 0.05)
+        before = ROBOT_RADIUS_M + 0.03 + APPROACH_M + reach
+        behind = reach + (PUSH_M if not obstacle.fixed else 0.05)
         for index in sample:
             place = (float(columns[index]) + 0.5, float(rows[index]) + 0.5)
-            way = _way(clearance, region, place, before, behind, robot_radius_m, resolution_m, taken)
+            way = _way(clearance, region, place, before, behind, resolution_m, taken)
             if way is not None:
                 break
         else:
             raise InputError(
                 "map",
                 f"no room for obstacle {obstacle.name!r}: found no free way of {before + behind:.2f} m",
-                remedy="use a map with more free space or a smaller robot_radius_m",
+                remedy="use a map with more free space",
             )
         heading, points = way
         taken += points
@@ -173,88 +153,42 @@ def obstacles_for_map(
     return found[0], found[1], found[2]
 
 
-def _three(robot_radius_m: float) -> tuple[SimulatedObstacle, SimulatedObstacle, SimulatedObstacle]:
+def _three() -> tuple[SimulatedObstacle, SimulatedObstacle, SimulatedObstacle]:
     """Light, heavy and fixed obstacle of the demonstration, at no place yet."""
-    width = min(0.18, robot_radius_m)
     light = cylinder(
-        "light bin",
-        0,
-        0,
-        0.09,
-        0.28,
-        mass_kg=0.5,
-        friction=0.35,
-        grey=105,
-        texture=7,
-        seed=1,
-        material="metal",
+        "light bin", 0, 0, 0.09, 0.28, mass_kg=0.5, friction=0.35, grey=105, texture=7, seed=1, material="metal",
         bgr=(150.0, 105.0, 45.0),
-    )
+    )  # fmt: skip
     # As heavy as a strip of foam can push over this width before it is densified.
     heavy = box(
-        "heavy box",
-        0,
-        0,
-        (0.16, width, 0.3),
-        mass_kg=1.6,
-        friction=0.38,
-        grey=95,
-        texture=14,
-        seed=2,
+        "heavy box", 0, 0, (0.16, 0.18, 0.3), mass_kg=1.6, friction=0.38, grey=95, texture=14, seed=2,
         bgr=(70.0, 105.0, 140.0),
-    )
-    leg = SimulatedObstacle(
-        "fixed leg",
-        ObstacleKind.BOX,
-        0,
-        0,
-        length_m=0.05,
-        width_m=0.05,
-        height_m=0.7,
-        fixed=True,
-        grey=70,
-        texture=12,
-        seed=3,
-        material="wood",
+    )  # fmt: skip
+    leg = box(
+        "fixed leg", 0, 0, (0.05, 0.05, 0.7), fixed=True, grey=70, texture=12, seed=3, material="wood",
         bgr=(45.0, 70.0, 100.0),
-    )
+    )  # fmt: skip
     return light, heavy, leg
 
 
-def _region(
-    wide: np.ndarray,
-    resolution_m: float,
-    origin: tuple[float, float, float],
-    start_m: tuple[float, float] | None,
-) -> Bool[np.ndarray, "rows columns"]:
-    """The connected part of the free space to work in."""
+def _region(wide: np.ndarray) -> Bool[np.ndarray, "rows columns"]:
+    """The largest connected part of the free space."""
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(wide, connectivity=4)
     if count < 2:
         return np.zeros(wide.shape, dtype=bool)
-    chosen = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    if start_m is not None:
-        x, y = start_m[0] - origin[0], start_m[1] - origin[1]
-        c, s = math.cos(origin[2]), math.sin(origin[2])
-        column, row = int((c * x + s * y) // resolution_m), int((c * y - s * x) // resolution_m)
-        inside = 0 <= row < wide.shape[0] and 0 <= column < wide.shape[1]
-        if not inside or labels[row, column] == 0:
-            raise InputError(
-                "map", f"start {start_m} is not in wide free space", remedy="choose another start"
-            )
-        chosen = int(labels[row, column])
-    return np.asarray(labels == chosen)
+    return np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
 
 
 def _way(
     clearance: Float[np.ndarray, "rows columns"], region: Bool[np.ndarray, "rows columns"],
-    place: tuple[float, float], before_m: float, behind_m: float, radius_m: float, resolution_m: float,
+    place: tuple[float, float], before_m: float, behind_m: float, resolution_m: float,
     taken: list[tuple[float, float, float]],
 ) -> tuple[float, list[tuple[float, float, float]]] | None:  # fmt: skip
     """Heading of a free straight way to a place, and the discs it covers (cells, radius in cells)."""
     steps = np.arange(-before_m, behind_m + 1e-9, 0.5 * resolution_m) / resolution_m
-    need = radius_m / resolution_m
+    need = ROBOT_RADIUS_M / resolution_m
     for heading in np.arange(16) * math.pi / 8:
         x, y = place[0] + steps * math.cos(heading), place[1] + steps * math.sin(heading)
         column, row = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -265,7 +199,7 @@ def _way(
         ):
             continue
         # One cell of reserve: the clearance is that of the cell's centre.
-        if not region[row[0], column[0]] or (clearance[row, column] < radius_m + resolution_m).any():
+        if not region[row[0], column[0]] or (clearance[row, column] < ROBOT_RADIUS_M + resolution_m).any():
             continue
         if any((np.hypot(x - u, y - v) < r + need + 1).any() for u, v, r in taken):
             continue
@@ -281,47 +215,3 @@ def _world(
     c, s = math.cos(origin[2]), math.sin(origin[2])
     yaw = (heading + origin[2] + math.pi) % (2 * math.pi) - math.pi
     return origin[0] + c * x - s * y, origin[1] + s * x + c * y, yaw
-
-
-def wall_obstacles(
-    cells: Int8[np.ndarray, "rows columns"],
-    resolution_m: float,
-    origin: tuple[float, float, float],
-    centre_m: tuple[float, float],
-    radius_m: float = 1.5,
-) -> tuple[SimulatedObstacle, ...]:
-    """The occupied cells of a map near a place as fixed boxes, one for each run of a row.
-
-    Parameters
-    ----------
-    cells
-        -1 unknown, 0 free, 100 occupied (rows, columns).
-    resolution_m
-        Side of a cell [m].
-    origin
-        Pose (x [m], y [m], yaw [rad]) of cell (0, 0).
-    centre_m
-        Place (x, y) [m].
-    radius_m
-        Maximum distance from it [m].
-    """
-    c, s = math.cos(origin[2]), math.sin(origin[2])
-    x, y = centre_m[0] - origin[0], centre_m[1] - origin[1]
-    column, row = (c * x + s * y) / resolution_m, (c * y - s * x) / resolution_m
-    reach = radius_m / resolution_m
-    low_row, low_column = max(0, int(row - reach)), max(0, int(column - reach))
-    part = np.asarray(cells)[low_row : int(row + reach) + 1, low_column : int(column + reach) + 1] == OCCUPIED
-    walls = []
-    for j, line in enumerate(part):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], line.astype(np.int8), [0]])))
-        for begin, end in edges.reshape(-1, 2):
-            middle = (low_column + 0.5 * (begin + end), low_row + j + 0.5)
-            px, py, yaw = _world(middle, 0.0, resolution_m, origin)
-            walls.append(
-                SimulatedObstacle(
-                    f"wall {low_row + j}:{low_column + begin}", ObstacleKind.WALL, px, py, yaw,
-                    length_m=float(end - begin) * resolution_m, width_m=resolution_m, height_m=1.0,
-                    fixed=True, grey=200.0, texture=5.0,
-                )
-            )  # fmt: skip
-    return tuple(walls)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 from ...core.errors import InputError
 from ...core.robots import BaseState, MobileBase
@@ -40,20 +40,6 @@ class PlatformConfig:
                 f"strip bent to {self.strip.radius_m} m on a platform of radius {self.radius_m} m",
                 remedy="give the strip the platform's radius_m",
             )
-
-    @classmethod
-    def round_with_bent_strip(cls, radius_m: float = 0.17, **rest: Any) -> PlatformConfig:
-        """The dissertation's platform: round, the foam bent around its front.
-
-        Parameters
-        ----------
-        radius_m
-            Radius of platform and strip [m].
-        rest
-            Further fields.
-        """
-        strip = FoamStripGeometry(radius_m=radius_m, spacing_m=0.001)
-        return cls(radius_m=radius_m, round=True, strip=strip, **rest)
 
     @property
     def foam_height_m(self) -> float:

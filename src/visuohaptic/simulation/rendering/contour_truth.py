@@ -25,30 +25,6 @@ class ContourTruth:
         np.ndarray, "points"
     ]  #: for each point of ``FoamScene.front_m``: not behind an object
 
-    def front_at(
-        self, origin_px: Float[np.ndarray, "lines 2"], direction_px: Float[np.ndarray, "lines 2"]
-    ) -> Float[np.ndarray, "lines"]:
-        """Where lines ``origin + t direction`` cross the front contour; see :func:`crossings`.
-
-        Parameters
-        ----------
-        origin_px, direction_px
-            Origins and directions of the lines (n, 2) [px].
-        """
-        return crossings(self.front_px, origin_px, direction_px)
-
-    def stripe_at(
-        self, origin_px: Float[np.ndarray, "lines 2"], direction_px: Float[np.ndarray, "lines 2"]
-    ) -> Float[np.ndarray, "lines"]:
-        """Where lines ``origin + t direction`` cross the stripe's inner edge; see :func:`crossings`.
-
-        Parameters
-        ----------
-        origin_px, direction_px
-            Origins and directions of the lines (n, 2) [px].
-        """
-        return crossings(self.stripe_px, origin_px, direction_px)
-
 
 def crossings(
     curve_px: Float[np.ndarray, "n 2"],

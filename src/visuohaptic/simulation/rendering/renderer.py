@@ -69,6 +69,7 @@ class SceneRenderer:
     Examples
     --------
     >>> import numpy as np
+    >>> from visuohaptic.simulation.rendering import crossings
     >>> camera = Camera.simple(320, 180, 360.0)
     >>> pose = camera.pose_of_view((-0.1, 0, 0.28), (0.02, 0, 0)).inverse()
     >>> y = np.linspace(-0.1, 0.1, 21)
@@ -79,7 +80,7 @@ class SceneRenderer:
     (180, 320)
     >>> truth = renderer.truth(scene)
     >>> foot = truth.back_px[10]  # a straight strip: 2 cm at 0.3 m are about 23 px
-    >>> bool(20 < truth.front_at(foot, [0.0, -1.0])[0] < 26)
+    >>> bool(20 < crossings(truth.front_px, foot, [0.0, -1.0])[0] < 26)
     True
     """
 

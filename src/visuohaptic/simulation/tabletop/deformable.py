@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -119,38 +118,6 @@ class DeformableContainer:
             lost = 1.5 * math.pi * 2.0 * radius[:, None]
             force = force + AIR_PA * lost**2 * depth**3 / air
         return cls(name, height, radius, depth, force, mass_kg + filling.kg_per_m3 * fill * volume)
-
-    @classmethod
-    def from_curves(
-        cls,
-        name: str,
-        curves: Mapping[float, tuple[Sequence[float], Sequence[float]]],
-        radius_m: Mapping[float, float],
-        **rest: float,
-    ) -> DeformableContainer:
-        """From (deformations [m], forces [N]) by height [m], as ``deformation.grasp_curve`` computes them.
-
-        Parameters
-        ----------
-        name
-            Name of the object.
-        curves
-            Deformations [m] and forces [N] by height [m].
-        radius_m
-            Radius of the wall [m] by height [m].
-        rest
-            Further fields.
-        """
-        heights = sorted(curves)
-        depth = np.unique(np.concatenate([[0.0], *[np.asarray(curves[z][0], dtype=float) for z in heights]]))
-        depth = depth[depth <= min(max(curves[z][0]) for z in heights) + 1e-12]
-        rows = [
-            np.maximum.accumulate(np.interp(depth, np.r_[0.0, curves[z][0]], np.r_[0.0, curves[z][1]]))
-            for z in heights
-        ]
-        return cls(
-            name, np.array(heights), np.array([radius_m[z] for z in heights]), depth, np.array(rows), **rest
-        )
 
     def radius_at(self, height_m: float) -> float:
         """Radius of the wall [m]; 0 below and above the object.

@@ -26,6 +26,12 @@ CELLS, CELL = 32, 8
 FORMAT = 1
 #: Training pixels per class that are used at most.
 MAX_TRAINING = 20_000
+#: Gaussians per class of colours.
+COMPONENTS = 3
+#: Border around the lines that an edge image is filled in [px].
+MARGIN_PX = 24
+#: A point is clear where behind a gap for the blur [px], in a patch this deep [px], this part of the pixels is the stripe.
+GAP_PX, DEPTH_PX, CLEAR_FRACTION = 3.0, 3.0, 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +50,6 @@ class StripeModel:
         rest: Bool[np.ndarray, "rows columns"] | None = None,
         *,
         rng: np.random.Generator,
-        components: int = 3,
     ) -> StripeModel:
         """Learn from one image.
 
@@ -57,8 +62,6 @@ class StripeModel:
             two along the edge, where the colours mix.
         rng
             Of the sampling and of the dither.
-        components
-            Gaussians per class.
 
         Raises
         ------
@@ -75,10 +78,10 @@ class StripeModel:
                 f"found masks {stripe.shape} and {other.shape}, expected {image_bgr.shape[:2]}",
             )
         samples = [
-            _training_colours(name, image_bgr[mask], 50 * components, rng)
+            _training_colours(name, image_bgr[mask], 50 * COMPONENTS, rng)
             for name, mask in (("stripe", stripe), ("rest", other))
         ]
-        probability, recognised, mistaken = _trained_table(samples, components, rng)
+        probability, recognised, mistaken = _trained_table(samples, rng)
         if recognised < 0.9 or mistaken > 0.1:
             raise CalibrationError(
                 "StripeModel.train",
@@ -102,8 +105,6 @@ class StripeModel:
         self,
         image_bgr: UInt8[np.ndarray, "rows columns 3"],
         lines: ConstraintLines,
-        *,
-        margin_px: int = 24,
     ) -> UInt8[np.ndarray, "rows columns"]:
         """Image for ``ContourTracker``, filled around the lines only; the stripe is bright.
 
@@ -113,16 +114,14 @@ class StripeModel:
             Colour image (blue, green, red).
         lines
             Constraint lines of the contour.
-        margin_px
-            Border around the lines that is filled, too [px].
         """
         import cv2
 
         _check_colour("StripeModel.edge_image", image_bgr)
         ends = np.concatenate([lines.points_px(lines.start_px), lines.points_px(lines.stop_px)])
         rows, columns = image_bgr.shape[:2]
-        left, top = np.maximum(np.floor(ends.min(axis=0)).astype(int) - margin_px, 0)
-        right, bottom = np.ceil(ends.max(axis=0)).astype(int) + margin_px + 1
+        left, top = np.maximum(np.floor(ends.min(axis=0)).astype(int) - MARGIN_PX, 0)
+        right, bottom = np.ceil(ends.max(axis=0)).astype(int) + MARGIN_PX + 1
         result = np.zeros((rows, columns), np.uint8)
         part = image_bgr[top : min(bottom, rows), left : min(right, columns)]
         if part.size:
@@ -146,15 +145,11 @@ class StripeModel:
         image_bgr: UInt8[np.ndarray, "rows columns 3"],
         lines: ConstraintLines,
         position_px: Float[np.ndarray, "k"],
-        *,
-        gap_px: float = 3.0,
-        depth_px: float = 3.0,
-        fraction: float = 0.6,
     ) -> Bool[np.ndarray, "k"]:
         """True where the pixels directly in front of the points have the stripe's colour.
 
-        Looks at a patch of ``depth_px`` behind a ``gap_px`` that the blur needs, over
-        half of the point's width; ``fraction`` of the pixels must be the stripe.
+        Looks at a patch of ``DEPTH_PX`` behind a ``GAP_PX`` that the blur needs, over
+        half of the point's width; ``CLEAR_FRACTION`` of the pixels must be the stripe.
 
         Parameters
         ----------
@@ -164,16 +159,10 @@ class StripeModel:
             Constraint lines of the contour.
         position_px
             Position of the points along the lines [px].
-        gap_px
-            Distance from the point that the blur needs [px].
-        depth_px
-            Depth of the patch behind it [px]; it is half as wide as the point.
-        fraction
-            Of the pixels that must have the stripe's colour.
         """
         _check_colour("StripeModel.clear", image_bgr)
         rows, columns = image_bgr.shape[:2]
-        along = np.asarray(position_px)[:, None] + np.linspace(gap_px, gap_px + depth_px, 4)
+        along = np.asarray(position_px)[:, None] + np.linspace(GAP_PX, GAP_PX + DEPTH_PX, 4)
         half = 0.5 * np.asarray(lines.half_width_px)
         across = half[:, None] * np.linspace(-1.0, 1.0, 5)
         side = np.stack([-lines.direction_px[:, 1], lines.direction_px[:, 0]], axis=-1)
@@ -188,7 +177,7 @@ class StripeModel:
         inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
         colours = image_bgr[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)]
         is_stripe = (self.likelihood(colours) > 0.5) & inside
-        return np.asarray(is_stripe.mean(axis=(1, 2)) >= fraction)
+        return np.asarray(is_stripe.mean(axis=(1, 2)) >= CLEAR_FRACTION)
 
     def save(self, path: Path | str) -> None:
         """Write an NPZ file, whole or not at all.
@@ -254,7 +243,7 @@ def _training_colours(
 
 
 def _trained_table(
-    samples: list[Float[np.ndarray, "n 3"]], components: int, rng: np.random.Generator
+    samples: list[Float[np.ndarray, "n 3"]], rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "cells"], float, float]:
     """Probability of the stripe for every cell, and the fractions of stripe and rest that look like the stripe."""
     try:
@@ -267,7 +256,7 @@ def _trained_table(
     # Log density of each class over the cells, the stripe's own pixels and the rest.
     log_density: list[list[np.ndarray]] = []
     for colours in samples:
-        mixture = GaussianMixture(components, reg_covar=4.0, random_state=int(rng.integers(2**31)))
+        mixture = GaussianMixture(COMPONENTS, reg_covar=4.0, random_state=int(rng.integers(2**31)))
         mixture.fit(colours)
         log_density.append([mixture.score_samples(where) for where in (grid, *samples)])
     # Colours that neither class has seen are not the stripe: a thin uniform density joins the rest.

@@ -1,4 +1,12 @@
-"""``visuohaptic complete``: extends a visible surface into a transparent region, and says where to touch."""
+"""``visuohaptic complete``: extends a visible surface into a transparent region, and says where to touch.
+
+reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
+        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty);
+        with --clear regions.json needs the outlines that `reconstruct` writes (axis, radius, height)
+writes  the completed surface (PLY) with sigma_m of each vertex, how far it may be off [m]
+
+example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
+"""
 
 from __future__ import annotations
 
@@ -14,19 +22,10 @@ if TYPE_CHECKING:
     from ....reconstruction.completion.touch import Touch, TouchPlan
     from ....reconstruction.mesh import SurfaceMesh
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("robust_laplacian", "skimage")
-
-EPILOG = """\
-reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
-        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty);
-        with --clear regions.json needs the outlines that `reconstruct` writes (axis, radius, height)
-writes  the completed surface (PLY) with sigma_m of each vertex, how far it may be off [m]
-
-example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,20 +1,5 @@
-"""``visuohaptic example glass``: a depth sequence of bottles to find, and to complete by touch."""
+"""``visuohaptic example glass``: a depth sequence of bottles to find, and to complete by touch.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
-
-#: Modules beyond the core on its way.
-NEEDS = ()
-
-#: Of the simulated views: their distance on a circle [m], width [px], and the errors of their poses [m], [rad].
-_STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002
-
-EPILOG = """\
 reads
   nothing
 writes, into --out
@@ -27,6 +12,20 @@ example
   visuohaptic reconstruct try/scan --out try/model --voxel-m 0.006 --space -0.4 -0.4 -0.02 0.4 0.4 0.3
   visuohaptic complete try/model/surface.ply --region try/model/regions.json --out try/completed.ply --next
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ()
+
+#: Of the simulated views: their distance on a circle [m], width [px], and the errors of their poses [m], [rad].
+_STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,12 @@
-"""``visuohaptic reconstruct``: surface and transparent regions from a depth sequence."""
+"""``visuohaptic reconstruct``: surface and transparent regions from a depth sequence.
+
+reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
+writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
+        each transparent part, and the axis, radii and heights of the body that its outlines show, in metres in
+        the frame of the poses) in the folder --out
+
+example: visuohaptic reconstruct scan --out model
+"""
 
 from __future__ import annotations
 
@@ -8,19 +16,10 @@ from typing import Any
 
 from ..._console import Arguments
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("skimage",)
-
-EPILOG = """\
-reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
-writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
-        each transparent part, and the axis, radii and heights of the body that its outlines show, in metres in
-        the frame of the poses) in the folder --out
-
-example: visuohaptic reconstruct scan --out model
-"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -125,41 +124,27 @@ def run(args: Arguments) -> dict[str, Any]:
 
 
 def _show(found: Any, args: Arguments) -> None:
-    """Serve the surface and the transparent points until interrupted."""
-    import time
-
+    """Serve the surface with the transparent parts in yellow until interrupted."""
     import numpy as np
 
-    from ....core.errors import MissingExtraError
+    from ....io.meshes.ply import PlyMesh
+    from ....viewer.browse import BrowsePage
+    from ....viewer.surface_view import SurfaceView
+    from ..system.view import wait
 
-    try:
-        import viser
-    except ImportError as error:
-        raise MissingExtraError("viser", "view", "--view") from error
-    server = viser.ViserServer(host="127.0.0.1", verbose=False)
     surface = found.surface
-    middle, size_m = (
-        0.5 * (found.grid.low_m + found.grid.high_m),
-        float(np.ptp(surface.vertices_m, axis=0).max()),
+    vertices = [surface.vertices_m, *(region.hull_m for region in found.regions)]
+    first = np.cumsum([0, *map(len, vertices)])
+    faces = [surface.faces, *(region.faces for region in found.regions)]
+    grey = np.full((first[1], 3), 190) if surface.colors is None else surface.colors
+    yellow = np.tile([255, 210, 0], (first[-1] - first[1], 1))
+    mesh = PlyMesh(
+        np.concatenate(vertices),
+        np.concatenate([part + offset for part, offset in zip(faces, first[:-1], strict=True)]),
+        np.concatenate([grey, yellow]).astype(np.uint8),
+        {},
     )
-    server.scene.set_up_direction("+z")
-    server.initial_camera.look_at = middle
-    server.initial_camera.position = middle + size_m * np.array([0.7, -0.9, 0.6])
-    if surface.colors is None:
-        vertices = surface.vertices_m.astype(np.float32)
-        server.scene.add_mesh_simple("surface", vertices, surface.faces, color=(190, 190, 190), side="double")
-    else:
-        vertices = surface.vertices_m.astype(np.float32)
-        server.scene.add_point_cloud("surface", vertices, surface.colors, point_size=0.003)
-    yellow = np.tile(np.array([[255, 210, 0]], np.uint8), (len(found.points_m), 1))
-    server.scene.add_point_cloud("transparent", found.points_m.astype(np.float32), yellow, point_size=0.004)
-    for k, region in enumerate(found.regions):
-        server.scene.add_mesh_simple(
-            f"hulls/{k}", region.hull_m.astype(np.float32), region.faces, color=(255, 210, 0), opacity=0.3
-        )
-    args.report(f"shown at http://127.0.0.1:{server.get_port()}, end with Ctrl+C")
-    try:
-        while True:
-            time.sleep(1)
-    except KeyboardInterrupt:
-        server.stop()
+    with BrowsePage([SurfaceView("surface and transparent parts", mesh)]) as page:
+        args.report(f"shown at {page.url}, end with Ctrl+C")
+        page.show()
+        wait(args)

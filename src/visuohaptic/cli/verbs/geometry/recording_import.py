@@ -1,4 +1,11 @@
-"""``visuohaptic recording import``: a sequence folder from third-party depth images."""
+"""``visuohaptic recording import``: a sequence folder from third-party depth images.
+
+reads   a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp),
+        or any folder of 16-bit PNG or EXR depth with --camera, --poses and --depth-scale-m
+writes  sequence.yaml, camera.yaml, poses.txt, depth/ and color/ in the folder --out
+
+example: visuohaptic recording import d435i_robot_arm --out scan
+"""
 
 from __future__ import annotations
 
@@ -6,15 +13,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-reads   a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp),
-        or any folder of 16-bit PNG or EXR depth with --camera, --poses and --depth-scale-m
-writes  sequence.yaml, camera.yaml, poses.txt, depth/ and color/ in the folder --out
-
-example: visuohaptic recording import d435i_robot_arm --out scan
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

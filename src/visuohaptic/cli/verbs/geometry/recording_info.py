@@ -1,17 +1,16 @@
-"""``visuohaptic recording info``: what is in a recording."""
+"""``visuohaptic recording info``: what is in a recording.
+
+Reads a video, a folder of images, an MCAP file (also a cut one), or a map_server YAML file; writes nothing.
+
+Example: visuohaptic recording info run.mcap
+"""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-Reads a video, a folder of images, an MCAP file (also a cut one), or a map_server YAML file; writes nothing.
-
-Example: visuohaptic recording info run.mcap
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: ArgumentParser) -> None:

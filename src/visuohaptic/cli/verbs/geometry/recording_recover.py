@@ -1,14 +1,5 @@
-"""``visuohaptic recording recover``: a killed run's recording made whole, or a bag another kind of bag."""
+"""``visuohaptic recording recover``: a killed run's recording made whole, or a bag another kind of bag.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, Namespace
-from pathlib import Path
-from typing import Any
-
-__all__ = ["EPILOG", "add_arguments", "needs", "run"]
-
-EPILOG = """\
 reads   what a run that was killed, or met a full disk, has left: NAME.csv.part, NAME.parquet.part, NAME.mcap.part,
         a cut MCAP file, a bag of rosbag2 (also a damaged one), or the folder of a depth sequence without sequence.yaml
 writes  all whole rows, messages or frames: NAME without .part, or the file --out; never over another file.
@@ -16,6 +7,14 @@ writes  all whole rows, messages or frames: NAME without .part, or the file --ou
 
 example: visuohaptic recording recover run.mcap.part
 """
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_arguments", "needs", "run"]
 
 
 def add_arguments(parser: ArgumentParser) -> None:

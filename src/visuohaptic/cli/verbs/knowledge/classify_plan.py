@@ -1,14 +1,5 @@
-"""``visuohaptic classify plan``: what to touch, in what order."""
+"""``visuohaptic classify plan``: what to touch, in what order.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   a tree of classify train
 writes  the plan to stdout; with --plot a plot of the tree and the features, like figure 6.7
 
@@ -16,6 +7,14 @@ x+12 is the side x+ at height 12 of 16 from below. Touching it measures x-12, to
 
 example: visuohaptic classify plan tree.json --plot tree.png
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

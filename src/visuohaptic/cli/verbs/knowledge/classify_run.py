@@ -1,4 +1,15 @@
-"""``visuohaptic classify run``: what an object is, from touches, and what to touch next."""
+"""``visuohaptic classify run``: what an object is, from touches, and what to touch next.
+
+reads   a classifier of classify train, and a CSV file of curves with the columns
+          height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
+        or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
+        and perhaps the width [m], as: 5200 5150 0.071
+writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
+        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
+
+example: visuohaptic classify run tree.json curves.csv --json
+         visuohaptic classify run tree.json --ask --view
+"""
 
 from __future__ import annotations
 
@@ -13,19 +24,7 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-reads   a classifier of classify train, and a CSV file of curves with the columns
-          height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
-        or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
-        and perhaps the width [m], as: 5200 5150 0.071
-writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
-        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
-
-example: visuohaptic classify run tree.json curves.csv --json
-         visuohaptic classify run tree.json --ask --view
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -139,12 +138,9 @@ def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
     from ....recognition.touch.steps import planner_follower, tree_follower
     from ....viewer.browse import BrowsePage
     from ....viewer.steps_view import StepsView
-    from ..system.view import wait
+    from ..system.view import check_page, wait
 
-    if not 0 <= args.port <= 65535:
-        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
-    if args.seconds is not None and not args.seconds >= 0:
-        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
+    check_page(args)
     pages = [StepsView("planner")]
     tellers = [planner_follower(model, pages[0])]
     if tree is not None:

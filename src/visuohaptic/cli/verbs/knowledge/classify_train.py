@@ -1,20 +1,5 @@
-"""``visuohaptic classify train``: a tree and a planner from features of known objects, a planner from a few curves."""
+"""``visuohaptic classify train``: a tree and a planner from features of known objects, a planner from a few curves.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from ....core.errors import InputError
-from ..._workers import add_worker_arguments, chosen_workers
-
-if TYPE_CHECKING:
-    from ....recognition.data.data_set import FeatureSet
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   a folder of objects build, or the .npz file of an earlier training
         or a CSV file of measured curves: label, height (1..16) or at (0..1), side (x+, x-, y+, y-), force_N,
         deformation_m, and perhaps object, curve, width_m; with --objects classes begin as they were simulated
@@ -29,6 +14,20 @@ example: visuohaptic classify train --objects objects --classes bottle,cup,ellip
          visuohaptic classify train --objects objects --tune --out tuned.json
          visuohaptic classify train --states isana --fill 0.5 --out state.json
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....core.errors import InputError
+from ..._workers import add_worker_arguments, chosen_workers
+
+if TYPE_CHECKING:
+    from ....recognition.data.data_set import FeatureSet
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

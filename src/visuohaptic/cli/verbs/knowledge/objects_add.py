@@ -1,4 +1,12 @@
-"""``visuohaptic objects add``: one object, or new evidence of it."""
+"""``visuohaptic objects add``: one object, or new evidence of it.
+
+reads   the arguments, and what is known of the object
+writes  into the database; it is on the disk when the verb returns
+        --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it;
+        SIGMA is its standard deviation, more than 0
+
+example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thickness_m=0.8e-3+-0.02e-3
+"""
 
 from __future__ import annotations
 
@@ -8,19 +16,10 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, described, opened
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
-
-EPILOG = """\
-reads   the arguments, and what is known of the object
-writes  into the database; it is on the disk when the verb returns
-        --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it;
-        SIGMA is its standard deviation, more than 0
-
-example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thickness_m=0.8e-3+-0.02e-3
-"""
 
 
 #: A wall is thinner than this, whatever the object [m].

@@ -1,16 +1,5 @@
-"""``visuohaptic objects build``: stiffness maps and features of whole classes of containers."""
+"""``visuohaptic objects build``: stiffness maps and features of whole classes of containers.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-from ..._workers import add_worker_arguments, chosen_workers
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   a YAML plan:
           seed: 1
           around: 48
@@ -29,6 +18,16 @@ of an uninterrupted build.
 
 example: visuohaptic objects build classes.yaml --out objects --workers 2
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..._workers import add_worker_arguments, chosen_workers
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

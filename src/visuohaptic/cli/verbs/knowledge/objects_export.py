@@ -1,4 +1,10 @@
-"""``visuohaptic objects export``: a database as plain files."""
+"""``visuohaptic objects export``: a database as plain files.
+
+reads   a database of objects
+writes  for each object a folder with card.yaml, arrays.parquet and mesh.glb
+
+example: visuohaptic objects export cup-1 --licence CC-BY-4.0 --out kitchen_export
+"""
 
 from __future__ import annotations
 
@@ -7,17 +13,10 @@ from typing import Any
 
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
-
-EPILOG = """\
-reads   a database of objects
-writes  for each object a folder with card.yaml, arrays.parquet and mesh.glb
-
-example: visuohaptic objects export cup-1 --licence CC-BY-4.0 --out kitchen_export
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,10 @@
-"""``visuohaptic objects import``: plain files into a database."""
+"""``visuohaptic objects import``: plain files into a database.
+
+reads   folders with card.yaml, arrays.parquet and mesh.glb, and compares their hashes
+writes  into the database, 128 objects in a transaction
+
+example: visuohaptic objects import kitchen_export
+"""
 
 from __future__ import annotations
 
@@ -7,17 +13,10 @@ from typing import Any
 
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
-
-EPILOG = """\
-reads   folders with card.yaml, arrays.parquet and mesh.glb, and compares their hashes
-writes  into the database, 128 objects in a transaction
-
-example: visuohaptic objects import kitchen_export
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

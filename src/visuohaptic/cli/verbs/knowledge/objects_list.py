@@ -1,4 +1,10 @@
-"""``visuohaptic objects list``: what is in a database."""
+"""``visuohaptic objects list``: what is in a database.
+
+reads   a database of objects
+writes  the answer, to stdout
+
+example: visuohaptic objects list --class cup
+"""
 
 from __future__ import annotations
 
@@ -7,17 +13,10 @@ from typing import Any
 
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
-
-EPILOG = """\
-reads   a database of objects
-writes  the answer, to stdout
-
-example: visuohaptic objects list --class cup
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

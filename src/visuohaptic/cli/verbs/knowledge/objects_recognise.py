@@ -1,4 +1,11 @@
-"""``visuohaptic objects recognise``: what a seen object may be."""
+"""``visuohaptic objects recognise``: what a seen object may be.
+
+reads   a database of objects (their meshes, images of faces and last places), or a prior that was saved
+        from one; an image, or the points of one object from one side (.npy, or .ply in metres)
+writes  the candidates to stdout; with --save the prior as .npz, which is quicker to open than the database
+
+example: visuohaptic objects recognise --cloud seen.ply --context kitchen
+"""
 
 from __future__ import annotations
 
@@ -8,15 +15,7 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "add_arguments", "needs", "run"]
-
-EPILOG = """\
-reads   a database of objects (their meshes, images of faces and last places), or a prior that was saved
-        from one; an image, or the points of one object from one side (.npy, or .ply in metres)
-writes  the candidates to stdout; with --save the prior as .npz, which is quicker to open than the database
-
-example: visuohaptic objects recognise --cloud seen.ply --context kitchen
-"""
+__all__ = ["add_arguments", "needs", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,10 @@
-"""``visuohaptic objects search``: objects with similar features."""
+"""``visuohaptic objects search``: objects with similar features.
+
+reads   a database of objects, and the features of one of them or of a .npy file (NaN: not known)
+writes  the answer, to stdout
+
+example: visuohaptic objects search --like cup-1 --count 5
+"""
 
 from __future__ import annotations
 
@@ -8,17 +14,10 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
-
-EPILOG = """\
-reads   a database of objects, and the features of one of them or of a .npy file (NaN: not known)
-writes  the answer, to stdout
-
-example: visuohaptic objects search --like cup-1 --count 5
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

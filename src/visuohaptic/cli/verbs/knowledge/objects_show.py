@@ -1,4 +1,10 @@
-"""``visuohaptic objects show``: all that is known of one object."""
+"""``visuohaptic objects show``: all that is known of one object.
+
+reads   a database of objects
+writes  the answer, to stdout
+
+example: visuohaptic objects show cup-1 --json
+"""
 
 from __future__ import annotations
 
@@ -7,17 +13,10 @@ from typing import Any
 
 from ._objects import add_database, described, opened
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
-
-EPILOG = """\
-reads   a database of objects
-writes  the answer, to stdout
-
-example: visuohaptic objects show cup-1 --json
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

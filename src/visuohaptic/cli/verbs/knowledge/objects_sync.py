@@ -1,4 +1,10 @@
-"""``visuohaptic objects sync``: a robot's database and a shared one."""
+"""``visuohaptic objects sync``: a robot's database and a shared one.
+
+reads   both databases; one of them may be new, and is made
+writes  both; where objects were seen last stays here
+
+example: visuohaptic objects sync postgresql://robots@server/objects
+"""
 
 from __future__ import annotations
 
@@ -9,17 +15,10 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
-
-EPILOG = """\
-reads   both databases; one of them may be new, and is made
-writes  both; where objects were seen last stays here
-
-example: visuohaptic objects sync postgresql://robots@server/objects
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

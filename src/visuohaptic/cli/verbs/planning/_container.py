@@ -6,9 +6,16 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ....deformation.nonlinear.contents import Contents
     from ....deformation.shapes.mesher import ShellObject
 
-__all__ = ["add_container_arguments", "read_container"]
+__all__ = [
+    "add_container_arguments",
+    "add_contents_arguments",
+    "plain_number",
+    "read_container",
+    "read_contents",
+]
 
 
 def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") -> None:
@@ -63,6 +70,46 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
         default="auto",
         help="of a mesh: repair its triangles on their surface (auto), sample the wall anew on rings, or neither",
     )
+
+
+def add_contents_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of what is inside.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    """
+    state = parser.add_argument_group("state")
+    state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
+    state.add_argument("--fill", type=float, help="fill level of what is enclosed, 0..1; implies --closed")
+
+
+def read_contents(args: Any) -> tuple[Contents | None, Any]:
+    """What ``--closed`` and ``--fill`` say, and as plain data.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
+    from ....deformation.nonlinear.contents import Contents
+
+    if not args.closed and args.fill is None:
+        return None, "open"
+    contents = Contents(fill=args.fill or 0.0)
+    return contents, {"closed": True, "fill": contents.fill}
+
+
+def plain_number(value: float) -> float | None:
+    """A number as JSON has it: ``None`` where it is not finite.
+
+    Parameters
+    ----------
+    value
+        May be infinite.
+    """
+    return value if abs(value) < 1e300 else None
 
 
 def read_container(args: Any) -> ShellObject:

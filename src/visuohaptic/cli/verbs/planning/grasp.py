@@ -1,4 +1,15 @@
-"""``visuohaptic grasp``: grasp planning on deformable containers."""
+"""``visuohaptic grasp``: grasp planning on deformable containers.
+
+reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
+        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is
+        its height axis unless --up says otherwise), or a map that `stiffness` wrote (.npz)
+writes  a plot of the scores and the grasps: PNG, PDF or SVG
+
+Each grasp is two fingers that push towards each other. Without --force each place gets the force
+that its load needs. Lengths are metres, forces newtons of one finger.
+
+example: visuohaptic grasp cup-rim --force 20 --plot grasps.png
+"""
 
 from __future__ import annotations
 
@@ -13,19 +24,7 @@ if TYPE_CHECKING:
     from ....grasping.grasp_task import GraspTask
     from ....grasping.planner import Grasp, GraspPlan
 
-__all__ = ["EPILOG", "add_arguments", "grasp_json", "run"]
-
-EPILOG = """\
-reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
-        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is
-        its height axis unless --up says otherwise), or a map that `stiffness` wrote (.npz)
-writes  a plot of the scores and the grasps: PNG, PDF or SVG
-
-Each grasp is two fingers that push towards each other. Without --force each place gets the force
-that its load needs. Lengths are metres, forces newtons of one finger.
-
-example: visuohaptic grasp cup-rim --force 20 --plot grasps.png
-"""
+__all__ = ["add_arguments", "grasp_json", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

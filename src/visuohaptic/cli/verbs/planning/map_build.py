@@ -1,16 +1,5 @@
-"""``visuohaptic map build``: a map from laser scans and odometry."""
+"""``visuohaptic map build``: a map from laser scans and odometry.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, Namespace
-from pathlib import Path
-from typing import Any
-
-from ..._workers import add_worker_arguments, chosen_workers
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 Reads an MCAP file with sensor_msgs/LaserScan and nav_msgs/Odometry, or a CSV
 file (t_s, x_m, y_m, yaw_rad, angle_min_rad, angle_step_rad, range_min_m,
 range_max_m, r0, r1, ...); writes a map_server YAML file with its PGM image.
@@ -22,6 +11,16 @@ name of each. With --workers or --cluster the floors are built side by side.
 Example: visuohaptic map build run.mcap --out map.yaml
          visuohaptic map build floor-1.mcap floor-2.mcap --out maps
 """
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import Any
+
+from ..._workers import add_worker_arguments, chosen_workers
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: ArgumentParser) -> None:

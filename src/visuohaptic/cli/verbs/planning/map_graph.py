@@ -1,4 +1,13 @@
-"""``visuohaptic map graph``: layers, graph and regions of a map as files."""
+"""``visuohaptic map graph``: layers, graph and regions of a map as files.
+
+reads   a map_server YAML file with its image
+writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
+        graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
+        edges are split until every straight line between nodes keeps the radius off the walls), with --objects
+        joint_graph.geojson (the same with nodes of objects, doors and elevators), and with --plot navigation.png
+
+example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
+"""
 
 from __future__ import annotations
 
@@ -12,17 +21,7 @@ if TYPE_CHECKING:
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.grid.cost_grid import SpeedLimits
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-reads   a map_server YAML file with its image
-writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
-        graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
-        edges are split until every straight line between nodes keeps the radius off the walls), with --objects
-        joint_graph.geojson (the same with nodes of objects, doors and elevators), and with --plot navigation.png
-
-example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

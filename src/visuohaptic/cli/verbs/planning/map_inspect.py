@@ -1,4 +1,10 @@
-"""``visuohaptic map inspect``: what a map holds, and where a robot of some radius gets on it."""
+"""``visuohaptic map inspect``: what a map holds, and where a robot of some radius gets on it.
+
+reads   a map_server YAML file with its image
+writes  nothing
+
+example: visuohaptic map inspect office.yaml --radius 0.25
+"""
 
 from __future__ import annotations
 
@@ -6,14 +12,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "add_arguments", "run"]
+__all__ = ["add_arguments", "run"]
 
-EPILOG = """\
-reads   a map_server YAML file with its image
-writes  nothing
-
-example: visuohaptic map inspect office.yaml --radius 0.25
-"""
 
 #: Narrow passages that are listed.
 _NARROWEST = 5

@@ -1,22 +1,5 @@
-"""``visuohaptic plan``: from a map with tagged objects to driving and pushing."""
+"""``visuohaptic plan``: from a map with tagged objects to driving and pushing.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from ....navigation.problem.path_plan import Plan
-
-__all__ = ["EPILOG", "NO_PLAN", "add_arguments", "run"]
-
-#: Exit code where there is no plan, or none was found.
-NO_PLAN = 3
-#: A proof may take so many times the budget of a plan.
-PROOF_BUDGETS = 10.0
-
-EPILOG = """\
 reads
   MAP.yaml     a map_server map (YAML with PGM or PNG); the objects are occupied cells in it
   --objects    objects: [{id, footprint_m: [[x, y], ...], haptic_tag: {static_friction_N: 8.1, ...}}];
@@ -31,6 +14,22 @@ without a plan the exit code is 3. contact_m is where the robot touches the outl
 
 example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml --start 0.8 0.8 --goal 3 1 --json
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ....navigation.problem.path_plan import Plan
+
+__all__ = ["NO_PLAN", "add_arguments", "run"]
+
+#: Exit code where there is no plan, or none was found.
+NO_PLAN = 3
+#: A proof may take so many times the budget of a plan.
+PROOF_BUDGETS = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

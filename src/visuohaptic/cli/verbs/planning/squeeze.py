@@ -1,17 +1,5 @@
-"""``visuohaptic squeeze``: force against deformation of one pinch on a container."""
+"""``visuohaptic squeeze``: force against deformation of one pinch on a container.
 
-from __future__ import annotations
-
-import argparse
-import time
-from pathlib import Path
-from typing import Any
-
-from ._container import add_container_arguments, read_container
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   a YAML description, the name of a shipped class, or a mesh, as `stiffness` does
 writes  the curve: CSV (deformation_m, force_N, first_m, second_m, gauge_Pa, stress_Pa), and a plot
 
@@ -20,6 +8,23 @@ is linear, at which it gives way (buckles), and at which it yields. Forces are n
 
 example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv --plot curve.png
 """
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from ._container import (
+    add_container_arguments,
+    add_contents_arguments,
+    plain_number,
+    read_container,
+    read_contents,
+)
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,9 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--points", type=int, default=8, help="of the curve (8)")
     parser.add_argument("--out", type=Path, help="curve to write: .csv")
     parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
-    state = parser.add_argument_group("state")
-    state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
-    state.add_argument("--fill", type=float, help="fill level of what is enclosed, 0..1; implies --closed")
+    add_contents_arguments(parser)
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -55,7 +58,6 @@ def run(args: Any) -> dict[str, Any]:
     from ....core.errors import InputError
     from ....deformation.maps.map_file import check_suffix
     from ....deformation.maps.squeeze import plot_squeeze, save_squeeze, squeeze
-    from ....deformation.nonlinear.contents import Contents
 
     check_suffix(None, args.plot)
     if args.out and args.out.suffix.lower() != ".csv":
@@ -64,7 +66,7 @@ def run(args: Any) -> dict[str, Any]:
         raise InputError("--height", "found with --at, expected one of them")
     begin = time.perf_counter()
     container = read_container(args)
-    contents = Contents(fill=args.fill or 0.0) if args.closed or args.fill is not None else None
+    contents, inside = read_contents(args)
     found = squeeze(
         container,
         point_m=args.at,
@@ -86,13 +88,13 @@ def run(args: Any) -> dict[str, Any]:
         "point_m": curve.point_m.tolist(),
         "opposite_m": curve.opposite_m.tolist(),
         "distance_m": found.distance_m,
-        "contents": "open" if contents is None else {"closed": True, "fill": contents.fill},
+        "contents": inside,
         "stiffness_N_per_m": found.stiffness_N_per_m,
         "stiffness_sigma_N_per_m": found.stiffness_sigma_N_per_m,
-        "linear_to_N": _number(found.linear_to_N),
-        "buckling_force_N": _number(found.buckling_force_N),
-        "yield_force_N": _number(found.yield_force_N),
-        "yield_stress_Pa": _number(found.yield_stress_Pa),
+        "linear_to_N": plain_number(found.linear_to_N),
+        "buckling_force_N": plain_number(found.buckling_force_N),
+        "yield_force_N": plain_number(found.yield_force_N),
+        "yield_stress_Pa": plain_number(found.yield_stress_Pa),
         "deformation_m": curve.deformation_m.tolist(),
         "force_N": curve.force_N.tolist(),
         "gauge_Pa": curve.gauge_Pa.tolist(),
@@ -117,7 +119,3 @@ def _report(args: Any, result: dict[str, Any], remarks: tuple[str, ...]) -> None
         args.report(f"{1e3 * depth:6.2f} mm  {force:8.2f} N")
     for line in (*remarks, *(f"note: {note}" for note in result["notes"])):
         args.report(line)
-
-
-def _number(value: float) -> float | None:
-    return value if abs(value) < 1e300 else None

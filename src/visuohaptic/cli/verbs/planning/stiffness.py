@@ -1,22 +1,5 @@
-"""``visuohaptic stiffness``: how stiff a container is at every point of its surface."""
+"""``visuohaptic stiffness``: how stiff a container is at every point of its surface.
 
-from __future__ import annotations
-
-import argparse
-import time
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from ._container import add_container_arguments, read_container
-
-if TYPE_CHECKING:
-    from ....core.objects import StiffnessMap
-    from ....deformation.nonlinear.contents import Contents
-    from ....deformation.shapes.mesher import ShellObject
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
         of the wall or its two sides, z is its height axis unless --up says otherwise. The base is clamped, or
@@ -28,6 +11,27 @@ the wall is held, NaN where nothing is opposite.
 
 example: visuohaptic stiffness bottle --material PET --thickness 0.0005 --out map.npz --plot map.png
 """
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ._container import (
+    add_container_arguments,
+    add_contents_arguments,
+    plain_number,
+    read_container,
+    read_contents,
+)
+
+if TYPE_CHECKING:
+    from ....core.objects import StiffnessMap
+    from ....deformation.shapes.mesher import ShellObject
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,9 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("X", "Y", "Z"),
         help="also say the stiffness at the surface point nearest to this one, between vertices by interpolation, and its distance from it [m]; z up from the foot and x, y from the axis (as the map is written); may be repeated",
     )
-    state = parser.add_argument_group("state")
-    state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
-    state.add_argument("--fill", type=float, help="fill level of what is enclosed, 0..1; implies --closed")
+    add_contents_arguments(parser)
     parser.add_argument(
         "--no-sigma", action="store_true", help="leave the standard deviation out; half the time"
     )
@@ -58,14 +60,11 @@ def run(args: Any) -> dict[str, Any]:
     from ....core.errors import InputError
     from ....deformation.maps.confidence_band import object_map
     from ....deformation.maps.map_file import check_suffix, plot_map, save_map
-    from ....deformation.nonlinear.contents import Contents
 
     check_suffix(args.out, args.plot)
     begin = time.perf_counter()
     container = read_container(args)
-    contents = None
-    if args.closed or args.fill is not None:
-        contents = Contents(fill=args.fill or 0.0)
+    contents, inside = read_contents(args)
     found = object_map(container, contents, band=not args.no_sigma)
     if not np.isfinite(found.stiffness_N_per_m).any():
         raise InputError(args.object, "no surface point has a finite stiffness")
@@ -73,7 +72,7 @@ def run(args: Any) -> dict[str, Any]:
         save_map(args.out, found)
     if args.plot:
         plot_map(args.plot, found, f"{container.name}, {container.material.name}")
-    result = _described(args, container, found, contents)
+    result = _described(args, container, found, inside)
     result["seconds"] = time.perf_counter() - begin
     result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
     if args.at:
@@ -81,9 +80,7 @@ def run(args: Any) -> dict[str, Any]:
     return result
 
 
-def _described(
-    args: Any, container: ShellObject, found: StiffnessMap, contents: Contents | None
-) -> dict[str, Any]:
+def _described(args: Any, container: ShellObject, found: StiffnessMap, inside: Any) -> dict[str, Any]:
     """The object and the range of its stiffness."""
     import numpy as np
 
@@ -100,7 +97,7 @@ def _described(
         "thickness_sigma_m": thickness_m * container.wall_spread,
         "height_m": container.height_m,
         "volume_m3": container.volume_m3,
-        "contents": "open" if contents is None else {"closed": True, "fill": contents.fill},
+        "contents": inside,
         "vertices": len(found.vertices_m),
         "faces": len(found.faces),
         "stiffness_N_per_m": {
@@ -129,10 +126,6 @@ def _at(found: StiffnessMap, point_m: list[float]) -> dict[str, Any]:
         "asked_m": list(point_m),
         "point_m": place_m.tolist(),
         "distance_m": float(np.linalg.norm(place_m - target_m)),
-        "stiffness_N_per_m": _number(value),
-        "sigma_N_per_m": _number(sigma),
+        "stiffness_N_per_m": plain_number(value),
+        "sigma_N_per_m": plain_number(sigma),
     }
-
-
-def _number(value: float) -> float | None:
-    return value if -1e300 < value < 1e300 else None

@@ -1,15 +1,5 @@
-"""``visuohaptic calibrate beam``: from known loads to beam.yaml, or a refusal."""
+"""``visuohaptic calibrate beam``: from known loads to beam.yaml, or a refusal.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
 reads
   loads.csv  known loads on the tip: fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm, and what was observed:
              read_fx_N ... read_mz_Nm (the uncalibrated sensor's reading), or the motion of the tip:
@@ -21,6 +11,14 @@ writes
 example
   visuohaptic calibrate beam loads.csv --beam beam.yaml --out beam.yaml
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

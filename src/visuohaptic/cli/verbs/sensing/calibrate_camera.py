@@ -1,4 +1,11 @@
-"""``visuohaptic calibrate camera``: intrinsics from images of a board."""
+"""``visuohaptic calibrate camera``: intrinsics from images of a board.
+
+Reads a folder of images, a video or an MCAP file; writes a ROS camera_info
+YAML file. Prints every parameter with its standard deviation, and refuses a
+session that would give a bad camera, with the reason.
+
+Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --marker-mm 18 --out camera.yaml
+"""
 
 from __future__ import annotations
 
@@ -8,15 +15,7 @@ from typing import Any
 
 from ..._sensor_run import is_live
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-Reads a folder of images, a video or an MCAP file; writes a ROS camera_info
-YAML file. Prints every parameter with its standard deviation, and refuses a
-session that would give a bad camera, with the reason.
-
-Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --marker-mm 18 --out camera.yaml
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -1,4 +1,11 @@
-"""``visuohaptic calibrate foam``: from a press log to foam.yaml, or a refusal."""
+"""``visuohaptic calibrate foam``: from a press log to foam.yaml, or a refusal.
+
+reads   data.csv with columns strain, stress_Pa, direction (loading or unloading);
+        --plate: depth_m, force_N, s_m, delta_m of a plate narrower than the strip
+writes  foam.yaml (curve, covariance, working range, tension) and, on request, a plot
+
+example visuohaptic calibrate foam press.csv --width 0.02 --height 0.01 --out foam.yaml --plate plate.csv --plot foam.png
+"""
 
 from __future__ import annotations
 
@@ -11,14 +18,6 @@ __all__ = ["add_arguments", "run"]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command reads and writes."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = (
-        "reads   data.csv with columns strain, stress_Pa, direction (loading or unloading);\n"
-        "        --plate: depth_m, force_N, s_m, delta_m of a plate narrower than the strip\n"
-        "writes  foam.yaml (curve, covariance, working range, tension) and, on request, a plot\n\n"
-        "example visuohaptic calibrate foam press.csv --width 0.02 --height 0.01 --out foam.yaml"
-        " --plate plate.csv --plot foam.png"
-    )
     parser.add_argument("data", type=Path, help="CSV of strain and stress")
     parser.add_argument("--out", type=Path, default=Path("foam.yaml"), help="file to write (foam.yaml)")
     parser.add_argument(

@@ -1,4 +1,16 @@
-"""``visuohaptic calibrate stripe``: the colours of a stripe on the foam."""
+"""``visuohaptic calibrate stripe``: the colours of a stripe on the foam.
+
+reads
+  IMAGE      a colour image of the sensor while nothing touches it (or the first frame of a video,
+             a folder or recording.mcap)
+  --config   sensor.yaml with a section stripe; a finger is located by its tag
+writes
+  --out      stripe.npz, to be named in sensor.yaml as stripe.model
+  --mask     the image with the stripe's pixels white and the others that were used darkened
+
+example
+  visuohaptic calibrate stripe rest.png --config sensor.yaml --out stripe.npz --mask mask.png
+"""
 
 from __future__ import annotations
 
@@ -11,24 +23,10 @@ from ....core.errors import InputError
 if TYPE_CHECKING:
     from ....core.camera.frame import Frame
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("sklearn",)
-
-
-EPILOG = """\
-reads
-  IMAGE      a colour image of the sensor while nothing touches it (or the first frame of a video,
-             a folder or recording.mcap)
-  --config   sensor.yaml with a section stripe; a finger is located by its tag
-writes
-  --out      stripe.npz, to be named in sensor.yaml as stripe.model
-  --mask     the image with the stripe's pixels white and the others that were used darkened
-
-example
-  visuohaptic calibrate stripe rest.png --config sensor.yaml --out stripe.npz --mask mask.png
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

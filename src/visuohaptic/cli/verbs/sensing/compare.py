@@ -1,16 +1,5 @@
-"""``visuohaptic compare``: a run beside a scale, or beside another run."""
+"""``visuohaptic compare``: a run beside a scale, or beside another run.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-from ._reference import add_reference, checked_reference, reported
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   RUN, a table that `sense foam` wrote (CSV or Parquet), and what it is held against: a second run, or
         what a scale recorded (CSV with t_s and mass_g, mass_kg or force_N; force_sigma_N where it is known)
 writes  with --page a page with both forces, their difference, and whether the declared sigma is true
@@ -20,6 +9,16 @@ How to record a scale beside a strip is in the docs (Record a reference).
 
 example: visuohaptic compare run.csv scale.csv --page compare.html
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ._reference import add_reference, checked_reference, reported
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

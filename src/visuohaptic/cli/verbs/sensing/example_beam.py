@@ -1,18 +1,5 @@
-"""``visuohaptic example beam``: a recording to try the beam sensor on."""
+"""``visuohaptic example beam``: a recording to try the beam sensor on.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
-
-#: Modules beyond the core on its way.
-NEEDS = ("av",)
-
-
-EPILOG = """\
 reads
   nothing
 writes, into --out
@@ -27,19 +14,17 @@ example
   visuohaptic sense beam --config try/sensor.yaml --source try/push.mp4 --csv try/run.csv --out try/run.mcap
 """
 
+from __future__ import annotations
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the verb."""
-    parser.add_argument("--out", type=Path, required=True, help="folder")
-    parser.add_argument("--seed", type=int, default=1, help="of the noise (1)")
+from typing import Any
+
+from ._example import NEEDS, add_arguments, written
+
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from ....rigs.virtual_beam import write_beam_example
 
-    folder = write_beam_example(args.out, seed=args.seed, say=args.report)
-    files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-    args.report(f"written to {folder}: {', '.join(files)}")
-    args.report("next: visuohaptic example beam --help shows what to do with them")
-    return {"folder": str(folder), "files": files}
+    return written(args, write_beam_example, "example beam")

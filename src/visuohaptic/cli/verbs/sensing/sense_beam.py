@@ -1,4 +1,22 @@
-"""``visuohaptic sense beam``: from images, or from template poses, to six axes of force and moment."""
+"""``visuohaptic sense beam``: from images, or from template poses, to six axes of force and moment.
+
+reads
+  --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; camera and
+             templates_folder to read from images)
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --poses    instead of --source, poses.csv: t_s, name, valid, reason, x_m, y_m, z_m, qx, qy, qz, qw and
+             the covariance of each template in the camera, rows of a frame together
+writes
+  --out      run.mcap with geometry_msgs/WrenchStamped and diagnostics; from images also the templates,
+             geometry_msgs/PoseWithCovarianceStamped on /template/NAME
+  --csv      t_s, valid, reason, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm and their sigmas, a row a frame
+  --parquet  the same
+  --zero     the resting poses that sensor.yaml names, from frames of a sensor that nothing touches
+
+examples
+  visuohaptic sense beam --config sensor.yaml --source rest.mp4 --zero
+  visuohaptic sense beam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv
+"""
 
 from __future__ import annotations
 
@@ -12,7 +30,9 @@ from ....core.errors import InputError
 from ..._sensor_run import (
     Outputs,
     SensorRun,
+    add_outputs,
     add_part,
+    add_zero_frames,
     is_live,
     opened_frames,
     run_sensor,
@@ -32,27 +52,8 @@ if TYPE_CHECKING:
     from ....sensing.readers.sensor_reader import SensorReader, SensorReading
     from ....tracking.templates.template_tracker import TemplatePose
 
-__all__ = ["EPILOG", "add_arguments", "run"]
+__all__ = ["add_arguments", "run"]
 
-
-EPILOG = """\
-reads
-  --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; camera and
-             templates_folder to read from images)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
-  --poses    instead of --source, poses.csv: t_s, name, valid, reason, x_m, y_m, z_m, qx, qy, qz, qw and
-             the covariance of each template in the camera, rows of a frame together
-writes
-  --out      run.mcap with geometry_msgs/WrenchStamped and diagnostics; from images also the templates,
-             geometry_msgs/PoseWithCovarianceStamped on /template/NAME
-  --csv      t_s, valid, reason, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm and their sigmas, a row a frame
-  --parquet  the same
-  --zero     the resting poses that sensor.yaml names, from frames of a sensor that nothing touches
-
-examples
-  visuohaptic sense beam --config sensor.yaml --source rest.mp4 --zero
-  visuohaptic sense beam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv
-"""
 
 #: Frames of a live camera that make a zero.
 _LIVE_ZERO = 100
@@ -65,16 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--source", help="where the frames come from")
     where.add_argument("--poses", type=Path, help="poses of the templates, CSV")
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
-    parser.add_argument("--parquet", type=Path, help="table to write")
+    add_outputs(parser, "table to write")
     parser.add_argument("--zero", action="store_true", help="take and store the zero, then stop")
-    parser.add_argument(
-        "--zero-frames",
-        type=int,
-        default=0,
-        metavar="N",
-        help="zero on the first N frames, then measure (nothing is stored); with --zero: from N frames",
+    add_zero_frames(
+        parser, "zero on the first N frames, then measure (nothing is stored); with --zero: from N frames"
     )
     add_part(parser)
     parser.add_argument(

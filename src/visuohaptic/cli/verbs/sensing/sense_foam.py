@@ -1,36 +1,5 @@
-"""``visuohaptic sense foam``: from frames to force."""
+"""``visuohaptic sense foam``: from frames to force.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from ....core.errors import InputError
-from ..._sensor_run import (
-    SensorRun,
-    add_part,
-    force_outputs,
-    opened_frames,
-    run_sensor,
-    shown_frames,
-    zero_frames,
-)
-from ._reference import add_reference, checked_reference, reported
-
-if TYPE_CHECKING:
-    from ....core.measurement import ForceProfile
-    from ....core.robots import FrameSource
-    from ....report.comparison import ForceRecord
-    from ....sensing.foam.finger import FingerSensor
-    from ....sensing.foam.sensor import FoamSensor
-    from ....sensing.readers.foam_reader import FoamReader
-    from ....sensing.readers.sensor_reader import SensorReading
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
 reads
   --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
   --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...;
@@ -50,24 +19,47 @@ examples
   visuohaptic sense foam --config sensor.yaml --source push.mp4 --against scale.csv --page scale.html
 """
 
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....core.errors import InputError
+from ..._sensor_run import (
+    SensorRun,
+    add_outputs,
+    add_part,
+    add_zero_frames,
+    force_outputs,
+    opened_frames,
+    run_sensor,
+    shown_frames,
+    zero_frames,
+)
+from ._reference import add_reference, checked_reference, reported
+
+if TYPE_CHECKING:
+    from ....core.measurement import ForceProfile
+    from ....core.robots import FrameSource
+    from ....report.comparison import ForceRecord
+    from ....sensing.foam.finger import FingerSensor
+    from ....sensing.foam.sensor import FoamSensor
+    from ....sensing.readers.foam_reader import FoamReader
+    from ....sensing.readers.sensor_reader import SensorReading
+
+__all__ = ["add_arguments", "run"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
     parser.add_argument("--source", required=True, help="where the frames come from")
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
-    parser.add_argument("--parquet", type=Path, help="table with profiles to write")
+    add_outputs(parser, "table with profiles to write")
     parser.add_argument("--plot", type=Path, help="plot of the force to write (PNG)")
     add_reference(parser, "--against")
     parser.add_argument("--zero", action="store_true", help="take and store the zero reference, then stop")
-    parser.add_argument(
-        "--zero-frames",
-        type=int,
-        default=0,
-        metavar="N",
-        help="zero on the first N frames of the source, then measure (nothing is stored)",
-    )
+    add_zero_frames(parser, "zero on the first N frames of the source, then measure (nothing is stored)")
     add_part(parser)
     parser.add_argument(
         "--speed",

@@ -1,25 +1,5 @@
-"""``visuohaptic sense scene``: what else the foam's camera sees."""
+"""``visuohaptic sense scene``: what else the foam's camera sees.
 
-from __future__ import annotations
-
-import argparse
-from math import degrees
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from ....core.errors import InputError
-from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, shown_frames, zero_frames
-
-if TYPE_CHECKING:
-    from ....core.robots import FrameSource
-    from ....sensing.readers.scene_reader import SceneReader
-    from ....sensing.readers.sensor_reader import SensorReading
-    from ....sensing.scene.scene_tracker import SceneReading
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
 reads
   --config    scene.yaml: camera, its pose, height above the floor (docs: Scene); with a field sensor the
               foam's force is read, too, and the object that it touches is tracked
@@ -37,22 +17,43 @@ examples
   visuohaptic sense scene --config scene.yaml --source push.mp4 --odometry wheels.csv --out run.mcap
 """
 
+from __future__ import annotations
+
+import argparse
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....core.errors import InputError
+from ..._sensor_run import (
+    Outputs,
+    SensorRun,
+    add_outputs,
+    add_part,
+    add_zero_frames,
+    opened_frames,
+    run_sensor,
+    shown_frames,
+    zero_frames,
+)
+
+if TYPE_CHECKING:
+    from ....core.robots import FrameSource
+    from ....sensing.readers.scene_reader import SceneReader
+    from ....sensing.readers.sensor_reader import SensorReading
+    from ....sensing.scene.scene_tracker import SceneReading
+
+__all__ = ["add_arguments", "run"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("--config", required=True, type=Path, help="scene.yaml")
     parser.add_argument("--source", required=True, help="where the frames come from")
     parser.add_argument("--odometry", type=Path, metavar="CSV", help="speed and turn rate of the platform")
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
+    add_outputs(parser)
     parser.add_argument("--mask", action="store_true", help="write the obstacle mask to --out, too")
-    parser.add_argument(
-        "--zero-frames",
-        type=int,
-        default=0,
-        metavar="N",
-        help="zero the foam sensor on the first N frames, then measure (nothing is stored)",
-    )
+    add_zero_frames(parser, "zero the foam sensor on the first N frames, then measure (nothing is stored)")
     add_part(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the consensus search (0)")
 

@@ -1,4 +1,12 @@
-"""``visuohaptic template check``: will this image track well?"""
+"""``visuohaptic template check``: will this image track well?
+
+reads   an image file; its printed size from --width-m or its dpi value
+writes  nothing, or with --sheet a print-ready PDF or PNG of it at its exact size
+
+examples
+  visuohaptic template check cover.png
+  visuohaptic template check cover.png --width-m 0.08 --sheet sheet.pdf
+"""
 
 from __future__ import annotations
 
@@ -8,17 +16,7 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
-reads   an image file; its printed size from --width-m or its dpi value
-writes  nothing, or with --sheet a print-ready PDF or PNG of it at its exact size
-
-examples
-  visuohaptic template check cover.png
-  visuohaptic template check cover.png --width-m 0.08 --sheet sheet.pdf
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

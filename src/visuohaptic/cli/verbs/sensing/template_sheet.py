@@ -1,4 +1,10 @@
-"""``visuohaptic template sheet``: tags to print, at their exact size."""
+"""``visuohaptic template sheet``: tags to print, at their exact size.
+
+reads   nothing
+writes  --out, a PDF or PNG; beside it nothing: put the tags into tags.yaml yourself
+
+example: visuohaptic template sheet --ids 0 1 2 --size-m 0.04 --out tags.pdf
+"""
 
 from __future__ import annotations
 
@@ -8,15 +14,7 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
-reads   nothing
-writes  --out, a PDF or PNG; beside it nothing: put the tags into tags.yaml yourself
-
-example: visuohaptic template sheet --ids 0 1 2 --size-m 0.04 --out tags.pdf
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

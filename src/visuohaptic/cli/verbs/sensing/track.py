@@ -1,27 +1,5 @@
-"""``visuohaptic track``: from frames to the poses of templates."""
+"""``visuohaptic track``: from frames to the poses of templates.
 
-from __future__ import annotations
-
-import argparse
-from collections import Counter
-from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from ..._sensor_run import Outputs, add_part, is_live, opened_frames, run_sensor, shown_frames
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-
-    from ....core.camera.frame import Frame
-    from ....tracking.templates.template_tracker import TemplatePose
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-
-EPILOG = """\
 reads
   --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
   --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
@@ -33,14 +11,33 @@ writes
 example: visuohaptic track --templates templates/ --source run.mp4 --camera camera.yaml --out poses.mcap
 """
 
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..._sensor_run import Outputs, add_outputs, add_part, is_live, opened_frames, run_sensor, shown_frames
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+
+    from ....core.camera.frame import Frame
+    from ....tracking.templates.template_tracker import TemplatePose
+
+__all__ = ["add_arguments", "run"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("--templates", required=True, type=Path, help="folder of templates")
     parser.add_argument("--source", required=True, help="where the frames come from")
     parser.add_argument("--camera", required=True, type=Path, help="camera.yaml")
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
+    add_outputs(parser)
     add_part(parser)
     parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 

@@ -1,19 +1,18 @@
-"""``visuohaptic cameras``: which cameras there are."""
+"""``visuohaptic cameras``: which cameras there are.
 
-from __future__ import annotations
-
-import argparse
-from typing import Any
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   the devices of this machine; writes nothing
 prints  an address per camera, which every --source takes; a name in its place does, too: camera:NAME.
         --source also takes /dev/video0, rtsp://host/path, and recordings
 
 example: visuohaptic cameras
 """
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,34 +1,5 @@
-"""``visuohaptic demo``: the whole story in one command, or one part of it."""
+"""``visuohaptic demo``: the whole story in one command, or one part of it.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-from ....core.errors import InputError
-
-__all__ = ["EPILOG", "add_arguments", "needs", "run"]
-
-#: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
-PARTS = ("foam", "beam", "navigate", "glass", "bottle")
-
-
-def needs(args: argparse.Namespace) -> set[str]:
-    """Modules beyond the core on its way: none for the recorded mission.
-
-    Parameters
-    ----------
-    args
-        As parsed.
-    """
-    if args.quick:
-        return set()
-    remembers = {"pyarrow", "sqlalchemy"} if args.memory else set()
-    return {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"} | remembers
-
-
-EPILOG = """\
 parts
   foam      touch one obstacle with the camera-read foam and tag it
   beam      zero the beam sensor and read known loads
@@ -55,6 +26,33 @@ examples
   visuohaptic demo --world 4 --visit 1 --memory results/memory --seed 9
 """
 
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["add_arguments", "needs", "run"]
+
+#: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
+PARTS = ("foam", "beam", "navigate", "glass", "bottle")
+
+
+def needs(args: argparse.Namespace) -> set[str]:
+    """Modules beyond the core on its way: none for the recorded mission.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
+    if args.quick:
+        return set()
+    remembers = {"pyarrow", "sqlalchemy"} if args.memory else set()
+    return {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"} | remembers
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
@@ -77,13 +75,15 @@ def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from contextlib import ExitStack
 
+    from .view import wait
+
     if args.quick and (args.part or args.map):
         raise InputError(
             "--quick", f"found with {args.part or args.map}", remedy="it replays the whole mission"
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
-    for name, value in (("--seed", args.seed), ("--world", args.world), ("--visit", args.visit)):
+    for name, value in (("--world", args.world), ("--visit", args.visit)):
         if value < 0:
             raise InputError(name, f"found {value}, expected 0 or more")
     with ExitStack() as stack:
@@ -98,7 +98,7 @@ def run(args: Any) -> dict[str, Any]:
         result = work(args, page)
         if page is not None:
             args.report(f"the page stays at {page.url}; end with Ctrl-C")
-            _wait()
+            wait(args)
     return result
 
 
@@ -220,11 +220,3 @@ def _save_picture(result: Any, path: Path) -> None:
     if done:
         with atomic_path(path) as temporary:
             temporary.write_bytes(data.tobytes())
-
-
-def _wait() -> None:
-    import contextlib
-    import threading
-
-    with contextlib.suppress(KeyboardInterrupt):
-        threading.Event().wait()

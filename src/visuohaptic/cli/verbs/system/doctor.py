@@ -1,4 +1,18 @@
-"""``visuohaptic doctor``: try every library in a process of its own, or a robot against its protocols."""
+"""``visuohaptic doctor``: try every library in a process of its own, or a robot against its protocols.
+
+reads   nothing; with --robot the module, which is looked for in this folder, too
+writes  nothing; ends with code 2 when a library of the core does not work, or the robot breaks a rule
+
+The function that --robot names returns the parts of the robot: base, arm, gripper, camera, localizer, depth,
+feel (a mapping, or RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
+the fingers close by 1 cm: have room, and a hand on the emergency stop.
+
+examples
+  visuohaptic doctor
+  visuohaptic doctor --robot my_robot:connect
+  visuohaptic doctor --robot my_robot:connect --still
+  visuohaptic doctor --robot visuohaptic.simulation.served:kitchen --apart
+"""
 
 from __future__ import annotations
 
@@ -17,22 +31,8 @@ from ....core.errors import InputError, VisuohapticError
 from ..._console import Arguments
 from ..._extras import CORE, OPTIONAL, Library
 
-__all__ = ["EPILOG", "Finding", "add_arguments", "examine", "run"]
+__all__ = ["Finding", "add_arguments", "examine", "run"]
 
-EPILOG = """\
-reads   nothing; with --robot the module, which is looked for in this folder, too
-writes  nothing; ends with code 2 when a library of the core does not work, or the robot breaks a rule
-
-The function that --robot names returns the parts of the robot: base, arm, gripper, camera, localizer, depth,
-feel (a mapping, or RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
-the fingers close by 1 cm: have room, and a hand on the emergency stop.
-
-examples
-  visuohaptic doctor
-  visuohaptic doctor --robot my_robot:connect
-  visuohaptic doctor --robot my_robot:connect --still
-  visuohaptic doctor --robot visuohaptic.simulation.served:kitchen --apart
-"""
 
 #: Seconds after which a library counts as hanging.
 PATIENCE_S = 60.0

@@ -1,19 +1,5 @@
-"""``visuohaptic reproduce``: the dissertation's figures and tables, reproduced."""
+"""``visuohaptic reproduce``: the dissertation's figures and tables, reproduced.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import Any
-
-from ..._workers import add_worker_arguments, chosen_workers
-
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "needs", "run"]
-
-#: Modules beyond the core on its way.
-NEEDS = ("matplotlib",)
-
-EPILOG = """\
 reads   nothing: every experiment draws its own world from a seed
 writes  a folder for each experiment with its data (CSV), plots (PNG) and result.json (our numbers
         and those of the dissertation, seed, versions), index.md that shows them all, and experiments.csv
@@ -24,6 +10,19 @@ that fails does not stop the others; its reason is said, and the exit code is 1.
 
 example: visuohaptic reproduce figure-3.4 --out results/dissertation
 """
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..._workers import add_worker_arguments, chosen_workers
+
+__all__ = ["NEEDS", "add_arguments", "needs", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("matplotlib",)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,18 @@
-"""``visuohaptic ros bridge``: the sensors as a ROS 2 node."""
+"""``visuohaptic ros bridge``: the sensors as a ROS 2 node.
+
+reads
+  bridge.yaml  node: name, namespace, domain, type_hashes (no for Humble), connect, listen, zenoh_config
+               sensors: name, config (sensor.yaml or scene.yaml), image (topic), odometry, zero_frames
+writes, for each sensor NAME
+  /NAME/wrench        geometry_msgs/WrenchStamped, NaN when not valid
+  /NAME/diagnostics   diagnostic_msgs/DiagnosticArray: validity, reason, all numbers; stale without images
+  /NAME/profile, /NAME/contact, /NAME/event, /NAME/markers of a foam; /NAME/pose of a scene
+
+Runs until Ctrl-C or SIGTERM with exit code 0. A router has to run (ros2 run rmw_zenoh_cpp rmw_zenohd)
+unless connect is empty.
+
+example: visuohaptic ros bridge bridge.yaml
+"""
 
 from __future__ import annotations
 
@@ -13,26 +27,10 @@ from ..._stop import signals
 if TYPE_CHECKING:
     from ....ros.bridge import Bridge
 
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
+__all__ = ["NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("zenoh",)
-
-
-EPILOG = """\
-reads
-  bridge.yaml  node: name, namespace, domain, type_hashes (no for Humble), connect, listen, zenoh_config
-               sensors: name, config (sensor.yaml or scene.yaml), image (topic), odometry, zero_frames
-writes, for each sensor NAME
-  /NAME/wrench        geometry_msgs/WrenchStamped, NaN when not valid
-  /NAME/diagnostics   diagnostic_msgs/DiagnosticArray: validity, reason, all numbers; stale without images
-  /NAME/profile, /NAME/contact, /NAME/event, /NAME/markers of a foam; /NAME/pose of a scene
-
-Runs until Ctrl-C or SIGTERM with exit code 0. A router has to run (ros2 run rmw_zenoh_cpp rmw_zenohd)
-unless connect is empty.
-
-example: visuohaptic ros bridge bridge.yaml
-"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

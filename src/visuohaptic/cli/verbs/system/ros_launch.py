@@ -1,4 +1,16 @@
-"""``visuohaptic ros launch``: several nodes from a launch file, with or without ROS."""
+"""``visuohaptic ros launch``: several nodes from a launch file, with or without ROS.
+
+reads
+  robot.launch.xml   <launch> with <arg name="..." default="..."/> and <executable cmd="..."/>, $(var name) in the
+                     latter: the same file runs with plain ros2 launch
+writes
+  nothing itself; what its nodes publish
+
+Runs until Ctrl-C or SIGTERM with exit code 0; where one process ends with an error, all end with exit code 3.
+Without a name the launch files of this library are listed.
+
+example: visuohaptic ros launch
+"""
 
 from __future__ import annotations
 
@@ -11,20 +23,7 @@ from typing import Any
 from ....core.errors import InputError
 from ..._stop import signals
 
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
-reads
-  robot.launch.xml   <launch> with <arg name="..." default="..."/> and <executable cmd="..."/>, $(var name) in the
-                     latter: the same file runs with plain ros2 launch
-writes
-  nothing itself; what its nodes publish
-
-Runs until Ctrl-C or SIGTERM with exit code 0; where one process ends with an error, all end with exit code 3.
-Without a name the launch files of this library are listed.
-
-example: visuohaptic ros launch
-"""
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,17 +1,5 @@
-"""``visuohaptic ros node``: one node of a robot, with parameters, a life cycle and diagnostics."""
+"""``visuohaptic ros node``: one node of a robot, with parameters, a life cycle and diagnostics.
 
-from __future__ import annotations
-
-import argparse
-import threading
-from typing import Any
-
-from ....core.errors import InputError
-from ..._stop import signals
-
-__all__ = ["EPILOG", "add_arguments", "run"]
-
-EPILOG = """\
 reads   topics, and the files that its parameters name (sensor.yaml, objects.yaml, ...)
 writes  topics, services and /diagnostics; no file
 
@@ -30,6 +18,17 @@ Runs until Ctrl-C or SIGTERM with exit code 0.
 
 example: visuohaptic ros node
 """
+
+from __future__ import annotations
+
+import argparse
+import threading
+from typing import Any
+
+from ....core.errors import InputError
+from ..._stop import signals
+
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,18 @@
-"""``visuohaptic start``: from a camera and a strip of foam to live newtons, without a file written by hand."""
+"""``visuohaptic start``: from a camera and a strip of foam to live newtons, without a file written by hand.
+
+asks for what it does not know: the camera, the size of the strip, and known loads from a kitchen scale
+reads
+  --source   a camera (0, /dev/video0, rtsp://...), or a recording of the same steps
+writes, into --out
+  tag.pdf        to print: the tag that shows the camera where the strip is
+  camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; later: visuohaptic sense foam --config sensor.yaml
+steps
+  1  the tag lies on the strip: where is it?       2  nothing touches the strip: zero, and is the size right?
+  3  the strip is pressed against a scale: how stiff is the foam?              4  newtons, until Ctrl-C
+
+example
+  visuohaptic start --source 0 --length 250 --width 40 --height 50 --out bumper
+"""
 
 from __future__ import annotations
 
@@ -24,22 +38,8 @@ if TYPE_CHECKING:
     from ....sensing.foam.sensor import FoamSensor
     from ....sensing.foam.strip.zero import ZeroReference
 
-__all__ = ["EPILOG", "add_arguments", "run"]
+__all__ = ["add_arguments", "run"]
 
-EPILOG = """\
-asks for what it does not know: the camera, the size of the strip, and known loads from a kitchen scale
-reads
-  --source   a camera (0, /dev/video0, rtsp://...), or a recording of the same steps
-writes, into --out
-  tag.pdf        to print: the tag that shows the camera where the strip is
-  camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; later: visuohaptic sense foam --config sensor.yaml
-steps
-  1  the tag lies on the strip: where is it?       2  nothing touches the strip: zero, and is the size right?
-  3  the strip is pressed against a scale: how stiff is the foam?              4  newtons, until Ctrl-C
-
-example
-  visuohaptic start --source 0 --length 250 --width 40 --height 50 --out bumper
-"""
 
 TAG_ID = 7
 #: Frames of each step: of the tag, of the zero reference, and of a load that is held still.

@@ -1,17 +1,5 @@
-"""``visuohaptic view``: a page in the browser for objects, maps, plans, surfaces and classifications."""
+"""``visuohaptic view``: a page in the browser for objects, maps, plans, surfaces and classifications.
 
-from __future__ import annotations
-
-import argparse
-import time
-from typing import Any
-
-__all__ = ["EPILOG", "NEEDS", "add_arguments", "run", "wait"]
-
-#: Modules beyond the core on its way.
-NEEDS = ("trimesh", "viser")
-
-EPILOG = """\
 reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a shipped
         class), surfaces (.ply; coloured by any number of their vertices, as sigma_m), maps of
         map_server (.yaml), plans (.json, drawn on the map before them), steps of a classification
@@ -20,6 +8,19 @@ writes  nothing; the page is served on 127.0.0.1 until Ctrl-C
 
 example: visuohaptic view cup-rim map.yaml plan.json completed.ply
 """
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["NEEDS", "add_arguments", "check_page", "run", "wait"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("trimesh", "viser")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,15 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Serve until interrupted; the mapping is what ``--json`` prints."""
-    from ....core.errors import InputError
     from ....grasping.grasp_task import GraspTask
     from ....viewer.browse import BrowsePage
     from ....viewer.files import open_views
 
-    if not 0 <= args.port <= 65535:
-        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
-    if args.seconds is not None and not args.seconds >= 0:
-        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
+    check_page(args)
     task = GraspTask(force_N=args.force, closed=args.state == "closed", fill=args.fill)
     views = open_views(args.files, task)
     with BrowsePage(views, args.port) as page:
@@ -55,16 +52,36 @@ def run(args: Any) -> dict[str, Any]:
     return {"url": url, "views": list(names)}
 
 
-def wait(args: Any) -> None:
-    """Until ``--seconds`` have passed, or Ctrl-C.
+def check_page(args: Any) -> None:
+    """Refuse a port or a time that cannot be.
 
     Parameters
     ----------
     args
-        With ``seconds`` [s], or ``None``.
+        With ``port`` and ``seconds`` [s], or ``None``.
+
+    Raises
+    ------
+    InputError
+        Names the option.
+    """
+    if not 0 <= args.port <= 65535:
+        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
+    if args.seconds is not None and not args.seconds >= 0:
+        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
+
+
+def wait(args: Any) -> None:
+    """Until ``--seconds`` have passed, where the verb has it, or Ctrl-C.
+
+    Parameters
+    ----------
+    args
+        With ``seconds`` [s], ``None``, or without.
     """
     try:
-        end_s = float("inf") if args.seconds is None else time.monotonic() + args.seconds
+        seconds = getattr(args, "seconds", None)
+        end_s = float("inf") if seconds is None else time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0:
             time.sleep(min(left_s, 0.5))
     except KeyboardInterrupt:

@@ -1,4 +1,13 @@
-"""``visuohaptic warmup``: compile every kernel once, here or on all machines of a cluster, and say how long it took."""
+"""``visuohaptic warmup``: compile every kernel once, here or on all machines of a cluster, and say how long it took.
+
+reads   nothing
+writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes what other
+        sources of this library left there; with --cluster on every machine that has a worker now
+
+examples
+  visuohaptic warmup
+  visuohaptic warmup sensing tracking --workers 1
+"""
 
 from __future__ import annotations
 
@@ -14,17 +23,8 @@ from ....core.map_tasks import available_cores, cluster_hosts, map_tasks
 from ..._console import Arguments, Progress
 from ..._workers import add_worker_arguments, chosen_workers
 
-__all__ = ["EPILOG", "SIGNATURES", "add_arguments", "compile_lines", "read_signatures", "run"]
+__all__ = ["SIGNATURES", "add_arguments", "compile_lines", "read_signatures", "run"]
 
-EPILOG = """\
-reads   nothing
-writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes what other
-        sources of this library left there; with --cluster on every machine that has a worker now
-
-examples
-  visuohaptic warmup
-  visuohaptic warmup sensing tracking --workers 1
-"""
 
 #: One line for each kernel that Python calls, ``module:function (types of the arguments)``; the kernels that
 #: these call follow. Written by ``python -m benchmarks.kernel_signatures``.

@@ -14,21 +14,21 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.errors import InputError
-from ..core.measurement import Reason, Wrench
-from ..sensing.beam.calibration import BeamCalibration, calibrate_beam
-from ..sensing.beam.mechanics import Beam
-from ..sensing.beam.records import LoadRecord
-from ..sensing.beam.sensor import BeamSetup
-from ..sensing.beam.tracked import TrackedBeam
-from ..simulation.beam.rod import ElasticRod
-from ..simulation.beam.rod_rig import RodRig
-from ..simulation.rendering.effects import CameraEffects
-from ..simulation.tabletop.crown_cap import ROTATION_TOOL_SENSOR, CrownCapCell, OpenerBeam
-from ..tasks.manipulation.crown_cap import tool_wrench
-from .virtual_beam import VirtualBeam
+from visuohaptic.core.camera.frame import Frame
+from visuohaptic.core.camera.model import Camera
+from visuohaptic.core.errors import InputError
+from visuohaptic.core.measurement import Reason, Wrench
+from visuohaptic.rigs import VirtualBeam
+from visuohaptic.sensing.beam.calibration import BeamCalibration, calibrate_beam
+from visuohaptic.sensing.beam.mechanics import Beam
+from visuohaptic.sensing.beam.records import LoadRecord
+from visuohaptic.sensing.beam.sensor import BeamSetup
+from visuohaptic.sensing.beam.tracked import TrackedBeam
+from visuohaptic.simulation.beam.rod import ElasticRod
+from visuohaptic.simulation.beam.rod_rig import RodRig
+from visuohaptic.simulation.rendering.effects import CameraEffects
+from visuohaptic.simulation.tabletop.crown_cap import ROTATION_TOOL_SENSOR, CrownCapCell, OpenerBeam
+from visuohaptic.tasks.manipulation.crown_cap import tool_wrench
 
 __all__ = ["OpenerSensor"]
 
