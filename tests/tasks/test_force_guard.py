@@ -37,6 +37,7 @@ from visuohaptic.navigation.problem import (
 from visuohaptic.reproduce.pushes import PushLimits
 from visuohaptic.tasks.framework import Machine, Rule
 from visuohaptic.tasks.mobile import ForceGuard, GuardState, PushEnd, PushSettings, SteeredPush
+from visuohaptic.tasks.mobile.force_guard import ReactionTime
 from visuohaptic.tasks.mobile.travel import TravelOutcome, TravelSenses, TravelSettings, travel
 
 LIMIT_N = ROBOT.push_force_max_N
@@ -269,3 +270,21 @@ def test_wrong_robots_are_refused_by_name():
         require_members(Silent(), Gripper, "grasp", "gripper")
     require_members(robot, MobileBase, "travel")
     require_members(robot, TravelSenses, "travel")
+
+
+def test_the_reaction_is_as_long_as_readings_have_waited():
+    """At 30 Hz a touch shows after one frame and is read in another; three lost frames make that five."""
+    reaction, frame_s = ReactionTime(2 / 30), 1 / 30
+    for k in range(10):
+        reaction.update(k * frame_s, 5.0 + k * frame_s)
+    assert reaction.reaction_s == pytest.approx(2 * frame_s)
+    reaction.update(13 * frame_s, 5.0 + 13 * frame_s)
+    assert reaction.reaction_s == pytest.approx(5 * frame_s)
+    # In order, but two frames later than the quickest: it shows what was the case two frames ago.
+    reaction = ReactionTime(2 / 30)
+    for k, late in enumerate((0, 0, 1, 2, 2)):
+        reaction.update(k * frame_s, (k + late) * frame_s)
+    assert reaction.reaction_s == pytest.approx((2 + 2 + 1) * frame_s)
+    # A supervisor has stopped the platform by then.
+    reaction.update(40 * frame_s, 40 * frame_s)
+    assert reaction.reaction_s == pytest.approx(0.15 + 2 * frame_s)

@@ -154,6 +154,28 @@ def test_a_bottle_at_the_end_of_the_foam_is_faced(side: float) -> None:
     assert contact.movable
 
 
+def test_frames_that_come_seldom_make_it_slow_not_heavy() -> None:
+    """Ten frames a second: at the speeds that are safe at thirty, walls are met with 43 N and more, the limit is 20."""
+    felt = []
+
+    class Watched(QuickWorld):
+        def step(self, dt_s: float) -> Any:
+            found = super().step(dt_s)
+            felt.append(found.strip.load_N)
+            return found
+
+    room = touch_room(66)
+    x, y, heading = room.start
+    config = PlatformConfig(x_m=x, y_m=y, heading_rad=heading, strip=QuickWorld([]).config.strip)
+    world = Watched(room.obstacles, config)
+    foam: Any = QuickFoam(world, np.random.default_rng(66))
+    grid = HapticMap.empty((-0.5, -0.5), (room.size_m[0] + 1.0, room.size_m[1] + 1.0))
+    source = QuickFrames(world, frame_rate_Hz=10.0)
+    done = map_by_touch(world, source, foam, grid, MapSettings(contacts=2, timeout_s=100.0))
+    assert done.ending.success
+    assert max(felt) < 1.1 * ExploreSettings().max_force_N
+
+
 def test_walls_and_middles_need_no_second_time() -> None:
     """A wall may be up to some 10 degrees oblique; more, and it is faced as well."""
     for things in (

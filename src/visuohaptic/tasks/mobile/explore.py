@@ -74,6 +74,7 @@ class ObstacleExploration:
     expected_m: float = math.nan  #: travel at which the scene expected the touch, as it was last seen before
     #: turn of the object in the world since the touch, by its texture; NaN where it was not seen [rad]
     object_angle_rad: Float[np.ndarray, "N"] = field(default_factory=lambda: np.zeros(0))
+    reaction_s: float = math.nan  #: longest time from a touch to the brake, by the age of the readings
 
     @property
     def outcome(self) -> ExploreOutcome:
@@ -265,4 +266,5 @@ class _Senses:
             task.ahead.seen_m,
             task.ahead.expected_m,
             np.array(recording.angles_rad),
+            task.reaction.reaction_s,
         )

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
 
 from ...core.ranges import POSITIVE, check_ranges
 
@@ -13,6 +15,9 @@ if TYPE_CHECKING:
     from ...sensing.foam.material.foam_material import FoamMaterial
 
 __all__ = ["ExploreCommand", "ExploreObservation", "ExploreOutcome", "ExploreSettings", "ExploreState"]
+
+#: A depth, or an array of several.
+DepthT = TypeVar("DepthT", float, np.ndarray)
 
 
 class ExploreState(StrEnum):
@@ -47,7 +52,8 @@ class ExploreSettings:
     cruise_m_s: float = field(default=0.06, metadata=POSITIVE)
     #: how hard the platform may brake before what it sees
     brake_m_s2: float = field(default=0.3, metadata=POSITIVE)
-    #: from a touch to the brake: the frame that first shows it, and the one in which it is read, at 30 Hz
+    #: from a touch to the brake: the frame that first shows it, and the one in which it is read, at 30 Hz; longer
+    #: where readings come later than that, see :class:`.force_guard.ReactionTime`
     reaction_s: float = field(default=2 / 30, metadata=POSITIVE)
     near_m: float = 0.02  #: gap from foam to obstacle at which it is down to ``approach_m_s``
     free_ahead_m: float = 0.0  #: floor before the foam that is known to be free at the start
@@ -76,16 +82,18 @@ class ExploreSettings:
         """
         return self.strain_fraction * material.densification_strain * material.width_m
 
-    def stopping_speed_m_s(self, depth_m: float) -> float:
+    def stopping_speed_m_s(self, depth_m: DepthT, reaction_s: float) -> DepthT:
         """Largest speed [m/s] from which the platform stands within a depth of foam: v t + v^2 / (2 a) = depth.
 
         Parameters
         ----------
         depth_m
-            That the foam may take up [m].
+            That the foam may take up, one or several [m].
+        reaction_s
+            From a touch to the brake [s].
         """
-        t_s, a_m_s2 = self.reaction_s, self.brake_m_s2
-        return a_m_s2 * (math.sqrt(t_s**2 + 2.0 * depth_m / a_m_s2) - t_s)
+        t_s, a_m_s2 = reaction_s, self.brake_m_s2
+        return a_m_s2 * ((t_s**2 + 2.0 * depth_m / a_m_s2) ** 0.5 - t_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from .explore_records import (
     ExploreSettings,
     ExploreState,
 )
-from .force_guard import ForceGuard, GuardState
+from .force_guard import ForceGuard, GuardState, ReactionTime
 
 __all__ = ["ExploreTask"]
 
@@ -52,9 +52,8 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         }
         super().__init__({"explore": self.settings, "max_deflection_m": max_deflection_m, "sight_m": sight_m})
         self.limits = StopLimits(max_deflection_m, self.settings.max_force_N, self.settings.push_m)
-        # Whatever was asked for: what is touched unseen must not bear more than the foam takes up.
-        slow_m_s = min(self.settings.approach_m_s, self.settings.stopping_speed_m_s(max_deflection_m))
-        self.ahead = LookAhead(sight_m, replace(self.settings, approach_m_s=slow_m_s))
+        self.reaction = ReactionTime(self.settings.reaction_s)
+        self.ahead = LookAhead(sight_m, self.settings)
         self.stopped_by: StopReason | None = None
         self.touched = False
         # The foam is compliant: its first reading at the limit is enough.
@@ -63,7 +62,12 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         )
         self._first: ExploreObservation | None = None
         self._halted_s = self._back_travel_m = math.nan
-        self._command = ExploreCommand(slow_m_s)
+        self._command = ExploreCommand(self._blind_m_s())
+
+    def _blind_m_s(self) -> float:
+        """Speed of the approach: what is touched unseen must not bear more than the foam takes up."""
+        s = self.settings
+        return min(s.approach_m_s, s.stopping_speed_m_s(self.limits.deflection_m, self.reaction.reaction_s))
 
     def halt(self) -> ExploreCommand:
         """The platform stands still."""
@@ -74,6 +78,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         self._first = self._first or seen
         if seen.sight and not self.touched:
             self.ahead.update(seen.sight_valid, seen.ahead_m, seen.travel_m, at_border=seen.at_border)
+        self.reaction.update(seen.t_s, seen.base_t_s)
         pressing = self.state in (ExploreState.APPROACH, ExploreState.PUSH)
         force_N = seen.force_N if seen.force_read else math.nan
         allowed = self._guard.update(force_N, seen.force_sigma_N, pressing=pressing)
@@ -98,11 +103,15 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             if seen.in_contact:
                 self.touched = True
                 self.go(ExploreState.PUSH, f"touched after {seen.travel_m:.3f} m")
-                self._command = ExploreCommand(s.push_m_s)
+                self._command = self._push(seen)
             elif seen.travel_m > s.search_m:
                 self.end(False, ExploreOutcome.NOTHING_FOUND, f"no contact in {seen.travel_m:.2f} m")
-            elif seen.sight:
-                self._command = ExploreCommand(self.ahead.speed_m_s(seen.travel_m))
+            else:
+                slow_m_s = self._blind_m_s()
+                self.ahead.settings = replace(s, approach_m_s=slow_m_s)
+                self._command = ExploreCommand(
+                    self.ahead.speed_m_s(seen.travel_m) if seen.sight else slow_m_s
+                )
         elif self.state is ExploreState.PUSH:
             reason = self._must_stop(seen)
             if reason is None and seen.travel_m > s.search_m + s.push_m:
@@ -111,9 +120,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             if reason is not None:
                 self._stop(reason, seen)
             elif math.isfinite(seen.deflection_m):
-                # Slower as the foam fills: it stands before the foam is dense, and the force stays read.
-                left_m = max(self.limits.deflection_m / s.strain_fraction - seen.deflection_m, 0.0)
-                self._command = ExploreCommand(min(s.push_m_s, s.stopping_speed_m_s(left_m)))
+                self._command = self._push(seen)
         elif self.state is ExploreState.HALT:
             if seen.base_t_s - self._halted_s >= s.halt_s:
                 self.go(ExploreState.BACK_OFF, f"stood for {s.halt_s:g} s")
@@ -121,6 +128,16 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
                 self._command = ExploreCommand(-s.back_off_m_s)
         elif seen.travel_m < self._back_travel_m - s.back_off_m:
             self.end(True, ExploreOutcome.TAGGED, f"stopped by {self.stopped_by}")
+
+    def _push(self, seen: ExploreObservation) -> ExploreCommand:
+        """Slower as the foam fills: it stands before the foam is dense, and the force stays read."""
+        s = self.settings
+        left_m = self.limits.deflection_m / s.strain_fraction - (
+            0.0 if math.isnan(seen.deflection_m) else seen.deflection_m
+        )
+        return ExploreCommand(
+            min(s.push_m_s, s.stopping_speed_m_s(max(left_m, 0.0), self.reaction.reaction_s))
+        )
 
     def _must_stop(self, seen: ExploreObservation) -> StopReason | None:
         """Stop condition that holds; none when the foam was not seen."""

@@ -6,15 +6,22 @@ import math
 from collections import deque
 from enum import StrEnum
 
-from ...core.errors import InputError
-from ...sensing.push.push_record import reaches_limit
+import numpy as np
 
-__all__ = ["ForceGuard", "GuardState"]
+from ...core.errors import InputError
+from ...core.measurement import ForceProfile
+from ...sensing.push.push_record import reaches_limit
+from .explore_records import ExploreSettings
+
+__all__ = ["FoamLimit", "ForceGuard", "GuardState", "ReactionTime"]
 
 #: Readings whose median decides whether a force is friction or the blow of a contact that rattles.
 MEDIAN_OF = 5
 #: Readings in a row that are not valid before the sensor counts as failed: half a second at 50 Hz.
 MAX_UNREAD = 25
+#: The frame in which a touch is read [s], at 30 Hz; and the age at which a supervisor stops what has not been read
+#: anew, with the period of its check: beyond that no command is needed.
+READ_S, MAX_AGE_S = 1 / 30, 0.15 + 1 / 30
 
 
 class GuardState(StrEnum):
@@ -84,3 +91,81 @@ class ForceGuard:
         if sum(self._above) >= self._needed:
             return GuardState.TOO_HEAVY
         return GuardState.HOLD if above else GuardState.GO
+
+
+class ReactionTime:
+    """Longest time from a touch to the brake, by the age that readings have shown.
+
+    A touch right after one reading shows in the next one: it has waited for an interval between readings, and for as
+    much as that one came later after its own time than the quickest before it.
+
+    Parameters
+    ----------
+    reaction_s
+        As long as nothing else is seen [s].
+    """
+
+    def __init__(self, reaction_s: float) -> None:
+        self.reaction_s = reaction_s
+        self._read_s, self._delay_s = math.nan, math.inf
+
+    def update(self, t_s: float, now_s: float) -> None:
+        """Take a reading that is newer than those before.
+
+        Parameters
+        ----------
+        t_s
+            Its own time, by the camera's clock [s].
+        now_s
+            When it came, by the platform's clock [s].
+        """
+        self._delay_s = min(self._delay_s, now_s - t_s)
+        interval_s = 0.0 if math.isnan(self._read_s) else now_s - self._read_s
+        age_s = interval_s + now_s - t_s - self._delay_s
+        self.reaction_s = max(self.reaction_s, min(age_s, MAX_AGE_S) + READ_S)
+        self._read_s = now_s
+
+
+class FoamLimit:
+    """How fast the foam may go against what it may meet anywhere along its front: as fast as it takes up there.
+
+    Parameters
+    ----------
+    explore
+        For the speed from which the platform stands within a depth.
+    reaction_s
+        From a touch to the brake, until readings come later [s].
+    full_m
+        Deflection at which the foam is full [m].
+    """
+
+    def __init__(self, explore: ExploreSettings, reaction_s: float, full_m: float) -> None:
+        self.reaction = ReactionTime(reaction_s)
+        self._explore, self._full_m = explore, full_m
+        self._s_m = self._delta_m = np.zeros(1)
+
+    def update(self, t_s: float, now_s: float, profile: ForceProfile) -> None:
+        """Take a reading of the foam.
+
+        Parameters
+        ----------
+        t_s, now_s
+            As :meth:`ReactionTime.update`.
+        profile
+            Deflection along the front.
+        """
+        self.reaction.update(t_s, now_s)
+        self._s_m, self._delta_m = profile.s_m, np.nan_to_num(profile.delta_m)
+
+    def part_of(self, speed_m_s: float, turn_rate_rad_s: float) -> float:
+        """Of the velocities; a turn moves the ends of the front: v - w s at s to the left of its middle.
+
+        Parameters
+        ----------
+        speed_m_s, turn_rate_rad_s
+            As they are wanted.
+        """
+        closing = speed_m_s - turn_rate_rad_s * self._s_m
+        left_m = np.maximum(self._full_m - self._delta_m, 0.0)
+        safe = self._explore.stopping_speed_m_s(left_m, self.reaction.reaction_s)
+        return float(np.min(safe[closing > 0.0] / closing[closing > 0.0], initial=1.0))

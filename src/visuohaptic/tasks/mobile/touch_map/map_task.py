@@ -20,7 +20,7 @@ from ...framework.run import run_machine
 from ...framework.trace import Ending, Trace
 from ..explore import ObstacleExploration, explore_obstacle
 from ..explore_records import ExploreOutcome, ExploreSettings
-from ..force_guard import ForceGuard, GuardState
+from ..force_guard import FoamLimit, ForceGuard, GuardState
 from ._map_contacts import Placing, aside_rad, contact_of, face_rad
 from .map_records import MapCommand, MapObservation, MapOutcome, MapSettings, MapState
 
@@ -324,25 +324,37 @@ def map_by_touch(
     require_members(base, MobileBase, "map_by_touch")
     require_members(source, FrameSource, "map_by_touch", "frame source", members=("__iter__",))
     settings, explore = settings or MapSettings(), explore or _exploration()
-    # Along a wall another one is met with the whole foam: as fast as that takes up.
-    safe_m_s = explore.stopping_speed_m_s(explore.max_deflection_m(sensor.setup.material))
+    full_m = explore.max_deflection_m(sensor.setup.material)
+    limit = FoamLimit(explore, explore.reaction_s, full_m)
     guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.blind_frames)
     task = TouchMapTask(settings)
     found = _Contacts(settings, haptic_map, base.state(), on_contact)
     command = _STOP
 
     def observations() -> Iterator[MapObservation]:
+        nonlocal limit
+        seen: MapObservation | None = None
         for frame in iter(source):
-            profile = sensor.read(frame)
+            if seen is not None and frame.t_s <= seen.t_s:
+                yield replace(
+                    seen, t_s=frame.t_s
+                )  # late, or once more: it stands still until there is a new one
+                continue
+            state, profile = base.state(), sensor.read(frame)
+            limit.update(frame.t_s, state.t_s, profile)
             pressing = command.speed_m_s > 0.0 or command.turn_rate_rad_s != 0.0
             allowed = guard.update(profile.force_N, profile.force_sigma_N, pressing=pressing)
             if allowed is GuardState.UNREAD:
                 task.interrupt(MapOutcome.SENSOR_FAILED, "the force is not read")
                 return
-            seen = _observation(frame.t_s, base.state(), touched=bool(profile.contacts))
+            if pressing:
+                carry_out(command)  # slower as the foam fills
+            seen = _observation(frame.t_s, state, touched=bool(profile.contacts))
             yield replace(seen, overload=allowed is GuardState.TOO_HEAVY)
             while command.explore:
-                exploration = explore_obstacle(base, source, sensor, explore)
+                reaction_s = limit.reaction.reaction_s
+                exploration = explore_obstacle(base, source, sensor, replace(explore, reaction_s=reaction_s))
+                limit = FoamLimit(explore, exploration.reaction_s, full_m)
                 if exploration.outcome in _ENDINGS:
                     task.interrupt(_ENDINGS[exploration.outcome], exploration.ending.why)
                     return
@@ -352,7 +364,8 @@ def map_by_touch(
         nonlocal command
         command = wanted
         if wanted.speed_m_s or wanted.turn_rate_rad_s:
-            base.drive(min(wanted.speed_m_s, safe_m_s), wanted.turn_rate_rad_s)
+            part = limit.part_of(wanted.speed_m_s, wanted.turn_rate_rad_s)
+            base.drive(part * wanted.speed_m_s, part * wanted.turn_rate_rad_s)
         else:
             base.stop()
 
