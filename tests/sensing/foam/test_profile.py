@@ -134,7 +134,8 @@ def test_monte_carlo_image_and_zero(material):
     """Declared against true scatter: 4000 trials give the scatter to 1.1 %; 0.9 to 1.1 is asked."""
     rng = np.random.default_rng(1)
     s = np.cumsum(rng.uniform(0.002, 0.004, K))
-    truth = bump(s=s, centre=s[40], width=0.03)
+    # Its flanks run out as those of foam do: at a kink the softening of foam that is hardly compressed is no straight line.
+    truth = bump(s=s, centre=s[40], width=0.03) ** 1.5 / np.sqrt(0.006)
     sigma = rng.uniform(1e-5, 4e-5, K)
     for boundary in ("tension", "enlarged"):
         zero = 2e-5

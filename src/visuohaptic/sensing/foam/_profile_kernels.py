@@ -10,12 +10,17 @@ import numpy as np
 from ...core.kernels import kernel
 
 #: Columns of the region table, named in ``profile.py``.
-COLUMNS = 12
+COLUMNS = 13
 #: Flanks of simulated foams bend as if their tension were this many times that of the force law.
 FLANK = 2.5
 #: A point bears load when the pressure left by the tension exceeds this fraction of m(eps).
 TOUCH = 0.5
 
+
+#: Foam beside a free end relieves its shear by moving with it: of what sheared foam loses, 1 - exp(-(x / d)^2) is left at
+#: a distance x from the end, with d this part of the width. Forces of plates 2 to 45 mm from the ends of four simulated
+#: foams are right to 0.6 % with it, to 1.0 % without, and not worse than by a fiftieth of it from 0.7 to 0.9.
+END_PER_WIDTH = 0.8
 
 #: A region ends one point beyond the last one that is deflected by more than this, in the mean of three neighbours.
 EDGE_SIGMAS = 1.0
@@ -129,7 +134,7 @@ def integrate_regions(
     uncertainty,
     index,
     factor,
-    end_cells,
+    ends,
     zero_sigma,
     width,
     height,
@@ -159,8 +164,9 @@ def integrate_regions(
         Number of each point on the strip, (n,); a jump in it is a gap.
     factor
         Stress by the loading stress (hysteresis), (n,).
-    end_cells
-        Length of foam beyond the first and the last point [m], (2,).
+    ends
+        Length of foam beyond the first and the last point that was seen, and positions of the strip's free ends
+        [m], (2, 2).
     zero_sigma
         Error that is common to all points [m].
     width, height
@@ -262,10 +268,11 @@ def integrate_regions(
                 weight[j] = 0.0
                 pressure[j] = factor[j] * stress[j]
         if first == 0:
-            weight[0] += end_cells[0]
+            weight[0] += ends[0, 0]
         if last == n - 1:
-            weight[n - 1] += end_cells[1]
+            weight[n - 1] += ends[0, 1]
         relief = 0.0
+        freed = 0.0
         sampling = 0.0
         top = 0.0
         for j in range(lo, hi):
@@ -288,8 +295,13 @@ def integrate_regions(
                 cell = int(position)
                 rise = soft[cell + 1] - soft[cell]
                 loss = soft[cell] + rise * (position - cell)
+                middle = 0.5 * (s[j] + s[j + 1])
+                apart = max(min(middle - ends[1, 0], ends[1, 1] - middle), 0.0) / (END_PER_WIDTH * width)
+                free = math.exp(-apart * apart)
                 scale = 0.5 * (factor[j] + factor[j + 1])
                 sine2 = g * g / (1 + g * g)
+                freed += height * ds * loss * sine2 * scale * free
+                scale *= 1.0 - free
                 relief += height * ds * loss * sine2 * scale
                 turn = kappa * height * scale * loss * 2 * g / (1 + g * g) ** 2
                 drift = kappa * height * scale * ds * sine2 * rise / step / (2 * width)
@@ -344,6 +356,6 @@ def integrate_regions(
         row = table[count]
         row[0], row[1], row[2], row[3], row[4] = first, last, force, image, zero
         row[5], row[6], row[7], row[8] = relief, sampling, top, cut
-        row[9], row[10], row[11] = touch_first, touch_last, systematic
+        row[9], row[10], row[11], row[12] = touch_first, touch_last, systematic, freed
         count += 1
     return count, pressure, pressure_sigma, table, sums, weight
