@@ -127,28 +127,8 @@ def _share(
 
 
 @kernel
-def integrate_regions(
-    s,
-    delta,
-    errors,
-    index,
-    factor,
-    ends,
-    zero_sigma,
-    width,
-    height,
-    kappa,
-    mode,
-    seed_pair,
-    seed_single,
-    max_gap,
-    averaged,
-    knots,
-    pieces,
-    basis_pieces,
-    soft,
-    soft_end,
-):
+def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, height, kappa, mode, seed_pair, seed_single,
+                      max_gap, averaged, knots, pieces, basis_pieces, soft, soft_end):  # fmt: skip
     """Find contact regions and integrate stress, noise and derivatives over each.
 
     All points given are valid. Returns the number of regions, pressure, pressure sigma, the region
@@ -327,22 +307,8 @@ def integrate_regions(
             if mode == 2:
                 force -= kappa * relief
             touch_first, touch_last, force = _share(
-                s,
-                delta,
-                stress,
-                factor,
-                weight,
-                pressure,
-                first,
-                last,
-                lo,
-                hi,
-                width,
-                height,
-                kappa,
-                mode,
-                force,
-            )
+                s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
+            )  # fmt: skip
         image = _end_variance(s, mean, sigma, uncertainty, stress, factor, height, first, -1, last)
         image += _end_variance(s, mean, sigma, uncertainty, stress, factor, height, last, 1, first)
         systematic = 0.0

@@ -388,15 +388,7 @@ def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
 
 
 def _nothing_seen(points: int) -> FoamReading:
+    pressure, none = np.zeros(points), np.zeros(points, dtype=bool)
     return FoamReading(
-        force_N=0.0,
-        budget=ErrorBudget(),
-        pressure_Pa=np.zeros(points),
-        pressure_sigma_Pa=np.full(points, np.nan),
-        point_valid=np.zeros(points, dtype=bool),
-        contacts=(),
-        saturated=False,
-        unloading=False,
-        valid=False,
-        reason=Reason.LOST,
+        0.0, ErrorBudget(), pressure, np.full(points, np.nan), none, (), False, False, False, Reason.LOST
     )

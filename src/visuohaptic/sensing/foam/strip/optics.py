@@ -251,16 +251,7 @@ class StripOptics:
         finite = np.isfinite(width) & np.isfinite(sigma)
         encoded = front_slope * encoded_shift_px(front) - back_slope * encoded_shift_px(base.reference)
         return ObservedStrip(
-            frame.t_s,
-            base.reference,
-            front,
-            base.position_px,
-            base_px,
-            front_px,
-            front_m,
-            width,
-            sigma,
-            noise,
+            frame.t_s, base.reference, front, base.position_px, base_px, front_px, front_m, width, sigma, noise,
             np.zeros(len(width)) if self.stripe is not None else encoded,
             *self._rectified(grey, base_px, position if zeroed else None),
             self.stripe is not None,
@@ -272,7 +263,7 @@ class StripOptics:
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
             float(np.median(front.blur_px[front.valid])) if front.valid.any() else float("nan"),
             float(np.median(base.reference.blur_px[base.reference.valid])),
-        )
+        )  # fmt: skip
 
     def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
         """Where a front of given width is on each line, from its origin [px].
