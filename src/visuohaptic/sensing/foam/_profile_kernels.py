@@ -10,7 +10,7 @@ import numpy as np
 from ...core.kernels import kernel
 
 #: Columns of the region table, named in ``profile.py``.
-COLUMNS = 13
+COLUMNS = 14
 #: Flanks of simulated foams bend as if their tension were this many times that of the force law.
 FLANK = 2.5
 #: A point bears load when the pressure left by the tension exceeds this fraction of m(eps).
@@ -127,28 +127,8 @@ def _share(
 
 
 @kernel
-def integrate_regions(
-    s,
-    delta,
-    sigma,
-    uncertainty,
-    index,
-    factor,
-    ends,
-    zero_sigma,
-    width,
-    height,
-    kappa,
-    mode,
-    seed_pair,
-    seed_single,
-    max_gap,
-    knots,
-    pieces,
-    basis_pieces,
-    soft,
-    soft_end,
-):
+def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, height, kappa, mode, seed_pair, seed_single,
+                      max_gap, averaged, knots, pieces, basis_pieces, soft, soft_end):  # fmt: skip
     """Find contact regions and integrate stress, noise and derivatives over each.
 
     All points given are valid. Returns the number of regions, pressure, pressure sigma, the region
@@ -158,8 +138,8 @@ def integrate_regions(
     ----------
     s, delta
         Position along the strip and deflection of the seen points [m], (n,).
-    sigma, uncertainty
-        Noise and systematic error of each deflection [m], (n,).
+    errors
+        Noise, systematic error and error that all points share of each deflection [m], (3, n).
     index
         Number of each point on the strip, (n,); a jump in it is a gap.
     factor
@@ -179,12 +159,15 @@ def integrate_regions(
         Sigmas of two neighbours, and of one point, from which a region grows.
     max_gap
         Points that a gap within a region may lack.
+    averaged
+        Whether each deflection is the mean over the spacing of the points, or that at the point.
     knots, pieces, basis_pieces
         Loading curve, as of :class:`~visuohaptic.sensing.foam.material.stress_curve.StressCurve`.
     soft, soft_end
         Softening at even strains from 0 [Pa], and the last of these strains.
     """
     n = len(s)
+    sigma, uncertainty, shared = errors[0], errors[1], errors[2]
     terms = basis_pieces.shape[1]
     stress = np.zeros(n)
     slope = np.zeros(n)
@@ -207,7 +190,10 @@ def integrate_regions(
         # A point that noise has beyond the resting front takes from the force what it gives elsewhere.
         stress[i] = a + x * (b + x * (c + x * d)) + slope[i] * (max(eps - end, 0.0) + min(eps, 0.0))
         pressure_sigma[i] = (
-            factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + uncertainty[i] ** 2 + zero_sigma**2)
+            factor[i]
+            * slope[i]
+            / width
+            * np.sqrt(sigma[i] ** 2 + uncertainty[i] ** 2 + shared[i] ** 2 + zero_sigma**2)
         )
     # Every point may be a region of its own, when all have long gaps between them.
     table = np.zeros((n, COLUMNS))
@@ -237,7 +223,7 @@ def integrate_regions(
         while i < n and mean[i] > 0.0:
             if i > first and index[i] - index[i - 1] > max_gap + 1:
                 break
-            scale = _total(sigma, uncertainty, zero_sigma, i)
+            scale = _total(sigma, uncertainty, math.hypot(zero_sigma, shared[i]), i)
             high = delta[i] > seed_pair * scale
             if delta[i] > seed_single * scale or (high and previous):
                 seeded = True
@@ -287,8 +273,12 @@ def integrate_regions(
             m_right = factor[j + 1] * stress[j + 1]
             g = (right - left) / ds
             if abs(g) > 0.7 or index[j + 1] - index[j] > 1:
-                # A jump somewhere between two points: uniformly distributed.
-                sampling += (height * ds * (m_right - m_left)) ** 2 / 12
+                # A jump somewhere between two points, uniformly distributed. The mean over the spacing has the right
+                # area, and is wrong by the bow of the stress over the jump, which falls on two segments.
+                bow = 0.125 * (slope[j] - slope[j + 1]) * (right - left) / width
+                single = not averaged or index[j + 1] - index[j] > 1
+                jump = (m_right - m_left) / math.sqrt(12.0) if single else bow * math.sqrt(4.0 / 3.0)
+                sampling += (height * ds * jump) ** 2
             if mode != 1:
                 eps = 0.5 * (left + right) / width
                 position = min(eps / step, len(soft) - 1.001)
@@ -317,32 +307,20 @@ def integrate_regions(
             if mode == 2:
                 force -= kappa * relief
             touch_first, touch_last, force = _share(
-                s,
-                delta,
-                stress,
-                factor,
-                weight,
-                pressure,
-                first,
-                last,
-                lo,
-                hi,
-                width,
-                height,
-                kappa,
-                mode,
-                force,
-            )
+                s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
+            )  # fmt: skip
         image = _end_variance(s, mean, sigma, uncertainty, stress, factor, height, first, -1, last)
         image += _end_variance(s, mean, sigma, uncertainty, stress, factor, height, last, 1, first)
         systematic = 0.0
         zero = 0.0
+        common = 0.0
         for j in range(first, last + 1):
             if mode == 0 and (j < touch_first or j > touch_last):
                 continue
             image += (gradient[j] * sigma[j]) ** 2
             systematic += (gradient[j] * uncertainty[j]) ** 2
             zero += gradient[j]
+            common += gradient[j] * shared[j]
             eps = delta[j] / width
             x = min(eps, end) - knots[piece_of[j]]
             beyond = max(eps - end, 0.0)
@@ -356,6 +334,6 @@ def integrate_regions(
         row = table[count]
         row[0], row[1], row[2], row[3], row[4] = first, last, force, image, zero
         row[5], row[6], row[7], row[8] = relief, sampling, top, cut
-        row[9], row[10], row[11], row[12] = touch_first, touch_last, systematic, freed
+        row[9], row[10], row[11], row[12], row[13] = touch_first, touch_last, systematic, freed, common
         count += 1
     return count, pressure, pressure_sigma, table, sums, weight

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +32,8 @@ _BRIDGED_POINTS = 2
 _RISES_ON = 0.3
 #: ... and where it does not fall by more than this factor: steeper than any foam, an edge lies between.
 _STEEPEST = 8.0
+#: Probability that the camera encodes its grey levels.
+_ENCODED = 0.5
 #: Error that a frame may have beside its standard deviations [N].
 NEGLIGIBLE_N = 0.05
 
@@ -50,6 +53,7 @@ class Deflection:
     raw_m: Float[np.ndarray, "K"]  #: deflection as if every edge were the foam's
     states: EdgeStates  #: what the edges are
     light_m: Float[np.ndarray, "K"]  #: standard deviation by uneven light, which neighbours share
+    encoding_m: Float[np.ndarray, "K"]  #: error by the camera's encoding, which all points have at once
 
     @property
     def gap(self) -> bool:
@@ -87,7 +91,9 @@ class Deflection:
             np.isfinite(self.delta_m),
             own_noise_m=self.own_noise_m,
             uncertainty_m=np.sqrt(np.maximum(systematic, 0.0)),
+            shared_m=self.encoding_m,
             zero_sigma_m=zero_sigma_m,
+            averaged=True,
             shared_noise=SHARED_NOISE,
             end_cells_m=geometry.end_cells_m,
         )
@@ -113,22 +119,24 @@ def measure_deflection(
     edges
         What the edges were so far; takes this frame in.
     """
-    scale = geometry.width_m / zero.width_m
-    raw, noise, kink = (
-        scale * (zero.width_m - strip.width_m),
-        scale * strip.width_noise_m,
-        edge_uncertainty_m(strip),
-    )
+    rest = zero.width_m - _ENCODED * zero.encoded_m
+    scale = geometry.width_m / rest
+    raw = scale * (rest - strip.width_m + _ENCODED * strip.encoded_m)
+    noise, kink = scale * strip.width_noise_m, edge_uncertainty_m(strip)
+    # Derivative of the deflection by the part of the encoding's shift that is there.
+    shift = scale * (strip.encoded_m - zero.encoded_m * (1.0 - raw / geometry.width_m))
+    encoding = math.sqrt(_ENCODED * (1.0 - _ENCODED)) * np.nan_to_num(shift)
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
     light = strip.pixel_m * light_shift_px(strip, zero, rest_px, edges.moved_m(raw) / strip.pixel_m)
     # The error of the zero is the same in every frame: no noise of this image.
     systematic = scale * np.hypot(kink, zero.width_sigma_m)
-    states = edges.infer(strip, zero, rest_px, raw, np.hypot(sigma, systematic))
+    states = edges.infer(strip, zero, rest_px, raw, np.hypot(np.hypot(sigma, systematic), encoding))
     # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
-    return replace(fill_gaps(geometry, delta, sigma, noise, systematic, raw, states), light_m=light)
+    found = fill_gaps(geometry, delta, sigma, noise, systematic, raw, states)
+    return replace(found, light_m=light, encoding_m=np.where(states.foam, encoding, 0.0))
 
 
 def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
@@ -237,8 +245,9 @@ def fill_gaps(
     noise = np.where(seen, np.minimum(noise_m, total), 0.0)
     own = np.where(seen, _KINK_NOISE * uncertainty_m, np.where(hidden > 0.0, 0.0, _BRIDGE_NOISE * bridge))
     own = np.minimum(own, np.sqrt(np.maximum(total**2 - noise**2, 0.0)))
+    none = np.zeros(len(s_m))
     return Deflection(
-        delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states, np.zeros(len(s_m))
+        delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states, none, none
     )
 
 

@@ -44,7 +44,7 @@ MODEL_FLOOR = {"tension": BODIES, "enlarged": BODIES, "local": 0.10}
 SHEAR_SIGMA, END_SIGMA = 0.1, 0.7
 #: Columns of the kernel's table of regions.
 _FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)
-_TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR, _FREED = 9, 10, 11, 12
+_TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR, _FREED, _SHARED = 9, 10, 11, 12, 13
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,11 @@ class FoamContour:
     #: Systematic error of each deflection, independent between points: the same in every frame, so that it goes to
     #: the model's part of the budget.
     uncertainty_m: Float[np.ndarray, "K"] | None = None
+    #: Error that all points have at once, of the same sign or of opposite ones, e.g. by the camera's encoding.
+    shared_m: Float[np.ndarray, "K"] | None = None
     zero_sigma_m: float = field(default=0.0, metadata=NON_NEGATIVE)  #: of the zero, common to all points
+    #: Whether each deflection is the mean over the spacing of the points, as a tracker sees it, or that at the point.
+    averaged: bool = False
     #: Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
     shared_noise: float = 0.0
     #: Length of foam before the first and after the last point, as of
@@ -119,7 +123,7 @@ class FoamContour:
                 f"found shapes {shape}, {self.delta_m.shape}, {self.noise_m.shape}, {self.valid.shape}; "
                 "expected four equal ones of two points or more",
             )
-        for name in ("own_noise_m", "uncertainty_m"):
+        for name in ("own_noise_m", "uncertainty_m", "shared_m"):
             values = getattr(self, name)
             if values is not None and values.shape != shape:
                 raise InputError("FoamContour", f"found shape {values.shape}, expected {shape}", field=name)
@@ -209,6 +213,7 @@ class _SeenPoints:
     common: Float[np.ndarray, "n"]  #: noise that neighbours may share
     sigma: Float[np.ndarray, "n"]  #: all noise
     uncertainty: Float[np.ndarray, "n"]  #: systematic error
+    shared: Float[np.ndarray, "n"]  #: error that all points have at once
     factor: Float[np.ndarray, "n"]  #: stress by the loading stress, from the hysteresis
     factor_sigma: Float[np.ndarray, "n"]
 
@@ -219,7 +224,7 @@ class _Regions:
 
     pressure_Pa: Float[np.ndarray, "n"]
     pressure_sigma_Pa: Float[np.ndarray, "n"]
-    table: Float[np.ndarray, "R 13"]  #: columns ``_FIRST`` to ``_FREED``
+    table: Float[np.ndarray, "R 14"]  #: columns ``_FIRST`` to ``_SHARED``
     sums: Float[np.ndarray, "R p"]  #: derivative of the force by the parameters of the loading curve
     weight: Float[np.ndarray, "n"]  #: length that each point stands for [m]
 
@@ -234,10 +239,9 @@ def _seen_points(
     sigma = (
         common if contour.own_noise_m is None else np.hypot(common, np.nan_to_num(contour.own_noise_m[index]))
     )
-    uncertainty = (
-        np.zeros(len(index))
-        if contour.uncertainty_m is None
-        else np.nan_to_num(contour.uncertainty_m[index].astype(np.float64))
+    uncertainty, shared = (
+        np.zeros(len(index)) if error is None else np.nan_to_num(error[index].astype(np.float64))
+        for error in (contour.uncertainty_m, contour.shared_m)
     )
     factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
     unloading = np.zeros(len(shown), dtype=bool)
@@ -253,7 +257,7 @@ def _seen_points(
             factor = 1.0 - missing / np.maximum(up, 1e-9)
             factor_sigma = missing_sigma / np.maximum(up, 1e-9)
     s = contour.s_m[index].astype(np.float64)
-    return _SeenPoints(index, s, delta, common, sigma, uncertainty, factor, factor_sigma), unloading
+    return _SeenPoints(index, s, delta, common, sigma, uncertainty, shared, factor, factor_sigma), unloading
 
 
 def _integrated(
@@ -269,10 +273,11 @@ def _integrated(
     free_m = contour.s_m[[0, -1]] + np.where(cells_m > 0.0, cells_m, np.inf) * [-1.0, 1.0]
     ends_m = np.stack([np.where(seen_ends, cells_m, 0.0), free_m])
     count, pressure, pressure_sigma, table, sums, weight = integrate_regions(
-        seen.s, seen.delta, seen.sigma, seen.uncertainty, seen.index, seen.factor, ends_m,
+        seen.s, seen.delta, np.stack([seen.sigma, seen.uncertainty, seen.shared]), seen.index, seen.factor, ends_m,
         contour.zero_sigma_m, material.width_m, material.height_m, material.tension.ratio,
         BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS, MAX_GAP_POINTS,
-        curve.knots, curve.pieces, curve.basis_pieces, material.softening_table_Pa, material.softening_end,
+        contour.averaged, curve.knots, curve.pieces, curve.basis_pieces, material.softening_table_Pa,
+        material.softening_end,
     )  # fmt: skip
     table, sums = table[:count], sums[:count]
     first, last = table[:, _FIRST].astype(np.int64), table[:, _LAST].astype(np.int64)
@@ -318,7 +323,7 @@ def _contact(
         image_N=float(np.sqrt(image2)),
         calibration_N=_calibration_sigma(regions.sums[k], material),
         model_N=float(np.sqrt(model2)),
-        zero_N=abs(float(row[_ZERO_SLOPE])) * contour.zero_sigma_m,
+        zero_N=math.hypot(row[_ZERO_SLOPE] * contour.zero_sigma_m, row[_SHARED]),
     )
     reason = Reason.OK
     if row[_CUT] > 0:
@@ -347,7 +352,9 @@ def _total_budget(
         image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
         calibration_N=_calibration_sigma(regions.sums.sum(axis=0), material),
         model_N=math.hypot(*(contact.budget.model_N for contact in contacts)),
-        zero_N=abs(float(regions.table[:, _ZERO_SLOPE].sum())) * contour.zero_sigma_m,
+        zero_N=math.hypot(
+            regions.table[:, _ZERO_SLOPE].sum() * contour.zero_sigma_m, regions.table[:, _SHARED].sum()
+        ),
     )
 
 
@@ -360,7 +367,7 @@ def _budget_at_rest(seen: _SeenPoints, contour: FoamContour, material: FoamMater
     return ErrorBudget(
         image_N=float(np.sqrt(image2)),
         model_N=float(np.linalg.norm(each * seen.uncertainty)),
-        zero_N=abs(float(each.sum())) * contour.zero_sigma_m,
+        zero_N=math.hypot(each.sum() * contour.zero_sigma_m, each @ seen.shared),
     )
 
 
@@ -381,15 +388,7 @@ def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
 
 
 def _nothing_seen(points: int) -> FoamReading:
+    pressure, none = np.zeros(points), np.zeros(points, dtype=bool)
     return FoamReading(
-        force_N=0.0,
-        budget=ErrorBudget(),
-        pressure_Pa=np.zeros(points),
-        pressure_sigma_Pa=np.full(points, np.nan),
-        point_valid=np.zeros(points, dtype=bool),
-        contacts=(),
-        saturated=False,
-        unloading=False,
-        valid=False,
-        reason=Reason.LOST,
+        0.0, ErrorBudget(), pressure, np.full(points, np.nan), none, (), False, False, False, Reason.LOST
     )

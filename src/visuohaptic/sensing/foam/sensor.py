@@ -174,6 +174,7 @@ class FoamSensor:
             blur_ratio=np.median(
                 [np.nan_to_num(s.front.blur_px, nan=s.blur_px) / s.lens_px for s in seen], axis=0
             ),
+            encoded_m=np.mean([np.nan_to_num(strip.encoded_m) for strip in seen], axis=0),
         )
         self._check_width(float(np.median(zero.width_m)), "zero")
         self._watch = ZeroWatch(zero)
@@ -295,16 +296,9 @@ class FoamSensor:
         # From deflections rather than cast pixels: normalised with the zero reference like the force.
         front = geometry.front_m[inside] - found.delta_m[inside, None] * geometry.outward[inside]
         return Contact(
-            region.s_start_m,
-            region.s_end_m,
-            region.force_N,
-            region.budget,
-            region.valid,
-            region.reason,
-            front,
-            found.sigma_m[inside],
-            found.delta_m[inside],
-        )
+            region.s_start_m, region.s_end_m, region.force_N, region.budget, region.valid, region.reason,
+            front, found.sigma_m[inside], found.delta_m[inside],
+        )  # fmt: skip
 
     def _reason(self, reading: FoamReading, found: Deflection, strip: ObservedStrip, wrong: float) -> Reason:
         """The first reason not to trust the frame, the gravest first."""
@@ -333,15 +327,6 @@ class FoamSensor:
         """
         unknown = np.full(len(self.setup.geometry.s_m), np.nan)
         return ForceProfile(
-            t_s,
-            False,
-            reason,
-            float("nan"),
-            ErrorBudget.unknown(),
-            self.setup.geometry.s_m,
-            delta_m=unknown,
-            delta_sigma_m=unknown,
-            pressure_Pa=unknown,
-            pressure_sigma_Pa=unknown,
-            point_valid=np.zeros(len(unknown), dtype=bool),
-        )
+            t_s, False, reason, float("nan"), ErrorBudget.unknown(), self.setup.geometry.s_m,
+            unknown, unknown, unknown, unknown, np.zeros(len(unknown), dtype=bool),
+        )  # fmt: skip

@@ -52,8 +52,7 @@ def light_shift_px(
     # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
     excess = np.where(np.isfinite(front), here**2 - lens**2, np.nan)
     excess = np.where(excess > 0.0, np.maximum(excess - moved_px**2 / 12.0, 0.0), excess)
-    mean, error = _local(excess)
-    variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.maximum(np.abs(mean) - error, 0.0)
+    local = [excess]
     blur = np.hypot(strip.lens_px, PIXEL_PX)
     ends = blur * 2.0 + _PLATEAU_PX * np.arange(3.0)
     floor = np.where(np.abs(front - rest_px) < 2.0 * blur, rest_px, np.nan)
@@ -63,8 +62,11 @@ def light_shift_px(
         now, rest = _means(sums, np.clip(place, 0, sums[0].shape[1] - 1).astype(np.int64))
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
-        mean, error = _local(np.where(np.isfinite(step), step, np.nan))
-        variance += 0.125 * math.pi * blur**2 * np.maximum(mean**2 - error**2, 0.0)
+        local.append(np.where(np.isfinite(step), step, np.nan))
+    (shadow, *steps), (error, *errors) = _local(np.array(local))
+    variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.maximum(np.abs(shadow) - error, 0.0)
+    for step, error in zip(steps, errors, strict=True):
+        variance += 0.125 * math.pi * blur**2 * np.maximum(step**2 - error**2, 0.0)
     result: Float[np.ndarray, "K"] = np.sqrt(np.nan_to_num(variance))
     return result
 
@@ -84,16 +86,16 @@ def _means(
         return [np.diff(np.take_along_axis(one, place, axis=1)) / np.diff(place) for one in sums]
 
 
-def _local(values: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+def _local(values: Float[np.ndarray, "n K"]) -> tuple[Float[np.ndarray, "n K"], Float[np.ndarray, "n K"]]:
     """Median of each point and its neighbours, and its standard error by their scatter; zero where none is known."""
     near = neighbours(values)
-    known = np.isfinite(near).sum(axis=1)
+    known = np.isfinite(near).sum(axis=-1)
     median = row_median(near)
-    scatter = 1.4826 * row_median(np.abs(near - median[:, None]))
+    scatter = 1.4826 * row_median(np.abs(near - median[..., None]))
     return median, scatter * np.sqrt(0.5 * math.pi / np.maximum(known, 1))
 
 
-def row_median(rows: Float[np.ndarray, "K n"]) -> Float[np.ndarray, "K"]:
+def row_median(rows: Float[np.ndarray, "*K n"]) -> Float[np.ndarray, "*K"]:
     """Median of the known values of each row; zero where there is none.
 
     Parameters
@@ -101,14 +103,16 @@ def row_median(rows: Float[np.ndarray, "K n"]) -> Float[np.ndarray, "K"]:
     rows
         NaN where a value is not known.
     """
-    known = np.isfinite(rows).sum(axis=1)
+    known = np.isfinite(rows).sum(axis=-1)
     # Sorting puts what is not known last.
-    middle = np.column_stack([np.maximum(known - 1, 0) // 2, known // 2 * (known > 0)])
-    result: Float[np.ndarray, "K"] = np.take_along_axis(np.sort(rows, axis=1), middle, axis=1).mean(axis=1)
+    middle = np.stack([np.maximum(known - 1, 0) // 2, known // 2 * (known > 0)], axis=-1)
+    result: Float[np.ndarray, "*K"] = np.take_along_axis(np.sort(rows, axis=-1), middle, axis=-1).mean(
+        axis=-1
+    )
     return np.where(known > 0, result, 0.0)
 
 
-def neighbours(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
+def neighbours(values: Float[np.ndarray, "*n K"]) -> Float[np.ndarray, "*n K 9"]:
     """A point with four to either side; NaN beyond the ends.
 
     Parameters
@@ -116,7 +120,7 @@ def neighbours(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 9"]:
     values
         One for each point.
     """
-    padded = np.full(len(values) + 8, np.nan)
-    padded[4:-4] = values
-    result: Float[np.ndarray, "K 9"] = np.lib.stride_tricks.sliding_window_view(padded, 9)
+    padded = np.full((*values.shape[:-1], values.shape[-1] + 8), np.nan)
+    padded[..., 4:-4] = values
+    result: Float[np.ndarray, "*n K 9"] = np.lib.stride_tricks.sliding_window_view(padded, 9, axis=-1)
     return result

@@ -90,6 +90,7 @@ class Contour:
     valid: Bool[np.ndarray, "k"]
     reason: UInt8[np.ndarray, "k"]  #: ``PointReason`` of every point
     contrast: Float[np.ndarray, "k"]  #: grey level behind minus in front of the edge, signed
+    level: Float[np.ndarray, "k"]  #: grey level behind the edge
     blur_px: Float[np.ndarray, "k"]  #: blur of the optics, pixel size removed [px]
     slope: Float[np.ndarray, "k"]  #: dt/ds, s along the direction (-d_y, d_x) [px/px]
     chi2: Float[np.ndarray, "k"]  #: mean squared residual in noise variances
@@ -295,6 +296,7 @@ class ContourTracker:
             valid=reason == PointReason.OK,
             reason=reason,
             contrast=state[:, columns.HIGH] - state[:, columns.LOW],
+            level=state[:, columns.HIGH].copy(),
             blur_px=np.sqrt(np.maximum(blur**2 - PIXEL_PX**2, 0.0)),
             slope=state[:, columns.SLOPE].copy(),
             chi2=state[:, columns.CHI2] / noise_var,

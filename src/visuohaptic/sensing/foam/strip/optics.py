@@ -15,6 +15,7 @@ from ....tracking.contours.lines import ConstraintLines
 from ._rectify_kernels import rectify
 from ._reference import ImageMotion, fit_motion, motion_basis
 from .config import TrackingSection
+from .encoding import encoded_shift_px
 from .geometry import StripGeometry
 from .stripe_view import StripeView
 from .zero import PARALLELS, ZeroReference
@@ -58,6 +59,7 @@ class ObservedStrip:
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
     width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
+    encoded_m: Float[np.ndarray, "K"]  #: what is too much of the width if the camera encodes its grey levels
     #: Grey levels along the lines, parallels beside each point; as in :class:`ZeroReference`.
     image: Float32[np.ndarray, "K parallels samples"]
     step_px: Float[np.ndarray, "K"]  #: distance of its samples
@@ -70,11 +72,7 @@ class ObservedStrip:
     moved_px: float  #: largest shift of a reference point by that motion
     common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
     blur_px: float  #: median blur of the front, pixel included; NaN where none was seen
-
-    @property
-    def lens_px(self) -> float:
-        """Blur of the base, which only the lens and the camera's motion make [px]."""
-        return float(np.median(self.reference.blur_px[self.reference.valid]))
+    lens_px: float  #: blur of the base, which only the lens and the camera's motion make
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,17 +249,10 @@ class StripOptics:
         sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
         noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
+        encoded = front_slope * encoded_shift_px(front) - back_slope * encoded_shift_px(base.reference)
         return ObservedStrip(
-            frame.t_s,
-            base.reference,
-            front,
-            base.position_px,
-            base_px,
-            front_px,
-            front_m,
-            width,
-            sigma,
-            noise,
+            frame.t_s, base.reference, front, base.position_px, base_px, front_px, front_m, width, sigma, noise,
+            np.zeros(len(width)) if self.stripe is not None else encoded,
             *self._rectified(grey, base_px, position if zeroed else None),
             self.stripe is not None,
             front_slope,
@@ -271,7 +262,8 @@ class StripOptics:
             base.moved_px,
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
             float(np.median(front.blur_px[front.valid])) if front.valid.any() else float("nan"),
-        )
+            float(np.median(base.reference.blur_px[base.reference.valid])),
+        )  # fmt: skip
 
     def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
         """Where a front of given width is on each line, from its origin [px].

@@ -25,7 +25,7 @@ _WIDTH_TOLERANCE = 0.10
 _UNSEEN_FRACTION, _UNSEEN_SIGMA = 0.04, 0.01
 
 #: Arrays of the file.
-_ARRAYS = ("reference_px", "width_m", "width_sigma_m", "blur_ratio")
+_ARRAYS = ("reference_px", "width_m", "width_sigma_m", "blur_ratio", "encoded_m")
 #: Parallel lines per point in the image of the strip.
 PARALLELS = 5
 _ZERO_AGAIN = "zero again: visuohaptic sense foam --zero"
@@ -41,6 +41,8 @@ class _ZeroFile(Section):
     width_sigma_m: Numbers
     #: Absent in files of older versions: the front is then taken to be as sharp as the base.
     blur_ratio: Numbers | None = None
+    #: Absent in files of older versions: nothing is then known of the camera's encoding, nor taken to be wrong by it.
+    encoded_m: Numbers | None = None
     #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
     image_png: str | None = None
 
@@ -55,6 +57,9 @@ class ZeroReference:
     width_m: Float[np.ndarray, "K"]  #: distance from back to front
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation
     blur_ratio: Float[np.ndarray, "K"]  #: blur of the front by that of the base
+    encoded_m: Float[
+        np.ndarray, "K"
+    ]  #: what is too much of ``width_m`` if the camera encodes its grey levels
     #: Mean image of the strip along the lines, parallels beside each point; samples reach beyond the front.
     image: UInt8[np.ndarray, "K parallels samples"]
 
@@ -68,6 +73,7 @@ class ZeroReference:
         *,
         uncertainty_m: Float[np.ndarray, "K"] | float = 0.0,
         blur_ratio: Float[np.ndarray, "K"] | float = 1.0,
+        encoded_m: Float[np.ndarray, "K"] | float = 0.0,
         where: str = "zero",
     ) -> ZeroReference:
         """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
@@ -86,6 +92,8 @@ class ZeroReference:
             What each width may be wrong by in all frames alike, for example by texture at its edge.
         blur_ratio
             Blur of the front by that of the base.
+        encoded_m
+            What is too much of the widths if the camera encodes its grey levels [m].
         where
             What error messages name.
 
@@ -131,6 +139,7 @@ class ZeroReference:
             # The median costs a factor sqrt(pi/2) over the mean.
             np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m),
             np.broadcast_to(np.asarray(blur_ratio, dtype=np.float64), seen.shape),
+            np.broadcast_to(np.asarray(encoded_m, dtype=np.float64), seen.shape),
             np.clip(np.rint(image), 0, 255).astype(np.uint8),
         )
 
@@ -163,6 +172,7 @@ class ZeroReference:
         """
         data = load_yaml_model(path, _ZeroFile)
         data.blur_ratio = data.blur_ratio or [1.0] * len(data.width_m)
+        data.encoded_m = data.encoded_m or [0.0] * len(data.width_m)
         arrays = {name: np.array(getattr(data, name)) for name in _ARRAYS}
         for name, values in arrays.items():
             if len(values) != count:

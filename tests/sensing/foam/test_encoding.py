@@ -1,0 +1,63 @@
+"""Cameras that encode light as grey levels make the bright side of a blurred edge look larger."""
+
+from __future__ import annotations
+
+from math import erf
+
+import numpy as np
+import pytest
+from tests.worlds import foam_disturbances as disturbances
+
+from benchmarks import foam_evidence
+from visuohaptic.core.camera import Frame
+from visuohaptic.sensing.foam.strip.encoding import encoded_shift_px
+from visuohaptic.tracking import ConstraintLines, ContourTracker
+
+#: Place of the edge from the lines' origins [px].
+PLACE = 20.3
+
+
+def tracked(behind: float, before: float, blur_px: float, exponent: float):
+    """Contour of an edge between two grey levels that a lens has blurred in linear light."""
+    rows = np.arange(60.0)[:, None] + (np.arange(10) + 0.5) / 10 - 0.5  # a pixel collects ten samples
+    part = np.vectorize(erf)((rows - 10.0 - PLACE) / (np.sqrt(2.0) * blur_px)) * 0.5 + 0.5
+    levels = (np.array([behind, before]) / 255.0) ** exponent
+    light = (levels[0] + (levels[1] - levels[0]) * part).mean(axis=1)
+    noise = np.random.default_rng(0).normal(0.0, 0.5, (60, 160))
+    image = np.clip(255.0 * light[:, None] ** (1.0 / exponent) + noise, 0, 255).round().astype(np.uint8)
+    x = np.arange(10.0, 150.0, 7.0)
+    start = np.stack([x, np.full(len(x), 10.0)], 1)
+    down = np.tile([0.0, 1.0], (len(x), 1))
+    lines = ConstraintLines(start, down, np.zeros(len(x)), np.full(len(x), 40.0))
+    return ContourTracker().track(image, lines)
+
+
+@pytest.mark.parametrize(("behind", "before"), [(180.0, 60.0), (180.0, 100.0), (50.0, 170.0)])
+@pytest.mark.parametrize("blur_px", [0.6, 1.0, 2.0])
+def test_the_bright_side_looks_larger_by_what_the_encoding_says(behind, before, blur_px):
+    contour = tracked(behind, before, blur_px, 2.2)
+    found = np.median(contour.position_px) - PLACE
+    expected = float(np.median(encoded_shift_px(contour)))
+    assert np.sign(expected) == np.sign(behind - before)
+    # The blur that is fitted to the encoded edge is that of the light to a tenth.
+    assert abs(found - expected) < 0.1 * abs(expected) + 0.01
+    linear = tracked(behind, before, blur_px, 1.0)
+    assert abs(np.median(linear.position_px) - PLACE) < 0.02
+
+
+def test_a_strip_that_looks_too_wide_is_not_read_as_too_little_pressed(tmp_path):
+    """An encoding camera with 43 pixels over the width: both edges are 0.4 px outwards, 1.9 % of every deflection."""
+    sequence = disturbances.forces(112)
+    sensor = foam_evidence.sensor_for(sequence.world, tmp_path)
+    sensor.zero([Frame(shot.image, shot.t_s, i) for i, shot in enumerate(sequence.zero())])
+    shot, moments = sequence.moments[-4]
+    profile = sensor.read(Frame(sequence.world.image(*moments), shot.t_s, 99))
+    press, (first, last) = moments[0].press, shot.contact_m
+    inside = (profile.s_m > first + 0.003) & (profile.s_m < last - 0.003)
+    error = np.median((profile.delta_m - np.interp(profile.s_m, press.y_m, press.delta_m))[inside])
+    assert shot.depth_m > 0.008
+    # Nothing tells whether a camera encodes: half of the shift is taken, the other half is declared.
+    assert abs(error) < 0.0125 * shot.depth_m
+    # One frame of so deep a contact is not valid, as it has no history; its contour has been read.
+    assert sensor.reading is not None
+    assert abs(sensor.reading.force_N - shot.force_N) < 2.0 * sensor.reading.budget.total_N
