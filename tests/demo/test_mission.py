@@ -16,6 +16,7 @@ from visuohaptic.demo import (
     ChapterOutcome,
     ChapterResult,
     Mission,
+    Visit,
     contained,
     recognise_the_bottle,
     run_chapters,
@@ -65,6 +66,35 @@ def test_what_needs_a_failed_chapter_is_skipped_with_the_reason(tmp_path: Path) 
     page = write_story(story, tmp_path / "report.html").read_text(encoding="utf-8")
     assert "is gone" in page
     assert 'src="http' not in page
+
+
+def test_a_failed_chapter_is_tried_once_more_in_another_way(tmp_path: Path) -> None:
+    draws: list[float] = []
+
+    def work(mission: Mission) -> ChapterResult:
+        draws.append(float(mission.rng(1).random()))
+        return done("seen from above", CLAIM) if mission.attempt else failed("unseen from here")
+
+    mission = Mission(0, tmp_path)
+    story = run_chapters(mission, (Chapter("a", "a", (), work, otherwise="from above"),))
+    assert story.complete
+    for part in ("seen from above", "second attempt", "unseen from here"):
+        assert part in story.chapters[0].reason
+    assert len(set(draws)) == 2  # other noise
+    assert mission.attempt == 0
+    # What fails twice, and what has nothing else to try, has failed.
+    for otherwise, count in (("from below", 2), ("", 1)):
+        draws.clear()
+        one = Chapter("a", "a", (), lambda m: draws.append(m.seed) or failed("unseen"), otherwise=otherwise)
+        assert run_chapters(mission, (one,)).outcome == "honest failure"
+        assert len(draws) == count
+
+
+def test_a_container_of_no_class_is_grasped_as_it_was_measured(tmp_path: Path) -> None:
+    story = run_mission(tmp_path, part="bottle", seed=48, visit=Visit(48), quick=True)
+    assert story.complete, story.summary()
+    assert [claim.value for claim in story.claims if claim.kind == "class"] == ["unknown"]
+    assert not story.wrong_claims
 
 
 def test_a_mistake_of_ours_is_not_a_failed_chapter(tmp_path: Path) -> None:

@@ -113,9 +113,10 @@ def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) ->
 def _approach(mission: Mission, group: Float[np.ndarray, "k 2"]) -> ApproachPath:
     """Driven at where the laser has seen it; what stands there, and where that truly is, are the world's business."""
     ahead = mission.known.ahead_rad
-    x, y = near_side(group, ahead)[0]
+    (x, y), width = near_side(group, ahead)
     true = nearest_obstacle(mission, group.mean(axis=0))
     here = relative_2d(mission.known.pose, (float(x), float(y), ahead))
+    here = compose_2d(here, (0.0, 0.25 * width * mission.attempt, 0.0))
     before = ROBOT.radius_m + START_M
     start = compose_2d(compose_2d(_true_pose(mission), here), (-before, 0.0, 0.0))
     return ApproachPath(true.moved(*mission.placed[true.name]), start, before)
