@@ -123,11 +123,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     error_m = math.dist(true_pose[:2], mission.house.table_m)
     estimated = senses.pose()
     parts = (
-        Measure(
-            "distance from the goal at the end [m]",
-            math.dist(estimated[:2], known.goal_m),
-            error_m,
-        ),
+        Measure("distance from the goal at the end [m]", math.dist(estimated[:2], known.goal_m), error_m),
         Measure("planned duration [s]", plan.cost_s, None),
         Measure("duration of the drive [s]", found.duration_s, None),
         Measure(
@@ -160,9 +156,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         place = senses.look(name)
         if mission.memory is not None and place is not None:
             mission.memory.move_floor_object(memory_name, place)
-    arrived = Claim(
-        "place", "platform at the table", estimated[:2], (true_pose[0], true_pose[1]), sigma=SEEN_SIGMA_M
-    )
+    arrived = Claim("place", "platform at the table", estimated[:2], true_pose[:2], sigma=SEEN_SIGMA_M)
     return done(f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", arrived, *parts)
 
 

@@ -134,10 +134,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     known.wall_factor = wall / model_wall_m
     mission.spent(hand.arm.pose()[0], len(known.curves) + len(contents.curves))
     parts = [
-        Measure("class", found.best, bottle.name),
         Measure("squeezes for the class", len(known.curves), None),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
-        *_contents_measures(contents, bottle),
         Illustration(
             _belief_figure(squeezer.history(), contents.curves[-1]),
             "How sure it is of the class, and the last squeeze that tells the lid",
@@ -227,18 +225,6 @@ def _take_class(known: Known, name: str) -> float:
         else nearest_variant(load_container(GROUPS.get(name, (name,))[0]), known.outline_m)
     )
     return float(known.class_model.wall[0])
-
-
-def _contents_measures(contents: ContentsFinding, bottle: TableBottle) -> list[Measure]:
-    """Lid, fill and mass beside the truth."""
-    felt = None if contents.mass_kg is None else contents.mass_kg[0]
-    return [
-        Measure("lid", contents.lid, "closed" if bottle.closed else "open"),
-        Measure("its probability", contents.belief[contents.lid], None),
-        Measure("fill", contents.fill[0], bottle.fill),
-        Measure("its standard deviation", contents.fill[1], None),
-        Measure("mass felt [kg]", felt, bottle.container.mass_kg),
-    ]
 
 
 def grasp_the_bottle(mission: Mission) -> ChapterResult:

@@ -244,7 +244,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         )
         error_m = touched.error_m
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
-    rms_m, height_m = _outline_error(outline, bottle), float(outline[-1, 1])
+    rms_m = _outline_error(outline, bottle)
     if error_m > MAX_ERROR_M:
         return failed(
             f"after {len(contacts)} contacts the outline is still expected to be {1e3 * error_m:.1f} mm off"
@@ -253,12 +253,11 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
         f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm",
         Claim("shape", "bottle", 0.0, rms_m, sigma=error_m),
-        Claim("height", "bottle", height_m, bottle.height_m, sigma=HEIGHT_SIGMA_M),
+        Claim("height", "bottle", float(outline[-1, 1]), bottle.height_m, sigma=HEIGHT_SIGMA_M),
         Measure("expected error of the missing part, before touching [m]", before_m, None),
         Measure("expected error of the missing part, after [m]", error_m, None),
         Measure("rms error of the outline's radius [m]", rms_m, None),
         Measure("rms error of the outline that was only seen [m]", _outline_error(seen, bottle), None),
-        Measure("height [m]", height_m, bottle.height_m),
         Illustration(
             _outline_figure(outline, bottle, seen, _radial(contacts, foot)),
             "Outline of the bottle: what the camera saw, what the probe touched, what came of it, and the truth",

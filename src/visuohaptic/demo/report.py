@@ -74,13 +74,16 @@ def _row(number: int, one: ChapterResult) -> dict[str, Any]:
 
 
 def _claim_row(claim: Claim) -> dict[str, Any]:
-    value = claim.value
-    said = ", ".join(map(_shown, value)) if isinstance(value, tuple) else _shown(value)
+    said, truth = (
+        ", ".join(map(_shown, value)) if isinstance(value, tuple) else _shown(value)
+        for value in (claim.value, claim.truth)
+    )
     return {
         "claim": f"{claim.kind} of {claim.what}",
         "said": said,
-        "probability": f"{claim.forecast:.3f}" + ("" if claim.made else " (not sure enough to be claimed)"),
-        "true": _RIGHT[claim.right],
+        "probability": f"{claim.forecast:.3f}" + ("" if claim.made else ": not claimed"),
+        "truth": truth,
+        "right": _RIGHT[claim.right],
     }
 
 
