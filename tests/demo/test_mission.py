@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from visuohaptic.core import InputError
+from visuohaptic.core import Estimate, HapticTag, InputError
 from visuohaptic.demo import (
     CHAPTERS,
     PARTS,
@@ -16,11 +17,14 @@ from visuohaptic.demo import (
     ChapterOutcome,
     ChapterResult,
     Mission,
+    Visit,
     contained,
     recognise_the_bottle,
     run_chapters,
     run_mission,
     table_bottle,
+    touch_chapters,
+    touch_in_map,
     training_objects,
     write_story,
 )
@@ -29,6 +33,7 @@ from visuohaptic.demo.probe_chapters import default_outline
 from visuohaptic.demo.story import done, failed
 from visuohaptic.recognition.touch import wall_from_stiffness
 from visuohaptic.simulation import FaultKind
+from visuohaptic.simulation.mobile import cylinder
 from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
 
 pytest.importorskip("mujoco")
@@ -65,6 +70,64 @@ def test_what_needs_a_failed_chapter_is_skipped_with_the_reason(tmp_path: Path) 
     page = write_story(story, tmp_path / "report.html").read_text(encoding="utf-8")
     assert "is gone" in page
     assert 'src="http' not in page
+
+
+def test_a_failed_chapter_is_tried_once_more_in_another_way(tmp_path: Path) -> None:
+    draws: list[float] = []
+
+    def work(mission: Mission) -> ChapterResult:
+        draws.append(float(mission.rng(1).random()))
+        return done("seen from above", CLAIM) if mission.attempt else failed("unseen from here")
+
+    mission = Mission(0, tmp_path)
+    story = run_chapters(mission, (Chapter("a", "a", (), work, otherwise="from above"),))
+    assert story.complete
+    for part in ("seen from above", "second attempt", "unseen from here"):
+        assert part in story.chapters[0].reason
+    assert len(set(draws)) == 2  # other noise
+    assert mission.attempt == 0
+    # What fails twice, and what has nothing else to try, has failed.
+    for otherwise, count in (("from below", 2), ("", 1)):
+        draws.clear()
+        one = Chapter("a", "a", (), lambda m: draws.append(m.seed) or failed("unseen"), otherwise=otherwise)
+        assert run_chapters(mission, (one,)).outcome == "honest failure"
+        assert len(draws) == count
+
+
+def test_a_container_of_no_class_is_grasped_as_it_was_measured(tmp_path: Path) -> None:
+    story = run_mission(tmp_path, part="bottle", seed=48, visit=Visit(48), quick=True)
+    assert story.complete, story.summary()
+    assert [claim.value for claim in story.claims if claim.kind == "class"] == ["unknown"]
+    assert not story.wrong_claims
+
+
+def test_what_is_touched_in_a_map_is_told_like_a_story(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bin_ = cylinder("bin", 0.0, 0.0, 0.1, 0.3, mass_kg=1.0, friction=0.3, static_ratio=1.1)
+    tag = HapticTag(static_friction_N=Estimate(bin_.static_friction_N, 0.05), fixed=False, explored=1)
+    samples = [SimpleNamespace(valid=True, truth_N=2.0, measured_N=2.1, t_s=0.0, sigma_N=0.1, reason="ok")]
+    told = [
+        SimpleNamespace(
+            name=name, tag=one, samples=samples, picture_bgr=None, strip=None,
+            path=SimpleNamespace(obstacle=bin_),
+            exploration=SimpleNamespace(
+                ending=SimpleNamespace(success=good), outcome=SimpleNamespace(value=how), events=()
+            ),
+        )
+        for name, one, good, how in (("bin", tag, True, "tagged"), ("air", HapticTag(), False, "nothing_found"))
+    ]  # fmt: skip
+    result = SimpleNamespace(objects=told, duration_s=1.0)
+    monkeypatch.setattr(touch_chapters, "run_demo", lambda *_, **__: result)
+    story = touch_in_map(tmp_path, tmp_path / "map.yaml", seed=1, on_message=lambda _: None)
+    assert [one.outcome for one in story.chapters] == ["done", "failed"]
+    assert story.chapters[0].right
+    assert story.outcome == "honest failure"
+    assert any(
+        m.what.startswith("bin: rms error") and m.ours == pytest.approx(0.1)
+        for m in story.chapters[0].measures
+    )
+    assert "nothing_found" in write_story(story, tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_mistake_of_ours_is_not_a_failed_chapter(tmp_path: Path) -> None:

@@ -36,8 +36,7 @@ from visuohaptic.navigation.problem import (
 )
 from visuohaptic.reproduce.pushes import PushLimits
 from visuohaptic.tasks.framework import Machine, Rule
-from visuohaptic.tasks.mobile import ForceGuard, GuardState, PushEnd, PushSettings, SteeredPush
-from visuohaptic.tasks.mobile.force_guard import ReactionTime
+from visuohaptic.tasks.mobile import ForceGuard, GuardState, PushEnd, PushSettings, ReactionTime, SteeredPush
 from visuohaptic.tasks.mobile.travel import TravelOutcome, TravelSenses, TravelSettings, travel
 
 LIMIT_N = ROBOT.push_force_max_N

@@ -5,6 +5,7 @@ from .bottle import PLACE as PLACE
 from .bottle import TableBottle as TableBottle
 from .bottle import around_the_table as around_the_table
 from .bottle import contained as contained
+from .bottle import container_of_outline as container_of_outline
 from .bottle import random_table_bottle as random_table_bottle
 from .bottle import table_bottle as table_bottle
 from .bottle import training_objects as training_objects
@@ -36,9 +37,7 @@ from .push_demo import DemoSample as DemoSample
 from .push_demo import run_demo as run_demo
 from .push_demo import show_obstacle as show_obstacle
 from .push_demo_report import annotated_push as annotated_push
-from .push_demo_report import error_figures as error_figures
 from .push_demo_report import force_of_push as force_of_push
-from .push_demo_report import write_report as write_report
 from .report import write_story as write_story
 from .story import Chapter as Chapter
 from .story import ChapterOutcome as ChapterOutcome
@@ -54,3 +53,4 @@ from .story import run_chapters as run_chapters
 from .touch_chapters import default_tags as default_tags
 from .touch_chapters import explore_obstacles as explore_obstacles
 from .touch_chapters import tag_claims as tag_claims
+from .touch_chapters import touch_in_map as touch_in_map

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
+from ..deformation.shapes.container import Base, ContainerDescription, Section, load_container
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..recognition.data.data_set import FeatureSet, load_feature_set
 from ..recognition.touch.haptic_model import UNKNOWN
@@ -25,6 +26,7 @@ from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Re
 
 __all__ = [
     "CLASS", "GROUPS", "HEIGHTS", "PLACE", "TableBottle", "around_the_table", "contained",
+    "container_of_outline",
     "random_table_bottle", "table_bottle", "training_objects",
 ]  # fmt: skip
 
@@ -115,6 +117,27 @@ def contained(
     )  # fmt: skip
 
 
+def container_of_outline(outline_m: Float[np.ndarray, "k 2"], wall_m: float = 4e-4) -> ContainerDescription:
+    """A round container of no class: as it was measured.
+
+    Parameters
+    ----------
+    outline_m
+        Radius and height [m], upwards.
+    wall_m
+        Thickness of its wall [m].
+    """
+    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], HEIGHTS + 1)
+    radii = [(float(r), float(r)) for r in np.interp(z, outline_m[:, 1], outline_m[:, 0])]
+    step = float(z[1] - z[0])
+    return ContainerDescription(
+        name=UNKNOWN,
+        base=Base(radius=radii[0]),
+        sections=[Section(height=(step, step), radius=radius) for radius in radii[1:]],
+        wall=(wall_m, wall_m),
+    )
+
+
 def table_bottle(rng: np.random.Generator) -> TableBottle:
     """A bottle that the classifier has not seen, somewhere on the table, open or closed, empty or with any
     amount of water.
@@ -168,7 +191,6 @@ def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) ->
 
 def _variant(name: str, rng: np.random.Generator) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Outline and wall [m] of a member of a class that the classifier was not trained with."""
-    from ..deformation.shapes.container import load_container
     from ..deformation.shapes.variants import draw_variant
 
     description = draw_variant(load_container(name), int(rng.integers(200)), 1000 + int(rng.integers(1000)))

@@ -23,48 +23,40 @@ if TYPE_CHECKING:
 __all__ = ["CHAPTERS", "PARTS", "Visit", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
-    Chapter("map", "The platform maps its path with the laser", (), floor.map_the_way, 1, floor.default_map),
     Chapter(
-        "door", "Today the door is blocked", ("map",), floor.find_the_door_blocked, 1, floor.default_door
+        "map", "The platform maps its path with the laser", (), floor.map_the_way, 1, floor.default_map,
+        "the round is led the other way about",
     ),
     Chapter(
-        "foam",
-        "It touches what stands there, and tags it",
-        ("door",),
-        touch.explore_obstacles,
-        120,
-        touch.default_tags,
+        "door", "Today the door is blocked", ("map",), floor.find_the_door_blocked, 1, floor.default_door,
+        "it turns to either side and looks again",
     ),
     Chapter(
-        "drive",
-        "It plans with the tags, pushes and arrives",
-        ("map", "foam"),
-        drive.drive_to_the_table,
-        2,
-        drive.default_arrival,
+        "foam", "It touches what stands there, and tags it", ("door",), touch.explore_obstacles, 120,
+        touch.default_tags, "beside the middle of what stands there",
     ),
     Chapter(
-        "beam",
-        "At the table the probe's beam sensor is zeroed",
-        ("drive",),
-        probe.zero_the_beam,
-        12,
-        probe.default_beam,
+        "drive", "It plans with the tags, pushes and arrives", ("map", "foam"), drive.drive_to_the_table, 2,
+        drive.default_arrival, "from where it has ended, with what it has felt on the way",
     ),
     Chapter(
-        "glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass, 11
+        "beam", "At the table the probe's beam sensor is zeroed", ("drive",), probe.zero_the_beam, 12,
+        probe.default_beam, "zeroed anew",
     ),
     Chapter(
-        "probe",
-        "The probe completes the bottle",
-        ("glass", "beam"),
-        probe.complete_the_bottle,
-        1,
-        probe.default_outline,
+        "glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass, 11,
+        None, "with twice the views",
     ),
-    Chapter("squeeze", "The gripper squeezes: class and contents", ("probe",), hand.recognise_the_bottle, 2),
+    Chapter(
+        "probe", "The probe completes the bottle", ("glass", "beam"), probe.complete_the_bottle, 1,
+        probe.default_outline, "with twice the lines",
+    ),
+    Chapter(
+        "squeeze", "The gripper squeezes: class and contents", ("probe",), hand.recognise_the_bottle, 2,
+        None, "at as many places more",
+    ),
     Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle),
-)
+)  # fmt: skip
 
 #: Parts of the story -> their chapters.
 PARTS: dict[str, tuple[str, ...]] = {

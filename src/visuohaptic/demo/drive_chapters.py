@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.geometry import compose_2d, relative_2d
+from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.path_plan import Plan
 from ..navigation.problem.planning_problem import PlanningProblem
@@ -117,15 +118,12 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         return failed(f"there is no plan: {plan.reason}")
     world, senses = _world(mission)
     found, track = _travelled(mission, problem, world, senses)
-    true_pose = tuple(float(value) for value in world.pose_m())
+    x, y, heading = (float(value) for value in world.pose_m())
+    true_pose = x, y, heading
     error_m = math.dist(true_pose[:2], mission.house.table_m)
     estimated = senses.pose()
     parts = (
-        Measure(
-            "distance from the goal at the end [m]",
-            math.dist(estimated[:2], known.goal_m),
-            error_m,
-        ),
+        Measure("distance from the goal at the end [m]", math.dist(estimated[:2], known.goal_m), error_m),
         Measure("planned duration [s]", plan.cost_s, None),
         Measure("duration of the drive [s]", found.duration_s, None),
         Measure(
@@ -136,10 +134,14 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         _picture(mission, problem, found, track, world),
     )
     if not found.arrived:
+        # Another attempt begins where this one has ended, with what it has learnt.
+        mission.platform.go(relative_2d(mission.platform.pose, true_pose))
+        known.pose, known.objects = estimated, found.problem.objects
+        mission.mapper = OccupancyMapper.from_map(known.map, estimated, mission.platform.odometry())
         return failed(f"{found.outcome.value}: {found.reason}", *parts)
     # Odometry and wishes are not enough: the laser has to see the map from here.
     known.pose = estimated
-    fraction = fit_fraction(mission, known.map, (true_pose[0], true_pose[1], true_pose[2]), estimated)
+    fraction = fit_fraction(mission, known.map, true_pose, estimated)
     if fraction < MIN_FIT:
         return failed(
             f"the platform estimates to be there, but only {100 * fraction:.0f} % of what the laser sees "
@@ -154,9 +156,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         place = senses.look(name)
         if mission.memory is not None and place is not None:
             mission.memory.move_floor_object(memory_name, place)
-    arrived = Claim(
-        "place", "platform at the table", estimated[:2], (true_pose[0], true_pose[1]), sigma=SEEN_SIGMA_M
-    )
+    arrived = Claim("place", "platform at the table", estimated[:2], true_pose[:2], sigma=SEEN_SIGMA_M)
     return done(f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", arrived, *parts)
 
 

@@ -111,7 +111,7 @@ def map_the_way(mission: Mission) -> ChapterResult:
     recalled = mission.memory.map() if mission.memory is not None else None
     if recalled is not None and fit_fraction(mission, recalled.grid, house.start, recalled.home) >= MIN_FIT:
         return _recall_the_map(mission, recalled)
-    poses = _path(house.grid, house.tour_m, 0.25)
+    poses = _path(house.grid, house.tour_m[:: -1 if mission.attempt else 1], 0.25)
     platform = LedPlatform(house, _pose(poses[0]), mission.rng(2), mission.rng(3))
     mapper = OccupancyMapper()
     served = int(np.hypot(*(poses[:, :2] - house.table_m).T).argmin())
@@ -183,6 +183,8 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     if not plan.reachable:
         return failed(f"on the map of the first round there is no path to the table: {plan.reason}")
     mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {plan.cost_s:.0f} s")
+    for turn in (0.5, -0.5, 0.0) if mission.attempt else ():
+        _look_from(mission, compose_2d(known.pose, (0.0, 0.0, turn * math.pi)))
     if fit_fraction(mission, grid, mission.platform.pose, known.pose) < MIN_FIT:
         return failed("what the laser sees does not fit the map: the platform does not know where it is")
     path = _path(grid, [known.pose[:2], known.goal_m], ROBOT.radius_m)

@@ -6,15 +6,15 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from ..core.errors import InputError
-from ..core.measurement import Event, EventKind
+from ..core.measurement import EventKind
 from ..core.objects import HapticTag
 from ..core.robots import FrameSource
 from ..io.maps.occupancy_map import OccupancyMap
@@ -77,10 +77,7 @@ class DemoObject:
     samples: tuple[DemoSample, ...]
     picture_bgr: UInt8[np.ndarray, "rows columns 3"] | None  #: the camera's view at the largest force
     strip: ObservedStrip | None  #: what the sensor saw in it
-    true_events: tuple[Event, ...]
     end_pose: tuple[float, float, float]  #: of the obstacle in the world after the push
-    touch_error_m: float = math.nan  #: by how much later than the scene expected it was touched
-    turn_true_rad: float = math.nan  #: of the obstacle in the world from touch to stand
 
     @property
     def tag(self) -> HapticTag:
@@ -97,8 +94,6 @@ class DemoResult:
     sensor: FoamSensor
     folder: Path
     duration_s: float
-    track_m: Float[np.ndarray, "n 2"]  #: where the platform was
-    notes: dict[str, str] = field(default_factory=dict)
 
 
 def run_demo(
@@ -155,18 +150,15 @@ def run_demo(
         for obstacle in world.obstacles:
             show_obstacle(page, obstacle, _pose_of(world, obstacle))
     objects: list[DemoObject] = []
-    track: list[tuple[float, float]] = []
     with MeasurementWriter(folder / "run.mcap") as recording, TableWriter(folder / "run.csv") as table:
         recording.write_camera(sensor.setup.camera, 0.0)
         recording.write_map(grid, 0.0)
-        stage = _Stage(world, virtual, sensor, on_message, page, recording, table, track)
+        stage = _Stage(world, virtual, sensor, on_message, page, recording, table)
         for number, path in enumerate(paths):
             objects.append(_Push(stage, path, seed + number).explore(explore or SLOWLY, through))
             if page is not None:
                 page.set_tags({one.name: one.tag for one in objects})
-    return DemoResult(
-        grid, tuple(objects), sensor, folder, time.monotonic() - start_s, np.array(track).reshape(-1, 2)
-    )
+    return DemoResult(grid, tuple(objects), sensor, folder, time.monotonic() - start_s)
 
 
 def _scene(
@@ -199,7 +191,6 @@ class _Stage:
     page: LivePage | None
     recording: MeasurementWriter
     table: TableWriter
-    track: list[tuple[float, float]]
 
 
 class _Push:
@@ -210,7 +201,6 @@ class _Push:
         self.samples: list[DemoSample] = []
         self.best: tuple[float, UInt8[np.ndarray, "rows columns 3"], ObservedStrip] | None = None
         self.touching = False
-        self.yaw_rad: list[float] = []  # of a movable obstacle, from its touch on
 
     def explore(self, settings: ExploreSettings, through: Callable[[FrameSource], FrameSource]) -> DemoObject:
         stage, path = self.stage, self.path
@@ -237,12 +227,10 @@ class _Push:
             scene=tracker,
             on_step=self._step,
         )
-        events = tuple(event for name, event in world.events if name == path.obstacle.name)
         place = _pose_of(world, path.obstacle)
         picture, strip = None, None
         if self.best is not None:
             _, picture, strip = self.best
-        turn = self.yaw_rad[-1] - self.yaw_rad[0] if self.yaw_rad else math.nan
         touched = next((e.t_s for e in found.events if e.kind is EventKind.CONTACT), math.nan)
         times = [profile.t_s for profile in found.profiles]
         late = float(np.interp(touched, times, found.travel_m)) - found.expected_m if times else math.nan
@@ -251,9 +239,7 @@ class _Push:
                 f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, "
                 f"contact {1e3 * abs(late):.1f} mm {'after' if late > 0 else 'before'} the predicted place"
             )
-        return DemoObject(
-            path.obstacle.name, path, found, tuple(self.samples), picture, strip, events, place, late, turn
-        )
+        return DemoObject(path.obstacle.name, path, found, tuple(self.samples), picture, strip, place)
 
     def _step(self, step: ExploreStep) -> None:
         profile, truth = step.profile, self.stage.world.truth.load_N
@@ -267,8 +253,6 @@ class _Push:
                 profile.reason.value,
             )
         )
-        x, y, _ = self.stage.world.platform_pose()
-        self.stage.track.append((x, y))
         self.stage.recording.write_force(profile)
         self.stage.table.write(profile)
         if step.scene is not None:
@@ -276,8 +260,6 @@ class _Push:
         for event in step.events:
             self.stage.recording.write_event(event)
         self.touching = bool(profile.contacts)
-        if self.path.obstacle.movable and self.touching and step.phase in ("push", "halt"):
-            self.yaw_rad.append(self.stage.world.truth.body(self.path.obstacle.name).yaw_rad)
         if step.events or (self.touching and len(self.samples) % _TABLE_FRAMES == 0):
             names = ", ".join(event.kind.value for event in step.events)
             measured = f"{profile.force_N:9.3f} N" if profile.valid else f"{profile.reason.value:>11}"

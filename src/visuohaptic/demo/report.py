@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..report.html_report import Report
+from .judge import Claim
 from .story import ChapterOutcome, ChapterResult, Measure, Story
 
 __all__ = ["measure_texts", "write_story"]
@@ -45,6 +46,8 @@ def write_story(story: Story, path: Path | str) -> Path:
         report.section(f"{number}. {one.title}")
         verb = "Done" if one.done else "Failed"
         report.text(f"{verb}: {one.reason}.")
+        if one.claims:
+            report.table([_claim_row(claim) for claim in one.claims])
         if one.measures:
             report.table(
                 [
@@ -67,6 +70,20 @@ def _row(number: int, one: ChapterResult) -> dict[str, Any]:
         "reason": one.reason,
         "true": _RIGHT[one.right],
         "time [s]": f"{one.duration_s:.0f}",
+    }
+
+
+def _claim_row(claim: Claim) -> dict[str, Any]:
+    said, truth = (
+        ", ".join(map(_shown, value)) if isinstance(value, tuple) else _shown(value)
+        for value in (claim.value, claim.truth)
+    )
+    return {
+        "claim": f"{claim.kind} of {claim.what}",
+        "said": said,
+        "probability": f"{claim.forecast:.3f}" + ("" if claim.made else ": not claimed"),
+        "truth": truth,
+        "right": _RIGHT[claim.right],
     }
 
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..deformation.shapes.container import ContainerDescription
     from ..navigation.mapping.mapper import OccupancyMapper
     from ..navigation.problem.planning_problem import MovableObject
+    from ..recognition.data.readings import TouchReading
     from ..reconstruction.pipeline import Reconstruction
     from ..simulation.houses.led_platform import LedPlatform
     from ..simulation.tabletop.kitchen import KitchenTable
@@ -106,7 +107,8 @@ class ChapterResult:
     @property
     def right(self) -> bool | None:
         """Whether all that is claimed is true; ``None`` where nothing is claimed."""
-        return all(claim.right for claim in self.claims) if self.done and self.claims else None
+        made = [claim.right for claim in self.claims if claim.made]
+        return all(made) if self.done and made else None
 
 
 @dataclass(slots=True)
@@ -126,7 +128,8 @@ class Known:
     bottle_at_m: Float[np.ndarray, "2"] | None = None  #: foot of its axis on the table
     outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
-    curves: tuple[SqueezeCurve, ...] = ()
+    curves: tuple[SqueezeCurve, ...] = ()  #: gentle
+    readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""
     class_model: ContainerDescription | None = None  #: of the recognised class, as large as the outline
     wall_factor: float = 1.0
@@ -166,6 +169,7 @@ class Mission:
     known_bottle_probability: float = 0.0
     touches: int = 0  #: pushes, contacts and squeezes until now
     robot_s: float = 0.0  #: time that the robot has spent until now, by its own clock
+    attempt: int = 0  #: at the present chapter: 1 where another way is tried
 
     def spent(self, seconds: float, touches: int = 0) -> None:
         """Take down what was done.
@@ -193,7 +197,8 @@ class Mission:
         part
             Number of the part, added to the seed.
         """
-        return np.random.default_rng([self.seed, part, self.visit] if self.visit else [self.seed, part])
+        more = [self.visit, self.attempt] if self.attempt else [self.visit] if self.visit else []
+        return np.random.default_rng([self.seed, part, *more])
 
     def world_rng(self, part: int) -> np.random.Generator:
         """Generator of one part of the world, the same on every day.
@@ -220,6 +225,7 @@ class Chapter:
     work: Work
     typical_s: float = 1.0  #: of computing on two cores with compiled kernels; weighs the time that is left
     without: Callable[[Mission], None] | None = None  #: fills in what it would have learnt, when left out
+    otherwise: str = ""  #: what is tried once more when it has failed; empty: nothing else is left to try
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -316,6 +322,22 @@ def _ended(ended: Mapping[str, ChapterResult], name: str) -> bool:
 
 
 def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
+    """Work on a chapter, and when it has failed once more in another way."""
+    first = _work(chapter, mission)
+    if first.done or not chapter.otherwise:
+        return first
+    mission.log(f"  {first.reason}; once more, {chapter.otherwise}")
+    mission.attempt = 1
+    second = _work(chapter, mission)
+    mission.attempt = 0
+    return replace(
+        second,
+        reason=f"{second.reason}; that was the second attempt, {chapter.otherwise}, after: {first.reason}",
+        pictures=first.pictures + second.pictures,
+    )
+
+
+def _work(chapter: Chapter, mission: Mission) -> ChapterResult:
     """A chapter that raises an error of the library has failed with that reason; anything else is a defect."""
     try:
         return chapter.work(mission)

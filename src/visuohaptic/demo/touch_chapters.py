@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -22,9 +25,12 @@ from .floor_chapters import ROBOT, default_door, near_side, nearest_obstacle, ou
 from .judge import Claim
 from .memory import MOVED_M, recognise
 from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
-from .story import ChapterResult, Illustration, Measure, Mission, done, failed
+from .story import ChapterResult, Illustration, Measure, Mission, Story, done, failed
 
-__all__ = ["default_tags", "explore_obstacles", "tag_claims"]
+if TYPE_CHECKING:
+    from ..viewer.page import LivePage
+
+__all__ = ["default_tags", "explore_obstacles", "tag_claims", "touch_in_map"]
 
 #: From the platform's hull to what it drives at: the foam, and floor on which the camera sees it come [m].
 START_M = 0.03 + 0.17
@@ -79,13 +85,47 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         measures += _against_truth(one)
     known.objects = tuple(objects)
     tagged = sum(item.tag is not None for item in objects)
-    parts = (*claims, *measures, *_pictures(mission, found.objects, found))
+    parts = (*claims, *measures, *_pictures(found, *found.objects))
     if not tagged:
         why = ", ".join(f"{one.name} {one.exploration.outcome.value}" for one in found.objects)
         return failed(f"nothing could be tagged: {why}", *parts)
     rest = "" if tagged == len(objects) else f"; {len(objects) - tagged} stay unknown"
     before = f", {len(objects) - len(order)} known from before" if len(objects) > len(order) else ""
     return done(f"{tagged} of {len(objects)} objects were pushed and tagged{rest}{before}", *parts)
+
+
+def touch_in_map(
+    folder: Path,
+    map_path: Path,
+    *,
+    seed: int,
+    on_message: Callable[[str], None],
+    page: LivePage | None = None,
+) -> Story:
+    """Touch three obstacles in a map of the user's; a chapter each.
+
+    Parameters
+    ----------
+    folder
+        Receives the recordings.
+    map_path
+        A map_server YAML.
+    seed
+        Of everything random.
+    on_message
+        Takes the lines of the story.
+    page
+        Shows it live.
+    """
+    found = run_demo(folder, map_path=map_path, seed=seed, on_message=on_message, page=page)
+    chapters = []
+    for one in found.objects:
+        ended = done if one.exploration.ending.success else failed
+        why = f"{one.exploration.outcome.value}: {_felt_text(one.tag)}"
+        on_message(f"{one.name}: {why}")
+        parts = (*tag_claims(one.path.obstacle, one.tag), *_against_truth(one), *_pictures(found, one))
+        chapters.append(replace(ended(why, *parts), name=one.name, title=one.name))
+    return Story(tuple(chapters), Mission(seed, folder), found.duration_s)
 
 
 def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) -> MovableObject:
@@ -113,9 +153,10 @@ def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) ->
 def _approach(mission: Mission, group: Float[np.ndarray, "k 2"]) -> ApproachPath:
     """Driven at where the laser has seen it; what stands there, and where that truly is, are the world's business."""
     ahead = mission.known.ahead_rad
-    x, y = near_side(group, ahead)[0]
+    (x, y), width = near_side(group, ahead)
     true = nearest_obstacle(mission, group.mean(axis=0))
     here = relative_2d(mission.known.pose, (float(x), float(y), ahead))
+    here = compose_2d(here, (0.0, 0.25 * width * mission.attempt, 0.0))
     before = ROBOT.radius_m + START_M
     start = compose_2d(compose_2d(_true_pose(mission), here), (-before, 0.0, 0.0))
     return ApproachPath(true.moved(*mission.placed[true.name]), start, before)
@@ -220,20 +261,19 @@ def _against_truth(one: DemoObject) -> list[Measure]:
             ("dynamic", tag.dynamic_friction_N, true.dynamic_friction_N),
         ):
             rows.append(Measure(f"{one.name}: {what} friction [N]", felt.value if felt else None, value))
-    from .push_demo_report import error_figures
-
-    error = error_figures(one).get("rms error [N]")
-    if error is not None:
-        rows.append(Measure(f"{one.name}: rms error of the force [N]", error, None))
+    errors = [s.measured_N - s.truth_N for s in one.samples if s.valid and s.truth_N > 0.1]
+    if errors:
+        rms_N = float(np.sqrt(np.mean(np.square(errors))))
+        rows.append(Measure(f"{one.name}: rms error of the force [N]", rms_N, None))
     return rows
 
 
-def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoResult) -> list[Illustration]:
+def _pictures(result: DemoResult, *objects: DemoObject) -> list[Illustration]:
     from .push_demo_report import annotated_push, force_of_push
 
     found = []
     for one in objects:
-        picture = annotated_push(result, one, split=False)
+        picture = annotated_push(result, one)
         if picture is not None:
             found.append(
                 Illustration(

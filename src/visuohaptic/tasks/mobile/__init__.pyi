@@ -8,8 +8,10 @@ from .explore_records import ExploreSettings as ExploreSettings
 from .explore_records import ExploreState as ExploreState
 from .explore_task import ExploreTask as ExploreTask
 from .felt_footprint import felt_footprint as felt_footprint
+from .force_guard import FoamLimit as FoamLimit
 from .force_guard import ForceGuard as ForceGuard
 from .force_guard import GuardState as GuardState
+from .force_guard import ReactionTime as ReactionTime
 from .steered_push import PushEnd as PushEnd
 from .steered_push import PushSettings as PushSettings
 from .steered_push import SteeredPush as SteeredPush

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
@@ -132,15 +133,13 @@ class FoamLimit:
     Parameters
     ----------
     explore
-        For the speed from which the platform stands within a depth.
-    reaction_s
-        From a touch to the brake, until readings come later [s].
+        For the speed from which the platform stands within a depth, and the reaction until readings come later.
     full_m
         Deflection at which the foam is full [m].
     """
 
-    def __init__(self, explore: ExploreSettings, reaction_s: float, full_m: float) -> None:
-        self.reaction = ReactionTime(reaction_s)
+    def __init__(self, explore: ExploreSettings, full_m: float) -> None:
+        self.reaction = ReactionTime(explore.reaction_s)
         self._explore, self._full_m = explore, full_m
         self._s_m = self._delta_m = np.zeros(1)
 
@@ -157,8 +156,13 @@ class FoamLimit:
         self.reaction.update(t_s, now_s)
         self._s_m, self._delta_m = profile.s_m, np.nan_to_num(profile.delta_m)
 
-    def part_of(self, speed_m_s: float, turn_rate_rad_s: float) -> float:
-        """Of the velocities; a turn moves the ends of the front: v - w s at s to the left of its middle.
+    @property
+    def settings(self) -> ExploreSettings:
+        """Of an exploration, with the reaction that readings have shown."""
+        return replace(self._explore, reaction_s=self.reaction.reaction_s)
+
+    def limited(self, speed_m_s: float, turn_rate_rad_s: float) -> tuple[float, float]:
+        """Both velocities reduced alike; a turn moves the ends of the front: v - w s at s to the left of its middle.
 
         Parameters
         ----------
@@ -168,4 +172,5 @@ class FoamLimit:
         closing = speed_m_s - turn_rate_rad_s * self._s_m
         left_m = np.maximum(self._full_m - self._delta_m, 0.0)
         safe = self._explore.stopping_speed_m_s(left_m, self.reaction.reaction_s)
-        return float(np.min(safe[closing > 0.0] / closing[closing > 0.0], initial=1.0))
+        part = float(np.min(safe[closing > 0.0] / closing[closing > 0.0], initial=1.0))
+        return part * speed_m_s, part * turn_rate_rad_s

@@ -15,7 +15,7 @@ writes, into --out
   report.html   one page with every chapter, needs nothing else
   touch/        sensor files, run.mcap (ROS 2 messages) and run.csv of the pushes
   beam/         files of the beam sensor
-with --map, into --out: report.html, picture.jpg, run.mcap, run.csv, sensor.yaml, foam.yaml, zero.yaml
+with --map, into --out: report.html, run.mcap, run.csv, sensor.yaml, foam.yaml, zero.yaml
 
 examples
   visuohaptic demo --quick
@@ -94,7 +94,7 @@ def run(args: Any) -> dict[str, Any]:
             page = stack.enter_context(LivePage())
             args.report(f"live page: {page.url}")
             page.show()
-        work = _replay if args.quick else _touch_in_map if args.map is not None else _tell
+        work = _replay if args.quick else _tell
         result = work(args, page)
         if page is not None:
             args.report(f"the page stays at {page.url}; end with Ctrl-C")
@@ -126,19 +126,23 @@ def _open(report: Path) -> None:
 
 
 def _tell(args: Any, page: Any) -> dict[str, Any]:
-    """The story on our own office and table."""
+    """The story on our own office and table, or three obstacles in a map of the user's."""
     from ....demo.chapters import Visit, run_mission
     from ....demo.report import write_story
+    from ....demo.touch_chapters import touch_in_map
 
-    if page is not None:
+    if page is not None and args.map is None:
         from ....demo.story import Mission
 
         grid = Mission(args.seed, args.out, world=args.world).house.grid
         page.set_map(grid.cells, grid.resolution_m, grid.origin)
-    story = run_mission(
-        args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
-        visit=Visit(args.world, args.visit, args.memory),
-    )  # fmt: skip
+    if args.map is not None:
+        story = touch_in_map(args.out, args.map, seed=args.seed, on_message=args.report, page=page)
+    else:
+        story = run_mission(
+            args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
+            visit=Visit(args.world, args.visit, args.memory),
+        )  # fmt: skip
     report = write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")
@@ -162,61 +166,3 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
         ],
         "duration_s": story.duration_s,
     }
-
-
-def _touch_in_map(args: Any, page: Any) -> dict[str, Any]:
-    """Three obstacles in a map of the user's."""
-    from ....core.codec import to_dict
-    from ....demo.push_demo import run_demo
-    from ....demo.push_demo_report import error_figures, write_report
-    from ....report.run_tables import primitive_text, tag_text
-
-    result = run_demo(args.out, map_path=args.map, seed=args.seed, on_message=args.report, page=page)
-    args.report("")
-    args.report("haptic tags")
-    for one in result.objects:
-        shape = one.exploration.fit.best if one.exploration.fit is not None else None
-        args.report(f"  {one.name}: {tag_text(one.tag)}")
-        args.report(f"      shape: {primitive_text(shape) or 'none fits'}")
-        truth = one.path.obstacle
-        if truth.movable:
-            args.report(
-                f"      truth: static friction {truth.static_friction_N:.2f} N, "
-                f"dynamic friction {truth.dynamic_friction_N:.2f} N"
-            )
-        else:
-            args.report("      truth: fixed")
-    report = write_report(result, args.out / "report.html")
-    _save_picture(result, args.out / "picture.jpg")
-    args.report("")
-    args.report(f"report: {report}")
-    args.report(f"recording: {args.out / 'run.mcap'}, table: {args.out / 'run.csv'}")
-    return {
-        "report": str(report),
-        "objects": [
-            {
-                "name": one.name,
-                "outcome": one.exploration.outcome.value,
-                "haptic_tag": to_dict(one.tag),
-                "errors": error_figures(one),
-            }
-            for one in result.objects
-        ],
-        "duration_s": result.duration_s,
-    }
-
-
-def _save_picture(result: Any, path: Path) -> None:
-    """The first push as one picture, without the split into image and gradient."""
-    import cv2
-
-    from ....core.files import atomic_path
-    from ....demo.push_demo_report import annotated_push
-
-    picture = annotated_push(result, result.objects[0], split=False)
-    if picture is None:
-        return
-    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    if done:
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(data.tobytes())

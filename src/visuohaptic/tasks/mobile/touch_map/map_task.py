@@ -325,11 +325,10 @@ def map_by_touch(
     require_members(source, FrameSource, "map_by_touch", "frame source", members=("__iter__",))
     settings, explore = settings or MapSettings(), explore or _exploration()
     full_m = explore.max_deflection_m(sensor.setup.material)
-    limit = FoamLimit(explore, explore.reaction_s, full_m)
     guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.blind_frames)
     task = TouchMapTask(settings)
     found = _Contacts(settings, haptic_map, base.state(), on_contact)
-    command = _STOP
+    command, limit = _STOP, FoamLimit(explore, full_m)
 
     def observations() -> Iterator[MapObservation]:
         nonlocal limit
@@ -349,12 +348,12 @@ def map_by_touch(
                 return
             if pressing:
                 carry_out(command)  # slower as the foam fills
-            seen = _observation(frame.t_s, state, touched=bool(profile.contacts))
-            yield replace(seen, overload=allowed is GuardState.TOO_HEAVY)
+            touched, overload = bool(profile.contacts), allowed is GuardState.TOO_HEAVY
+            seen = replace(_observation(frame.t_s, state), touched=touched, overload=overload)
+            yield seen
             while command.explore:
-                reaction_s = limit.reaction.reaction_s
-                exploration = explore_obstacle(base, source, sensor, replace(explore, reaction_s=reaction_s))
-                limit = FoamLimit(explore, exploration.reaction_s, full_m)
+                exploration = explore_obstacle(base, source, sensor, limit.settings)
+                limit = FoamLimit(replace(explore, reaction_s=exploration.reaction_s), full_m)
                 if exploration.outcome in _ENDINGS:
                     task.interrupt(_ENDINGS[exploration.outcome], exploration.ending.why)
                     return
@@ -363,11 +362,8 @@ def map_by_touch(
     def carry_out(wanted: MapCommand) -> None:
         nonlocal command
         command = wanted
-        if wanted.speed_m_s or wanted.turn_rate_rad_s:
-            part = limit.part_of(wanted.speed_m_s, wanted.turn_rate_rad_s)
-            base.drive(part * wanted.speed_m_s, part * wanted.turn_rate_rad_s)
-        else:
-            base.stop()
+        moving = wanted.speed_m_s or wanted.turn_rate_rad_s
+        base.drive(*limit.limited(wanted.speed_m_s, wanted.turn_rate_rad_s)) if moving else base.stop()
 
     run_machine(task, observations(), carry_out, base.stop)
     assert task.ending is not None
@@ -377,5 +373,5 @@ def map_by_touch(
     )
 
 
-def _observation(t_s: float, state: BaseState, *, touched: bool = False) -> MapObservation:
-    return MapObservation(t_s, state.x_m, state.y_m, state.heading_rad, touched, "", False, math.nan)
+def _observation(t_s: float, state: BaseState) -> MapObservation:
+    return MapObservation(t_s, state.x_m, state.y_m, state.heading_rad, False, "", False, math.nan)
