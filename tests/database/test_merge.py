@@ -62,6 +62,14 @@ def test_exact_values_that_differ_have_the_error_of_their_mean() -> None:
         assert both.sigma == pytest.approx(np.sqrt(np.var(values) / (len(values) - 1)))
 
 
+def test_what_is_all_but_exact_leaves_nothing_to_what_is_vague() -> None:
+    one = combine([Estimate(3.0, 0.0), Estimate(9.0, 1.0)])
+    assert (one.value, one.sigma, one.samples) == (3.0, 0.0, 2)
+    # The other's weight of 1e-18 is lost beside 1.
+    one = combine([Estimate(3.0, 1e-9), Estimate(4.0, 1.0)])
+    assert (one.value, one.spread) == pytest.approx((3.0, 0.0), abs=1e-9)
+
+
 def test_declared_sigma_is_true() -> None:
     rng = np.random.default_rng(3)
     off = []

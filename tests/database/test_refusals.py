@@ -19,7 +19,6 @@ from benchmarks.objects_faults import make_object
 
 from visuohaptic.core import (
     DatabaseError,
-    Estimate,
     FeatureVector,
     Geometry,
     InputError,
@@ -308,8 +307,3 @@ def test_an_added_object_undoes_its_deletion_and_what_is_older_does_not(tmp_path
         assert db.add(felt(20.0)).provenance == {"name": Provenance("felt", 20.0)}
         db.remove("cup", t_s=30.0)
         assert db.add(felt(2.0)).provenance["id"].t_s > 30.0
-
-
-def test_exact_estimates_stay(tmp_path: Path) -> None:
-    one = combine([Estimate(3.0, 0.0), Estimate(9.0, 1.0)])
-    assert (one.value, one.sigma, one.samples) == (3.0, 0.0, 2)
