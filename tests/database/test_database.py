@@ -28,6 +28,7 @@ from visuohaptic.database import (
     index_of,
     open_database,
     schema,
+    sync,
     synchronise,
 )
 
@@ -189,6 +190,34 @@ def test_two_robots_share_a_server(tmp_path: Path, server: str) -> None:
         open_database(server) as shared,
     ):
         _both_ways(one, two, shared)
+
+
+@pytest.mark.parametrize("batch", [2, 3, 512])
+def test_all_are_exchanged_whatever_is_sent_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int
+) -> None:
+    monkeypatch.setattr(sync, "BATCH", batch)
+    with open_database(tmp_path / "one") as one, open_database(tmp_path / "shared") as shared:
+        for database, names in ((one, "abcde"), (shared, "defghij")):
+            database.add_many([VisuoHapticObject(name) for name in names])
+        found = synchronise(one, shared)
+        # What both have is the same: nothing is learnt from it.
+        assert (found.sent, found.received) == (5, 5)
+        assert (
+            [row.id for row in one.summaries()]
+            == [row.id for row in shared.summaries()]
+            == list("abcdefghij")
+        )
+        found = synchronise(one, shared)
+        assert (found.sent, found.received) == (0, 0)
+
+
+def test_more_objects_than_are_read_at_once(tmp_path: Path) -> None:
+    with open_database(tmp_path) as db:
+        ids = [f"o{number:04d}" for number in range(1003)]
+        db.add_many((VisuoHapticObject(one) for one in ids), batch=1003)
+        assert list(db.stored(ids)) == ids
+        assert db.write_merged({one: (VisuoHapticObject(one), None) for one in ids}).known == set(ids)
 
 
 def test_plain_files(tmp_path: Path) -> None:
