@@ -6,6 +6,7 @@ import logging
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -179,48 +180,45 @@ def write_bag(recording: McapFile, folder: Path) -> int:
 
 def _write_messages(bag: sqlite3.Connection, recording: McapFile, name: str) -> dict[str, Any]:
     """Fill the tables; what ``metadata.yaml`` says of them."""
-    counts: dict[tuple[str, str, str], int] = {}  # by name, type and format of a topic
-    times: list[int] = []
+    numbers: dict[tuple[str, str, str], int] = {}  # by name, type and format of a topic
     for message in recording.messages():
+        key = (message.topic, message.datatype, recording.channels[message.channel].encoding)
         if message.log_time_ns >= 1 << 63:
             recording.spoilt(f"a message at {message.log_time_ns} ns, which no bag in SQLite can hold")
             continue
-        key = (message.topic, message.datatype, recording.channels[message.channel].encoding)
-        if key not in counts:
-            counts[key] = 0
-            bag.execute("INSERT INTO topics VALUES (?, ?, ?, ?, '', '')", (len(counts), *key))
-        number = list(counts).index(key) + 1
-        bag.execute(
-            "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
-            (number, message.log_time_ns, message.data),
-        )
-        counts[key] += 1
-        times = [min([message.log_time_ns, *times[:1]]), max([message.log_time_ns, *times[1:]])]
+        if key not in numbers:
+            numbers[key] = len(numbers) + 1
+            bag.execute("INSERT INTO topics VALUES (?, ?, ?, ?, '', '')", (numbers[key], *key))
+        row = (numbers[key], message.log_time_ns, message.data)
+        bag.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)
     for kind in {schema.name: schema for schema in recording.schemas.values()}.values():
         try:
             words = (kind.name, kind.encoding, kind.data.decode())
         except UnicodeDecodeError:
             continue  # damaged: who knows the type reads its messages without
         bag.execute("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, '')", words)
-    first, last = times or (0, 0)
-    duration, start = {"nanoseconds": last - first}, {"nanoseconds_since_epoch": first}
+    times = "SELECT count(*), coalesce(min(timestamp), 0), coalesce(max(timestamp), 0) FROM messages"
+    count, first, last = bag.execute(times).fetchone()
+    counts = dict(bag.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+    file = {
+        "duration": {"nanoseconds": last - first},
+        "starting_time": {"nanoseconds_since_epoch": first},
+        "message_count": count,
+    }
     about = {
         "version": 9,
         "storage_identifier": "sqlite3",
-        "duration": duration,
-        "starting_time": start,
-        "message_count": sum(counts.values()),
+        **file,
         "topics_with_message_count": [
             {"topic_metadata": {"name": topic, "type": kind, "serialization_format": form,
                                 "offered_qos_profiles": [], "type_description_hash": ""},
-             "message_count": count}
-            for (topic, kind, form), count in counts.items()
+             "message_count": counts[number]}
+            for (topic, kind, form), number in numbers.items()
         ],
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [name],
-        "files": [{"path": name, "starting_time": dict(start), "duration": dict(duration),
-                   "message_count": sum(counts.values())}],
+        "files": [{"path": name, **deepcopy(file)}],
         "custom_data": None,
         "ros_distro": "jazzy",
     }  # fmt: skip
