@@ -234,7 +234,7 @@ def test_plain_files(tmp_path: Path) -> None:
         import_object(folder)
 
 
-@pytest.mark.parametrize(("scale", "known_fraction"), [(1.0, 1.0), (1.0, 0.2), (1e5, 0.6)])
+@pytest.mark.parametrize(("scale", "known_fraction"), [(1.0, 1.0), (1.0, 0.2), (1e5, 0.6), (1e-3, 1.0), (1e-3, 0.4)])
 def test_search_is_exact(scale: float, known_fraction: float) -> None:
     """As a scan of all, over more than one block of rows and sums of 16 features."""
     rng = np.random.default_rng(0)
@@ -252,6 +252,18 @@ def test_search_is_exact(scale: float, known_fraction: float) -> None:
         np.testing.assert_allclose([m.distance for m in found], np.sort(scan)[:7], rtol=1e-12)
     assert [m.id for m in index.nearest(vectors[7], 2)] == ["7", "8"]
     assert len(index.nearest(vectors[7], 9999)) == 9000
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_search_is_exact_beyond_the_border_of_a_level(scale: float) -> None:
+    """Of few features many vectors round to one level, and the nearest is often in the next one."""
+    rng = np.random.default_rng(1)
+    for n in (1, 2):
+        vectors = scale * rng.random((400, n))
+        index = FeatureIndex([str(i) for i in range(400)], vectors)
+        for query in scale * rng.random((200, n)):
+            (found,) = index.nearest(query)
+            assert found.distance == pytest.approx(np.linalg.norm(vectors - query, axis=1).min(), rel=1e-12)
 
 
 def test_search_in_a_database(tmp_path: Path) -> None:
