@@ -234,7 +234,9 @@ def test_plain_files(tmp_path: Path) -> None:
         import_object(folder)
 
 
-@pytest.mark.parametrize(("scale", "known_fraction"), [(1.0, 1.0), (1.0, 0.2), (1e5, 0.6), (1e-3, 1.0), (1e-3, 0.4)])
+@pytest.mark.parametrize(
+    ("scale", "known_fraction"), [(1.0, 1.0), (1.0, 0.2), (1e5, 0.6), (1e-3, 1.0), (1e-3, 0.4)]
+)
 def test_search_is_exact(scale: float, known_fraction: float) -> None:
     """As a scan of all, over more than one block of rows and sums of 16 features."""
     rng = np.random.default_rng(0)
