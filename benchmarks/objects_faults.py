@@ -71,7 +71,7 @@ def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
     _load_libraries()
     with open_database(folder):
         pass
-    total = Counter({"acknowledged": 0, "lost": 0, "problems": 0, "half-written": 0})
+    total = Counter({"tried": count, "acknowledged": 0, "lost": 0, "problems": 0, "half-written": 0})
     acknowledged: set[str] = set()
     start = 0
     for number in range(count):
@@ -133,6 +133,7 @@ def writers(
     with open_database(folder) as database:
         kept = {one.key for one in database.get("shared").evidence} if "shared" in database else set()
     return {
+        "tried": processes,
         "acknowledged": 2 * len(said),
         "lost": lost + sum(f"{own} {number}" not in kept for own, number in said),
         "problems": len(problems) + failed,
@@ -142,7 +143,7 @@ def writers(
 
 def full_disk(count: int, rng: random.Random) -> dict[str, int] | None:
     """Write until the disk is full, ``count`` times; ``None`` where no small disk can be mounted."""
-    total = {"acknowledged": 0, "lost": 0, "problems": 0}
+    total = {"tried": count, "acknowledged": 0, "lost": 0, "problems": 0}
     for _ in range(count):
         with tempfile.TemporaryDirectory() as name:
             size = rng.randint(600, 3000)
@@ -174,7 +175,7 @@ def full_disk(count: int, rng: random.Random) -> dict[str, int] | None:
 def run(kill_count: int = 200, disk_count: int = 20) -> list[dict[str, Any]]:
     """All rows; with ``OBJECTS_FAULTS_JOURNAL`` naming a file, a stopped campaign goes on where it was."""
     named = os.environ.get("OBJECTS_FAULTS_JOURNAL")
-    about = {"study": "objects_faults", "kills": kill_count, "disks": disk_count}
+    about = {"campaign": "objects faults", "kills": kill_count, "disks": disk_count}
     done = Journal(Path(named) if named else None, about)
 
     def kept(key: str, work: Callable[[], dict[str, int] | None]) -> dict[str, int] | None:
@@ -220,7 +221,7 @@ def run(kill_count: int = 200, disk_count: int = 20) -> list[dict[str, Any]]:
         if result is None:
             continue
         note = f"{result['acknowledged']} acknowledged"
-        for key in result.keys() - {"acknowledged", "killed"}:
+        for key in result.keys() - {"tried", "acknowledged", "killed"}:
             rows.append(
                 {
                     "name": f"{case}: {key}",

@@ -28,6 +28,7 @@ from visuohaptic.database import (
     index_of,
     open_database,
     schema,
+    sync,
     synchronise,
 )
 
@@ -191,6 +192,34 @@ def test_two_robots_share_a_server(tmp_path: Path, server: str) -> None:
         _both_ways(one, two, shared)
 
 
+@pytest.mark.parametrize("batch", [2, 3, 512])
+def test_all_are_exchanged_whatever_is_sent_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int
+) -> None:
+    monkeypatch.setattr(sync, "BATCH", batch)
+    with open_database(tmp_path / "one") as one, open_database(tmp_path / "shared") as shared:
+        for database, names in ((one, "abcde"), (shared, "defghij")):
+            database.add_many([VisuoHapticObject(name) for name in names])
+        found = synchronise(one, shared)
+        # What both have is the same: nothing is learnt from it.
+        assert (found.sent, found.received) == (5, 5)
+        assert (
+            [row.id for row in one.summaries()]
+            == [row.id for row in shared.summaries()]
+            == list("abcdefghij")
+        )
+        found = synchronise(one, shared)
+        assert (found.sent, found.received) == (0, 0)
+
+
+def test_more_objects_than_are_read_at_once(tmp_path: Path) -> None:
+    with open_database(tmp_path) as db:
+        ids = [f"o{number:04d}" for number in range(1003)]
+        db.add_many((VisuoHapticObject(one) for one in ids), batch=1003)
+        assert list(db.stored(ids)) == ids
+        assert db.write_merged({one: (VisuoHapticObject(one), None) for one in ids}).known == set(ids)
+
+
 def test_plain_files(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     obj = make_object(4)
@@ -205,7 +234,9 @@ def test_plain_files(tmp_path: Path) -> None:
         import_object(folder)
 
 
-@pytest.mark.parametrize(("scale", "known_fraction"), [(1.0, 1.0), (1.0, 0.2), (1e5, 0.6)])
+@pytest.mark.parametrize(
+    ("scale", "known_fraction"), [(1.0, 1.0), (1.0, 0.2), (1e5, 0.6), (1e-3, 1.0), (1e-3, 0.4)]
+)
 def test_search_is_exact(scale: float, known_fraction: float) -> None:
     """As a scan of all, over more than one block of rows and sums of 16 features."""
     rng = np.random.default_rng(0)
@@ -223,6 +254,18 @@ def test_search_is_exact(scale: float, known_fraction: float) -> None:
         np.testing.assert_allclose([m.distance for m in found], np.sort(scan)[:7], rtol=1e-12)
     assert [m.id for m in index.nearest(vectors[7], 2)] == ["7", "8"]
     assert len(index.nearest(vectors[7], 9999)) == 9000
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_search_is_exact_beyond_the_border_of_a_level(scale: float) -> None:
+    """Of few features many vectors round to one level, and the nearest is often in the next one."""
+    rng = np.random.default_rng(1)
+    for n in (1, 2):
+        vectors = scale * rng.random((400, n))
+        index = FeatureIndex([str(i) for i in range(400)], vectors)
+        for query in scale * rng.random((200, n)):
+            (found,) = index.nearest(query)
+            assert found.distance == pytest.approx(np.linalg.norm(vectors - query, axis=1).min(), rel=1e-12)
 
 
 def test_search_in_a_database(tmp_path: Path) -> None:

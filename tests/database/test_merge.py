@@ -62,6 +62,37 @@ def test_exact_values_that_differ_have_the_error_of_their_mean() -> None:
         assert both.sigma == pytest.approx(np.sqrt(np.var(values) / (len(values) - 1)))
 
 
+def _constant_fit(values: np.ndarray, sigmas: np.ndarray) -> tuple[float, float]:
+    """Weighted mean and its error by NumPy's least squares of a constant, scaled by chi squared where that widens it."""
+    flat = np.zeros(len(values))
+    fit, scaled = np.polyfit(flat, values, 0, w=1 / sigmas, cov=True)
+    _, plain = np.polyfit(flat, values, 0, w=1 / sigmas, cov="unscaled")
+    return float(fit[0]), float(np.sqrt(max(scaled[0, 0], plain[0, 0])))
+
+
+@pytest.mark.parametrize("count", [3, 5, 9])
+@pytest.mark.parametrize("disagreement", [0.1, 1.0, 8.0])
+def test_many_are_combined_as_by_least_squares(count: int, disagreement: float) -> None:
+    rng = np.random.default_rng(count)
+    sigmas, spreads = rng.uniform(0.5, 3.0, count), rng.uniform(0.0, 2.0, count)
+    values = 7.0 + disagreement * rng.normal(size=count)
+    both = combine(Estimate(v, s, spread, 2) for v, s, spread in zip(values, sigmas, spreads, strict=True))
+    assert (both.value, both.sigma) == pytest.approx(_constant_fit(values, sigmas), rel=1e-9)
+    assert both.samples == 2 * count
+    same = combine(Estimate(7.0, s, spread) for s, spread in zip(sigmas, spreads, strict=True))
+    # Values that agree differ by their contacts alone.
+    assert same.spread**2 == pytest.approx(np.average(spreads**2, weights=sigmas**-2.0), rel=1e-9)
+    assert both.spread >= 0.99 * np.sqrt(np.average(spreads**2, weights=sigmas**-2.0))
+
+
+def test_what_is_all_but_exact_leaves_nothing_to_what_is_vague() -> None:
+    one = combine([Estimate(3.0, 0.0), Estimate(9.0, 1.0)])
+    assert (one.value, one.sigma, one.samples) == (3.0, 0.0, 2)
+    # The other's weight of 1e-18 is lost beside 1.
+    one = combine([Estimate(3.0, 1e-9), Estimate(4.0, 1.0)])
+    assert (one.value, one.spread) == pytest.approx((3.0, 0.0), abs=1e-9)
+
+
 def test_declared_sigma_is_true() -> None:
     rng = np.random.default_rng(3)
     off = []
@@ -123,3 +154,40 @@ def test_maps_merge_by_point() -> None:
     np.testing.assert_allclose(both.stiffness_sigma_N_per_m, [10 / np.sqrt(2), 10, 10])
     with pytest.raises(InputError, match="different meshes"):
         merge_stiffness(known, replace(felt, vertices_m=v + 1))
+
+
+def test_maps_of_unequal_errors_merge_as_by_least_squares() -> None:
+    rng = np.random.default_rng(1)
+    k, sigmas = rng.uniform(100.0, 900.0, (2, 6)), rng.uniform(5.0, 400.0, (2, 6))
+    maps = [StiffnessMap(np.zeros((6, 3)), np.array([[0, 1, 2]]), k[i], sigmas[i]) for i in (0, 1)]
+    both = merge_stiffness(*maps)
+    truth = np.array([_constant_fit(k[:, i], sigmas[:, i]) for i in range(6)])
+    np.testing.assert_allclose(both.stiffness_N_per_m, truth[:, 0])
+    np.testing.assert_allclose(both.stiffness_sigma_N_per_m, truth[:, 1])
+
+
+@pytest.mark.parametrize("place", ["state", "state.fill", "name", "visual_class"])
+@pytest.mark.parametrize("newer", [0, 1])
+def test_a_field_comes_from_the_version_that_is_newer_there(place: str, newer: int) -> None:
+    """By the provenance of an entry, or of the whole field; the other fields by their contents, in a fixed order."""
+    field = place.partition(".")[0]
+    versions = [
+        VisuoHapticObject(
+            "cup",
+            **{field: {"fill": float(number)} if field == "state" else f"{field} {number}"},
+            provenance={place: Provenance(f"robot {number}", 10.0 + (number == newer))},
+        )
+        for number in (0, 1)
+    ]
+    for pair in (versions, versions[::-1]):
+        both = merge_objects(*pair)
+        assert getattr(both, field) == getattr(versions[newer], field)
+        assert both.provenance[place] == versions[newer].provenance[place]
+
+
+def test_what_only_an_older_version_knows_is_kept() -> None:
+    old = VisuoHapticObject("cup", name="cup", state={"lid": "on"}, provenance={"name": Provenance("a", 1.0)})
+    new = VisuoHapticObject("cup", state={"fill": 0.5}, provenance={"state": Provenance("b", 2.0)})
+    for both in (merge_objects(old, new), merge_objects(new, old)):
+        assert (both.name, dict(both.state)) == ("cup", {"lid": "on", "fill": 0.5})
+        assert both.provenance["name"] == old.provenance["name"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import sys
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,6 @@ from benchmarks.objects_faults import make_object
 
 from visuohaptic.core import (
     DatabaseError,
-    Estimate,
     FeatureVector,
     Geometry,
     InputError,
@@ -98,15 +98,15 @@ def test_what_is_replaced_while_it_is_read_is_read_anew(
     """Another process replaces the arrays between the reading of a row and that of its arrays, some times."""
     with open_database(tmp_path) as db, open_database(tmp_path) as other:
         db.add(replace(make_object(1), id="cup"))
-        read, numbers = ArrayStore.read, iter(range(2, 2 + times))
+        read, numbers = ArrayStore.read_ahead, iter(range(2, 2 + times))
 
-        def read_late(self: ArrayStore, connection: Any, row: Any, where: str) -> Any:
+        def read_late(self: ArrayStore, rows: Sequence[Any]) -> object:
             if self is db._arrays and (number := next(numbers, None)) is not None:
                 felt = {"stiffness": Provenance("felt", float(number))}
                 other.add(VisuoHapticObject("cup", stiffness=make_object(number).stiffness, provenance=felt))
-            return read(self, connection, row, where)
+            return read(self, rows)
 
-        monkeypatch.setattr(ArrayStore, "read", read_late)
+        monkeypatch.setattr(ArrayStore, "read_ahead", read_late)
         found, last = db.get("cup").stiffness, make_object(1 + times).stiffness
         assert found is not None
         assert last is not None
@@ -308,8 +308,3 @@ def test_an_added_object_undoes_its_deletion_and_what_is_older_does_not(tmp_path
         assert db.add(felt(20.0)).provenance == {"name": Provenance("felt", 20.0)}
         db.remove("cup", t_s=30.0)
         assert db.add(felt(2.0)).provenance["id"].t_s > 30.0
-
-
-def test_exact_estimates_stay(tmp_path: Path) -> None:
-    one = combine([Estimate(3.0, 0.0), Estimate(9.0, 1.0)])
-    assert (one.value, one.sigma, one.samples) == (3.0, 0.0, 2)

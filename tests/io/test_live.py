@@ -135,6 +135,7 @@ class FakeUvc:
             SimpleNamespace(width=w, height=h, fps=f) for w, h, f in ((640, 480, 30), (640, 480, 60))
         ]
         self.frame_mode: Any = None
+        self.frames = self.closed = 0
 
     def device_list(self) -> list[dict[str, str]]:
         return [{"name": "Wide Cam", "uid": "1:2"}]
@@ -144,10 +145,16 @@ class FakeUvc:
         return self
 
     def get_frame(self, timeout: float) -> Any:
-        return SimpleNamespace(gray=np.zeros((480, 640), np.uint8), timestamp=100.0)
+        self.frames += 1
+        if self.frames > 3:
+            raise RuntimeError("stalled")
+        stamp = 100.0 + 0.5 * self.frames
+        return SimpleNamespace(
+            gray=np.zeros((480, 640), np.uint8), bgr=np.ones((480, 640, 3)), timestamp=stamp
+        )
 
     def close(self) -> None:
-        pass
+        self.closed += 1
 
 
 def test_uvc_driver_fixes_focus_and_exposure() -> None:
@@ -171,6 +178,116 @@ def test_uvc_driver_fixes_focus_and_exposure() -> None:
         UvcBackend(uvc, "0", CameraSettings(320, 240)).open()
     with pytest.raises(DeviceError, match="no camera 'nothing'; found: camera:0 'Wide Cam'"):
         UvcBackend(uvc, "nothing", settings).open()
+
+
+def test_a_uvc_camera_is_stamped_by_its_own_clock_and_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    def busy(self: FakeUvc, uid: str) -> FakeUvc:
+        raise OSError("busy")
+
+    uvc = FakeUvc()
+    backend = UvcBackend(uvc, "1:2", CameraSettings())
+    backend.open()
+    # The mode of the rate that is usual, where none is asked for.
+    assert uvc.frame_mode.fps == 30
+    times = []
+    for _ in range(3):
+        image, t_s = backend.read()
+        times.append(t_s)
+        assert image.shape == (480, 640, 3)
+    assert np.diff(times) == pytest.approx([0.5, 0.5], abs=1e-6)
+    with pytest.raises(DeviceError, match=r"camera:1:2 is silent \(stalled\)"):
+        backend.read()
+    backend.close()
+    backend.close()
+    assert uvc.closed == 1
+    # A camera that cannot do what is asked must be free for the next attempt.
+    with pytest.raises(DeviceError, match="no mode"):
+        UvcBackend(uvc, "0", CameraSettings(320, 240)).open()
+    assert uvc.closed == 2
+    monkeypatch.setattr(FakeUvc, "Capture", busy)
+    with pytest.raises(DeviceError, match=r"cannot be opened \(busy\)"):
+        UvcBackend(uvc, "0", CameraSettings()).open()
+
+
+class FakeCapture:
+    """The part of ``cv2.VideoCapture`` that is used, of a camera that does not take a focus."""
+
+    def __init__(self) -> None:
+        self.values: dict[int, float] = {}
+        self.grabs, self.image, self.released = True, np.full((4, 6, 3), (0, 200, 0), np.uint8), False
+
+    def isOpened(self) -> bool:
+        return True
+
+    def set(self, key: int, value: float) -> bool:
+        self.values[key] = value
+        return key != cv2.CAP_PROP_FOCUS
+
+    def grab(self) -> bool:
+        return self.grabs
+
+    def retrieve(self) -> tuple[bool, Any]:
+        return self.image is not None, self.image
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_opencv_gets_what_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    capture = FakeCapture()
+    monkeypatch.setattr(cv2, "VideoCapture", lambda device: capture)
+    backend = OpenCvBackend(3, CameraSettings(640, 480, 60.0, exposure_s=0.005, focus=30, grey=True))
+    with pytest.raises(DeviceError, match="camera:3 is silent"):
+        backend.read()
+    backend.open()
+    assert capture.values == {
+        cv2.CAP_PROP_BUFFERSIZE: 1,  # the newest image, not the oldest that is left
+        cv2.CAP_PROP_FRAME_WIDTH: 640,
+        cv2.CAP_PROP_FRAME_HEIGHT: 480,
+        cv2.CAP_PROP_FPS: 60,
+        cv2.CAP_PROP_AUTO_EXPOSURE: 1,
+        cv2.CAP_PROP_EXPOSURE: 50,  # in 0.1 ms
+        cv2.CAP_PROP_AUTOFOCUS: 0,
+        cv2.CAP_PROP_FOCUS: 30,
+    }
+    assert "camera:3 does not take focus 30" in caplog.text
+    before_s = time_s()
+    image, t_s = backend.read()
+    assert before_s <= t_s <= time_s()
+    assert image.shape == (4, 6)
+    assert image[0, 0] == round(0.587 * 200)  # BT.601
+    capture.image = None
+    with pytest.raises(DeviceError, match="camera:3 has sent a damaged image"):
+        backend.read()
+    capture.grabs = False
+    with pytest.raises(DeviceError, match="camera:3 is silent"):
+        backend.read()
+    backend.close()
+    backend.close()
+    assert capture.released
+    plain = FakeCapture()
+    monkeypatch.setattr(cv2, "VideoCapture", lambda device: plain)
+    backend = OpenCvBackend("rtsp://robot", CameraSettings())
+    backend.open()
+    assert list(plain.values) == [cv2.CAP_PROP_BUFFERSIZE]
+    assert backend.read()[0].shape == (4, 6, 3)
+
+
+def test_a_camera_is_chosen_by_a_part_of_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    there = [FoundCamera("camera:0", "Inner", ""), FoundCamera("camera:7", "Wide Cam", "")]
+    opened: list[object] = []
+    monkeypatch.setattr(_camera_drivers, "find", lambda: there)
+    monkeypatch.setattr(_camera_drivers, "_uvc", lambda: None)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda device: opened.append(device) or FakeCapture())
+    for which in ("wide", "0"):
+        _camera_drivers.choose(which, CameraSettings(), uvc_only=True).open()
+    assert opened == [7, 0]
+    with pytest.raises(
+        DeviceError, match="no camera named 'none'; found: camera:0 'Inner', camera:7 'Wide Cam'"
+    ):
+        _camera_drivers.choose("none", CameraSettings(), uvc_only=False)
 
 
 def test_a_camera_that_is_not_there_lists_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import sqlite3
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks._victim import Say, Victim
 
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.io.frames import open_source
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.io.ros.sqlite_bag import SqliteBag, open_bag
+from visuohaptic.io.ros.sqlite_bag import SqliteBag, open_bag, write_bag
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -216,3 +218,44 @@ def test_rows_of_another_type_are_damage_and_the_others_are_read(tmp_path: Path,
     assert {message.sequence for message in read} == whole - {2}
     assert "has no topic, time or bytes" in str(found.damage)
     assert all(found.decode(message) is not None for message in read)
+
+
+def test_what_no_bag_in_sqlite_can_hold_is_left_out(tmp_path: Path) -> None:
+    """A damaged definition and a time beyond 63 bits: the other messages are whole."""
+    from mcap.writer import Writer
+
+    said = {
+        name: STORE.serialize_cdr(TYPES["std_msgs/msg/String"](name), "std_msgs/msg/String") for name in "abc"
+    }
+    with (tmp_path / "damaged.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\xff\xfe")
+        channel = writer.register_channel("/said", "cdr", schema)
+        for name, time_ns in (("a", 5), ("b", 1 << 63), ("c", (1 << 63) - 1)):
+            writer.add_message(channel, time_ns, said[name], time_ns)
+        writer.finish()
+    source = open_bag(tmp_path / "damaged.mcap")
+    assert write_bag(source, tmp_path / "bag") == 2
+    assert "which no bag in SQLite can hold" in str(source.damage)
+    found = open_bag(tmp_path / "bag")
+    messages = list(found.messages())
+    assert [(one.log_time_ns, one.data) for one in messages] == [(5, said["a"]), ((1 << 63) - 1, said["c"])]
+    assert [found.decode(one).data for one in messages] == ["a", "c"]  # by this library's own definition
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the limit for the size of files stands for the disk")
+def test_a_full_disk_is_told_in_one_line_and_leaves_no_bag_that_looks_whole(
+    tmp_path: Path, bag: Path
+) -> None:
+    def work(say: Say) -> None:
+        resource = pytest.importorskip("resource")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+        try:
+            write_bag(open_bag(bag), tmp_path / "copy")
+        except InputError as error:
+            say(str(error))
+
+    (message,), _ = Victim.start(work).end()
+    assert message.startswith(f"{tmp_path / 'copy' / 'copy_0.db3'}: cannot be written")
+    assert not (tmp_path / "copy" / "metadata.yaml").exists()

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from sqlalchemy import Connection, func, select
 
 from ..core import cards
-from ..core.errors import DatabaseError, InputError
+from ..core.errors import DatabaseError, InputError, brief
 from ..core.objects import VisuoHapticObject
 from ..core.resources import Closing
 from . import schema
@@ -151,18 +151,10 @@ class ObjectDatabase(Closing):
         DatabaseError
             Its arrays are damaged.
         """
-        for _ in range(5):
-            with self.connections.reading() as connection:
-                row = connection.execute(ALIVE, {"requested": object_id}).first()
-                if row is None:
-                    raise InputError(
-                        self.where, f"there is no object {object_id!r}", remedy="list them first"
-                    )
-                try:
-                    return self._decode(row, connection)
-                except FileNotFoundError:
-                    continue  # replaced between the two reads: look again
-        raise DatabaseError(f"{self.where}: the arrays of {object_id!r} are missing; check the database")
+        obj, deleted_s = self.stored([object_id]).get(object_id, (None, None))
+        if obj is None or deleted_s is not None:
+            raise InputError(self.where, f"there is no object {object_id!r}", remedy="list them first")
+        return obj
 
     def summaries(self, *, visual_class: str | None = None, name: str | None = None) -> list[Summary]:
         """Objects by id; of one visual class, or with a text in their name.
@@ -245,8 +237,8 @@ class ObjectDatabase(Closing):
                     found = fetch(connection, ids, self._decode, self._arrays.read_ahead)
                 return {one: (item.obj, item.deleted_s) for one, item in found.items()}
             except FileNotFoundError:
-                continue
-        raise DatabaseError(f"{self.where}: arrays are missing; check the database")
+                continue  # replaced between the two reads: look again
+        raise DatabaseError(f"{self.where}: arrays of {brief(ids)} are missing; check the database")
 
     def add(self, obj: VisuoHapticObject) -> VisuoHapticObject:
         """Store an object, or merge it with the one of the same id.

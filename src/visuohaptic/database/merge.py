@@ -325,5 +325,5 @@ def _provenance_order(origin: Provenance) -> tuple[float, str]:
 
 
 def _last(one: Sighting | None, other: Sighting | None) -> Sighting | None:
-    some = [sighting for sighting in (one, other) if sighting is not None]
-    return max(some, key=lambda s: (-math.inf if math.isnan(s.t_s) else s.t_s, repr(s))) if some else None
+    some = (sighting for sighting in (one, other) if sighting is not None)
+    return max(some, key=lambda s: (-math.inf if math.isnan(s.t_s) else s.t_s, repr(s)), default=None)

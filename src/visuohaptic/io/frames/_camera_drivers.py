@@ -89,6 +89,9 @@ class UvcBackend:
             self._capture = self._uvc.Capture(match[0]["uid"])
             self._set_mode()
             self._set_controls()
+        except DeviceError:
+            self.close()
+            raise
         except (RuntimeError, OSError, ValueError) as error:
             self.close()
             raise DeviceError(f"camera:{self._which} cannot be opened ({error})") from error

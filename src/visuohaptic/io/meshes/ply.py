@@ -20,6 +20,7 @@ _TYPES = {
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _MAX_FILE_BYTES = 1 << 31
+_POLYGONS = ("vertex_indices", "vertex_index")
 #: A polygon of more corners is damage.
 _MAX_CORNERS = 1000
 
@@ -111,15 +112,32 @@ def _text_body(data: bytes, elements: list[_Element]) -> _Columns:
             if words := line.split():
                 rows.append(words)
         if any(length for _, _, length in element.properties):
-            polygons = [row[1 : 1 + int(row[0])] for row in rows]
-            name = element.properties[0][0]
-            found[element.name] = {name: _fans([np.array(p, dtype=np.int64) for p in polygons])}
+            found[element.name] = {"corners": _fans([_text_polygon(row, element) for row in rows])}
         else:
             table = np.array(rows, dtype=np.float64).reshape(len(rows), -1)
             found[element.name] = {
                 name: table[:, column] for column, (name, _, _) in enumerate(element.properties)
             }
     return found
+
+
+def _text_polygon(words: list[str], element: _Element) -> np.ndarray:
+    """Vertices in a line of an element with lists."""
+    place, polygon = 0, list[str]()
+    for name, _, length in element.properties:
+        count = _list_length(int(words[place])) if length else 1
+        place += 1 if length else 0
+        if place + count > len(words):
+            raise ValueError(f"a line of {len(words)} words of {element.name}")
+        polygon = words[place : place + count] if name in _POLYGONS else polygon
+        place += count
+    return np.array(polygon, dtype=np.int64)
+
+
+def _list_length(count: int) -> int:
+    if not 0 <= count <= _MAX_CORNERS:
+        raise ValueError(f"a list of {count}")
+    return count
 
 
 def _binary_body(path: Path, data: bytes, place: int, elements: list[_Element], order: str) -> _Columns:
@@ -144,24 +162,22 @@ def _binary_lists(
 ) -> tuple[dict[str, np.ndarray], int]:
     """Lists: at once where all are triangles, else one by one."""
     name, code, length = element.properties[0]
-    if len(element.properties) == 1:
+    if len(element.properties) == 1 and name in _POLYGONS:
         kind = np.dtype([("n", order + length), ("at", order + code, (3,))])
         if place + kind.itemsize * element.count <= len(data):
             table = np.frombuffer(data, kind, element.count, place)
             if (table["n"] == 3).all():
-                return {name: table["at"].astype(np.int64)}, place + kind.itemsize * element.count
+                return {"corners": table["at"].astype(np.int64)}, place + kind.itemsize * element.count
     polygons = []
     for _ in range(element.count):
-        for number, (_, code, length) in enumerate(element.properties):
-            count = int(np.frombuffer(data, order + length, 1, place)[0]) if length else 1
-            if not 0 <= count <= _MAX_CORNERS:
-                raise ValueError(f"a list of {count}")
+        for name, code, length in element.properties:
+            count = _list_length(int(np.frombuffer(data, order + length, 1, place)[0])) if length else 1
             place += np.dtype(length).itemsize if length else 0
             values = np.frombuffer(data, order + code, count, place)
             place += values.nbytes
-            if number == 0:
+            if name in _POLYGONS:
                 polygons.append(values.astype(np.int64))
-    return {name: _fans(polygons)}, place
+    return {"corners": _fans(polygons)}, place
 
 
 def _fans(polygons: list[np.ndarray]) -> Int[np.ndarray, "f 3"]:
@@ -178,9 +194,7 @@ def _assembled(path: Path, found: _Columns) -> PlyMesh:
     vertices = np.column_stack([vertex[axis] for axis in "xyz"]).astype(np.float64)
     if not np.isfinite(vertices).all():
         raise InputError(path, "has a vertex that is not finite")
-    face = found.get("face", {})
-    faces = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
-    faces = np.zeros((0, 3), np.int64) if faces is None else faces
+    faces = found.get("face", {}).get("corners", np.zeros((0, 3), np.int64))
     if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise InputError(path, f"has a face of vertex {faces.max()}, expected below {len(vertices)}")
     colors = None

@@ -180,19 +180,19 @@ class McapFile:
                 number, sequence, log_time, _ = struct.unpack_from("<HIQQ", body)
                 known = self.channels.get(number)
                 if known is None:
-                    self._spoilt(f"a message names channel {number}, which is not defined")
+                    self.spoilt(f"a message names channel {number}, which is not defined")
                 elif topics is None or known.topic in topics:
                     schema_of = self.schemas.get(known.schema)
                     name = schema_of.name if schema_of else ""
                     yield McapMessage(known.topic, name, log_time, sequence, body[22:], number, known.schema)
         except (struct.error, UnicodeDecodeError) as error:
-            self._spoilt(f"a record of kind {opcode} is too short or no text ({error})")
+            self.spoilt(f"a record of kind {opcode} is too short or no text ({error})")
 
     def _chunk(self, body: bytes, topics: set[str] | None, place: int) -> Iterator[McapMessage]:
         try:
             data = self._unpacked(body, place)
         except (ValueError, struct.error, UnicodeDecodeError) as error:
-            self._spoilt(f"chunk at byte {place}: {error}")
+            self.spoilt(f"chunk at byte {place}: {error}")
             return
         start = 0
         while start + 9 <= len(data):
@@ -202,7 +202,7 @@ class McapFile:
             yield from self._record(opcode, data[start + 9 : start + 9 + length], topics)
             start += 9 + length
         if start < len(data) and not self.damage.cut:
-            self._spoilt(f"chunk at byte {place}: its last {len(data) - start} bytes are no record")
+            self.spoilt(f"chunk at byte {place}: its last {len(data) - start} bytes are no record")
 
     def _unpacked(self, body: bytes, place: int) -> bytes:
         """Records of a chunk; of a chunk cut by the file's end, as much as can be unpacked."""
@@ -222,7 +222,14 @@ class McapFile:
             raise ValueError("its checksum is wrong")
         return data
 
-    def _spoilt(self, problem: str) -> None:
+    def spoilt(self, problem: str) -> None:
+        """Note a damaged part.
+
+        Parameters
+        ----------
+        problem
+            Place, and what is wrong there.
+        """
         # A file of noise must not fill the memory with complaints.
         if len(self.damage.chunks) < 100:
             self.damage.chunks.append(problem)

@@ -6,6 +6,7 @@ import logging
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +116,7 @@ class SqliteBag(McapFile):
                     for sequence, topic, time_ns, data in rows:
                         # A column of SQLite holds values of any type.
                         if not (topic in known and isinstance(time_ns, int) and isinstance(data, bytes)):
-                            self._spoilt(f"{part.name}: message {sequence!r} has no topic, time or bytes")
+                            self.spoilt(f"{part.name}: message {sequence!r} has no topic, time or bytes")
                         elif topics is None or known[topic][0] in topics:
                             yield McapMessage(
                                 known[topic][0], known[topic][1], time_ns, sequence, data, *known[topic][2:]
@@ -165,51 +166,64 @@ def write_bag(recording: McapFile, folder: Path) -> int:
         folder.mkdir(parents=True)
     except OSError as error:
         raise InputError(folder, f"cannot be created ({error.strerror})") from error
-    counts: dict[tuple[str, str, str], int] = {}  # by name, type and format of a topic
-    times: list[int] = []
     file = folder / f"{folder.name}_0.db3"
-    with closing(sqlite3.connect(file)) as bag:
-        bag.executescript(_TABLES)
-        for message in recording.messages():
-            topic = (message.topic, message.datatype, recording.channels[message.channel].encoding)
-            if topic not in counts:
-                counts[topic] = 0
-                bag.execute("INSERT INTO topics VALUES (?, ?, ?, ?, '', '')", (len(counts), *topic))
-            number = list(counts).index(topic) + 1
-            bag.execute(
-                "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
-                (number, message.log_time_ns, message.data),
-            )
-            counts[topic] += 1
-            times = [min([message.log_time_ns, *times[:1]]), max([message.log_time_ns, *times[1:]])]
-        for kind in {schema.name: schema for schema in recording.schemas.values()}.values():
-            words = (kind.name, kind.encoding, kind.data.decode())
-            bag.execute("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, '')", words)
-        first, last = times or (0, 0)
-        about = {
-            "version": 9,
-            "storage_identifier": "sqlite3",
-            "duration": {"nanoseconds": last - first},
-            "starting_time": {"nanoseconds_since_epoch": first},
-            "message_count": sum(counts.values()),
-            "topics_with_message_count": [
-                {"topic_metadata": {"name": name, "type": kind, "serialization_format": form,
-                                    "offered_qos_profiles": [], "type_description_hash": ""},
-                 "message_count": count}
-                for (name, kind, form), count in counts.items()
-            ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [file.name],
-            "files": [{"path": file.name, "starting_time": {"nanoseconds_since_epoch": first},
-                       "duration": {"nanoseconds": last - first}, "message_count": sum(counts.values())}],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        }  # fmt: skip
-        bag.execute("INSERT INTO metadata VALUES (1, 9, ?)", (dumps(about),))
-        bag.commit()
+    try:
+        with closing(sqlite3.connect(file)) as bag:
+            bag.executescript(_TABLES)
+            about = _write_messages(bag, recording, file.name)
+            bag.commit()
+    except sqlite3.Error as error:
+        raise InputError(file, f"cannot be written ({error})") from error
     save_yaml(folder / "metadata.yaml", {"rosbag2_bagfile_information": about})
-    return sum(counts.values())
+    return int(about["message_count"])
+
+
+def _write_messages(bag: sqlite3.Connection, recording: McapFile, name: str) -> dict[str, Any]:
+    """Fill the tables; what ``metadata.yaml`` says of them."""
+    numbers: dict[tuple[str, str, str], int] = {}  # by name, type and format of a topic
+    for message in recording.messages():
+        key = (message.topic, message.datatype, recording.channels[message.channel].encoding)
+        if message.log_time_ns >= 1 << 63:
+            recording.spoilt(f"a message at {message.log_time_ns} ns, which no bag in SQLite can hold")
+            continue
+        if key not in numbers:
+            numbers[key] = len(numbers) + 1
+            bag.execute("INSERT INTO topics VALUES (?, ?, ?, ?, '', '')", (numbers[key], *key))
+        row = (numbers[key], message.log_time_ns, message.data)
+        bag.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)
+    for kind in {schema.name: schema for schema in recording.schemas.values()}.values():
+        try:
+            words = (kind.name, kind.encoding, kind.data.decode())
+        except UnicodeDecodeError:
+            continue  # damaged: who knows the type reads its messages without
+        bag.execute("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, '')", words)
+    times = "SELECT count(*), coalesce(min(timestamp), 0), coalesce(max(timestamp), 0) FROM messages"
+    count, first, last = bag.execute(times).fetchone()
+    counts = dict(bag.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+    file = {
+        "duration": {"nanoseconds": last - first},
+        "starting_time": {"nanoseconds_since_epoch": first},
+        "message_count": count,
+    }
+    about = {
+        "version": 9,
+        "storage_identifier": "sqlite3",
+        **file,
+        "topics_with_message_count": [
+            {"topic_metadata": {"name": topic, "type": kind, "serialization_format": form,
+                                "offered_qos_profiles": [], "type_description_hash": ""},
+             "message_count": counts[number]}
+            for (topic, kind, form), number in numbers.items()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [name],
+        "files": [{"path": name, **deepcopy(file)}],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }  # fmt: skip
+    bag.execute("INSERT INTO metadata VALUES (1, 9, ?)", (dumps(about),))
+    return about
 
 
 def _number(path: Path) -> tuple[int, str]:
