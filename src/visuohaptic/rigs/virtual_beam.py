@@ -194,12 +194,8 @@ def write_beam_example(
 
     Parameters
     ----------
-    folder
-        Folder to write.
-    seed
-        Seed of all noise.
-    say
-        Called with the name of each step.
+    folder, seed, say
+        As of :func:`~visuohaptic.rigs.foam_example.write_example`.
     """
     folder = Path(folder)
     virtual = VirtualBeam(effects=_DAYLIGHT)
