@@ -95,8 +95,6 @@ def test_the_object_itself_is_no_obstacle_and_unknown_is_one():
     outline = STOOL + np.array([2.0, 2.0])
     seen = LocalCostmap.around(map, outline, 1.5)
     assert not at(seen, seen.distance_m > 0, (2.0, 3.2))
-    bold = LocalCostmap.around(map, outline, 1.5, unknown_is_free=True)
-    assert at(bold, bold.distance_m > 0, (2.0, 3.2))
 
 
 @settings(max_examples=60, deadline=None)

@@ -102,8 +102,6 @@ class LocalCostmap:
         map: OccupancyMap,
         footprint_m: Float[np.ndarray, "p 2"],
         reach_m: float,
-        *,
-        unknown_is_free: bool = False,
     ) -> LocalCostmap:
         """Cut out the surroundings of an object and take the object away.
 
@@ -115,8 +113,6 @@ class LocalCostmap:
             Outline of the object, map frame.
         reach_m
             How far from the outline planning goes, with the platform's diameter [m].
-        unknown_is_free
-            Whether the platform may enter cells that were never observed.
 
         Raises
         ------
@@ -150,11 +146,9 @@ class LocalCostmap:
         )
         near = _covered_cells(window, outline)
         window.cells[near] = FREE
-        blocked = window.cells >= OBSTACLE_FROM
-        if not unknown_is_free:
-            blocked |= window.cells < 0
+        blocked = (window.cells >= OBSTACLE_FROM) | (window.cells < 0)
         rows, columns = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-        distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=not unknown_is_free)
+        distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=True)
         return cls(window, distance * np.float32(map.resolution_m))
 
     @property
