@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 
 from ...core.geometry import polygon_centroid, rotation_2d
 from ...core.objects import HapticTag
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
 from ...navigation.problem.push_costs import failure_probability
-from .goal_maps import path_distance
+from .goal_maps import are_goals, clashes, path_distance
 from .push_failure import centre_from_tag, simulated_failure
 from .push_scene import PushedObject, PushLimits, PushScene
 
@@ -184,24 +184,24 @@ def plan_direct_push(
 def _shortest_push(
     scene: PushScene,
     contact: ContactPoint,
-    from_path: Float[np.ndarray, "rows columns"],
+    from_path: Float32[np.ndarray, "rows columns"],
     reach_m: float,
     tag: HapticTag | None,
 ) -> DirectPush | None:
     """The shortest push from one contact along a straight line, or ``None``."""
-    from ._ground_kernels import first_goal
-
     object_m, costmap, footprint, limits = scene.object_m, scene.costmap, scene.footprint, scene.limits
     heading = contact.platform_m[2]
     moved = np.outer(
         STEP_M * np.arange(int(reach_m / STEP_M) + 1), [math.cos(heading), math.sin(heading), 0.0]
     )
     platforms, objects = contact.platform_m + moved, np.array(object_m) + moved
-    row = first_goal(
-        costmap.distance_m, from_path, costmap.grid, footprint.inner_m, footprint.ring_m, footprint.border_m,
-        costmap.margin_m, footprint.inside_m, footprint.reach_m, limits.radius_m, objects, platforms,
-    )  # fmt: skip
-    if row < 0:
+    # An object that stands at a wall begins with samples too near to it: they do not become more.
+    bad = np.diff(clashes(costmap, footprint, objects), prepend=np.inf) > 0
+    bad |= costmap.distance_at(platforms[:, :2]) < limits.radius_m
+    goals = are_goals(costmap, footprint, objects, limits.radius_m, from_path)
+    goals[0] = False
+    row = int(np.argmax(goals | bad))
+    if bad[row] or not goals[row]:
         return None
     length = STEP_M * row
     cost = limits.setup_time_s + length / limits.v_push_m_s

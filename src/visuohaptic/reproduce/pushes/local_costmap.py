@@ -26,7 +26,6 @@ class FootprintSamples:
     inside_m: (
         float  #: radius of a circle that the outline holds, about any point of the reference point's cell
     )
-    reach_m: float  #: radius of one that holds the outline
 
     @classmethod
     def of(
@@ -83,7 +82,6 @@ class FootprintSamples:
             np.concatenate([border, inner]),
             _along(ring.exterior, 0.5 * cell_m),
             max(float(inside) - half_diagonal, 0.0),
-            float(np.hypot(corners[:, 0], corners[:, 1]).max()) + half_diagonal,
         )
 
 
@@ -150,12 +148,6 @@ class LocalCostmap:
         rows, columns = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
         distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=True)
         return cls(window, distance * np.float32(map.resolution_m))
-
-    @property
-    def grid(self) -> Float[np.ndarray, "5"]:
-        """Origin x, y [m], cosine and sine of its yaw, cells per metre: what kernels take."""
-        x, y, yaw = self.map.origin
-        return np.array([x, y, math.cos(yaw), math.sin(yaw), 1.0 / self.map.resolution_m])
 
     @property
     def margin_m(self) -> float:
