@@ -208,15 +208,9 @@ def _touch_in_map(args: Any, page: Any) -> dict[str, Any]:
 
 def _save_picture(result: Any, path: Path) -> None:
     """The first push as one picture, without the split into image and gradient."""
-    import cv2
-
-    from ....core.files import atomic_path
+    from ....core.files import write_image
     from ....demo.push_demo_report import annotated_push
 
     picture = annotated_push(result, result.objects[0], split=False)
-    if picture is None:
-        return
-    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    if done:
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(data.tobytes())
+    if picture is not None:
+        write_image(path, picture, quality=85)
