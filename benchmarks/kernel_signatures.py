@@ -131,14 +131,7 @@ def run_pushing() -> None:
     """Plan a direct push of a box in a small room."""
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
-    from visuohaptic.reproduce.pushes import (
-        DirectPushSettings,
-        FootprintSamples,
-        LocalCostmap,
-        PushedObject,
-        goal_map,
-        plan_direct_push,
-    )
+    from visuohaptic.reproduce.pushes import DirectPushSettings, PushedObject, plan_direct_push
 
     cells = np.zeros((60, 60), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
@@ -146,8 +139,6 @@ def run_pushing() -> None:
     box = np.array([[1.4, 1.4], [1.6, 1.4], [1.6, 1.6], [1.4, 1.6]])
     plan_direct_push(map, PushedObject(box), settings=DirectPushSettings(samples=1))
     model = PushModel.patch(box - 1.5)
-    costmap = LocalCostmap.around(map, box, 0.5)
-    goal_map(costmap, FootprintSamples.of(box - 1.5, 0.17, 0.05), (1.5, 1.5, 0.0), 0.17)
     simulate_push(model, (0.4, 0.0, 0.0), line_path(np.zeros(2), np.array([0.2, 0.0])), 0.17)
 
 

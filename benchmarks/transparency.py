@@ -19,6 +19,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,8 +42,8 @@ from visuohaptic.reconstruction.transparency import (
     refine_poses,
 )
 from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, ViewEvidence, reading_tables
-from visuohaptic.rigs import VOXEL_M, detected, disturbed, judged, rendered
-from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
+from visuohaptic.rigs import VOXEL_M, detected, judged, rendered
+from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 from ._journal import Journal
 from .harness import use_one_thread
@@ -51,6 +52,15 @@ FIRST_SEED = 16
 METHODS = ("published", "consistency")
 #: Of the real sequences: as printed with its margin of 2 px; with fitted poses and the camera's own margin; ours.
 REAL_METHODS = ("published as printed", "published", "consistency")
+
+
+def disturbed(frames: Sequence[DepthFrame], seed: int) -> list[DepthFrame]:
+    """The same views with errors of 3 mm and 0.1 degrees per axis in their poses."""
+    rng = np.random.default_rng([7, seed])
+    return [
+        replace(frame, T_world_camera=disturb_pose(frame.T_world_camera, rng, 0.003, math.radians(0.1)))
+        for frame in frames
+    ]
 
 
 def campaign(

@@ -78,6 +78,12 @@ def test_numbers_are_read_in_base_10_and_stay_what_they_were():
     assert parse_yaml(str(2**64 - 1), "n") == 2**64 - 1
 
 
+def test_a_number_may_have_a_hundred_characters_and_no_more():
+    assert parse_yaml(f"n: 1.{'0' * 98}", "x.yaml") == {"n": 1.0}
+    with pytest.raises(InputError, match="a number of 101 characters, expected at most 100"):
+        parse_yaml(f"n: 1.{'0' * 99}", "x.yaml")
+
+
 def test_the_line_is_named():
     with pytest.raises(InputError, match=r"f.yaml: line 3: .*base 60"):
         parse_yaml("a: 1\nb: 2\nc: !!int 1:30\n", "f.yaml")

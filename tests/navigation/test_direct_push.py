@@ -127,18 +127,3 @@ def test_the_contact_is_moved_to_the_centre_that_the_first_push_told():
     assert offset[0] == pytest.approx(0.0, abs=1e-12)
     assert offset[1] == pytest.approx(0.04, abs=0.015)
     assert abs(turned(offset[1])) < 0.35 * first
-
-
-def test_curves_are_tried_when_asked_for(doorway):
-    plans = plan_direct_push(
-        doorway,
-        PushedObject(STOOL + PLACE),
-        robot_m=(1.0, 2.0),
-        blocked_path_m=PATH,
-        settings=DirectPushSettings(curvatures_per_m=(0.0, 1.0, -1.0), samples=0),
-    )
-    assert any(abs(plan.path_m[-1, 2] - plan.path_m[0, 2]) > 0.1 for plan in plans)
-    curved = next(plan for plan in plans if abs(plan.path_m[-1, 2] - plan.path_m[0, 2]) > 0.1)
-    # Platform and object stay together.
-    lever = np.hypot(*(curved.object_goal_m[:2] - curved.path_m[-1, :2]))
-    assert lever == pytest.approx(np.hypot(*(PLACE - curved.path_m[0, :2])))

@@ -1,4 +1,4 @@
-"""Push goals: open floor, beside a wall, and the plug of a doorway; the kernels against plain NumPy."""
+"""Push goals: open floor, beside a wall, and the plug of a doorway; many poses at once against one after the other."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.reproduce.pushes import FootprintSamples, LocalCostmap, goal_map
-from visuohaptic.reproduce.pushes._ground_kernels import blocked_parts, first_clash, fits
+from visuohaptic.reproduce.pushes.goal_maps import blocked_parts, clashes
 
 RADIUS_M = 0.17
 STOOL = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -95,44 +95,34 @@ def test_the_object_itself_is_no_obstacle_and_unknown_is_one():
     outline = STOOL + np.array([2.0, 2.0])
     seen = LocalCostmap.around(map, outline, 1.5)
     assert not at(seen, seen.distance_m > 0, (2.0, 3.2))
-    bold = LocalCostmap.around(map, outline, 1.5, unknown_is_free=True)
-    assert at(bold, bold.distance_m > 0, (2.0, 3.2))
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000))
-def test_kernels_do_what_plain_python_does(seed):
+def test_many_poses_are_each_what_one_is(seed):
     rng = np.random.default_rng(seed)
     cells = np.where(rng.random((30, 40)) < 0.06, 100, 0).astype(np.int8)
     map = OccupancyMap(cells, 0.05, (0.3, -0.2, float(rng.uniform(-3, 3))))
     centre = map.world_from_cell(np.array([15, 20]))
     costmap = LocalCostmap.around(map, STOOL * 0.2 + centre, 2.0)
     footprint = FootprintSamples.of(STOOL, RADIUS_M, 0.05)
-    pose = (*(centre + rng.uniform(-0.3, 0.3, 2)), float(rng.uniform(-3, 3)))
-    c, s = np.cos(pose[2]), np.sin(pose[2])
+    poses = np.column_stack([centre + rng.uniform(-0.3, 0.3, (5, 2)), rng.uniform(-3, 3, 5)])
+    parts = blocked_parts(costmap, footprint, poses, RADIUS_M)
+    count = clashes(costmap, footprint, poses)
+    for k, (x, y, yaw) in enumerate(poses):
+        c, s = np.cos(yaw), np.sin(yaw)
 
-    def placed(points):
-        return points @ np.array([[c, s], [-s, c]]) + pose[:2]
+        def nearer(points, limit, c=c, s=s, x=x, y=y):
+            return [
+                float(costmap.distance_at(np.array([x + c * u - s * v, y + s * u + c * v]))) < limit
+                for u, v in points
+            ]
 
-    near = costmap.distance_at(placed(footprint.ring_m)) < RADIUS_M
-    runs = int((near & ~np.roll(near, 1)).sum()) if not near.all() else 1
-    found = blocked_parts(costmap.distance_m, costmap.grid, footprint.ring_m, RADIUS_M, *pose)
-    assert found == runs
-    told = bool((costmap.distance_at(placed(footprint.inner_m)) >= costmap.margin_m).all())
-    assert (
-        fits(costmap.distance_m, costmap.grid, footprint.inner_m, costmap.margin_m, 0.0, 99.0, *pose) == told
-    )
-    # The short cuts of two circles only say what the samples would.
-    if fits(
-        costmap.distance_m,
-        costmap.grid,
-        footprint.inner_m,
-        costmap.margin_m,
-        footprint.inside_m,
-        footprint.reach_m,
-        *pose,
-    ):
-        assert told
+        ring = nearer(footprint.ring_m, RADIUS_M)
+        runs = sum(now and not before for before, now in zip([ring[-1], *ring], ring, strict=False))
+        assert parts[k] == (1 if all(ring) else runs)
+        inside = nearer([(0.0, 0.0)], footprint.inside_m)
+        assert count[k] == sum(nearer(footprint.inner_m, costmap.margin_m)) + sum(inside)
 
 
 def test_a_footprint_off_the_map_is_refused():
@@ -146,19 +136,10 @@ def test_an_object_at_a_wall_may_leave_it_but_not_go_into_it():
     costmap = LocalCostmap.around(map, STOOL + place, 1.0)
     footprint = FootprintSamples.of(STOOL, RADIUS_M, 0.05)
 
-    def clash(step):
+    def grows(step):
         poses = np.column_stack([place + np.arange(20)[:, None] * np.array(step), np.zeros(20)])
-        return first_clash(
-            costmap.distance_m,
-            costmap.grid,
-            footprint.inner_m,
-            costmap.margin_m,
-            footprint.inside_m,
-            footprint.reach_m,
-            poses,
-            20,
-        )
+        return np.flatnonzero(np.diff(clashes(costmap, footprint, poses)) > 0)
 
-    assert clash((-0.02, 0.0)) == 20
-    assert clash((-0.02, 0.02)) == 20
-    assert clash((0.02, 0.0)) <= 4
+    assert not len(grows((-0.02, 0.0)))
+    assert not len(grows((-0.02, 0.02)))
+    assert grows((0.02, 0.0))[0] <= 3

@@ -51,6 +51,16 @@ def test_bias_gain_and_an_honest_sigma() -> None:
     assert bold.rms_over_sigma == pytest.approx(2.5, abs=0.4)
 
 
+def test_the_band_of_90_percent_ends_at_1_64_sigma_and_the_search_at_250_000_steps() -> None:
+    run, scale = records(sigma_N=0.0)
+    # The truth between the scale's samples is a few millinewtons off: 0.03 sigma of 0.1 N.
+    off = np.where(np.arange(len(run.t_s)) % 2, 1.55, -1.75) * 0.1
+    run = ForceRecord("foam", run.t_s, run.force_N + off, np.full(len(off), 0.1), run.valid)
+    assert compare_forces(run, scale, offset_s=0.0).coverage_90 == pytest.approx(0.5, abs=0.03)
+    with pytest.raises(InputError, match=r"at most 4166\.67 s"):  # half a period of 30 Hz each
+        compare_forces(run, scale, max_offset_s=1e5)
+
+
 def test_unread_frames_are_not_compared_and_counted() -> None:
     run, scale = records()
     valid = run.valid.copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 
 import numpy as np
@@ -238,3 +239,21 @@ def test_a_click_in_a_browser(cup, tmp_path):
     ]
     assert outside == [], json.dumps(outside)
     assert (tmp_path / "cup.png").stat().st_size > 10_000
+
+
+def test_reconstruct_shows_surface_and_parts_on_a_page_with_a_key() -> None:
+    from types import SimpleNamespace
+
+    from visuohaptic.cli.verbs.geometry.reconstruct import _show
+    from visuohaptic.reconstruction import SurfaceMesh
+
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    surface = SurfaceMesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+    part = SimpleNamespace(hull_m=corners + 2.0, faces=surface.faces)
+    said: list[str] = []
+    _show(
+        SimpleNamespace(surface=surface, regions=[part]),
+        SimpleNamespace(report=said.append, seconds=0.1),
+    )
+    # The address ends with a key: a page of another site does not know it.
+    assert re.match(r"shown at http://127\.0\.0\.1:\d+/[\w-]{20,}/", said[0])

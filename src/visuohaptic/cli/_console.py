@@ -118,10 +118,8 @@ class Console:
 
         Parameters
         ----------
-        work
-            What to iterate over, or the number of steps.
-        description
-            What is being done, one or two words.
+        work, description
+            As of :meth:`Arguments.progress`.
         """
         return Progress(work, description, quiet=self.quiet)
 
@@ -255,12 +253,8 @@ class Progress(Generic[Item]):
         What to iterate over, or the number of steps (0 when it is not known).
     description
         What is being done, one or two words.
-    quiet
-        Show nothing.
-    stream
-        Where it is shown; stderr by default.
-    clock
-        Seconds of a clock that never goes back.
+    quiet, stream, clock
+        As of :class:`LiveLine`.
     """
 
     def __init__(

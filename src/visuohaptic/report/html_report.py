@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 
 from .._version import __version__
 from ..core.errors import InputError
-from ..core.files import write_text
+from ..core.files import encode_image, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -205,18 +205,13 @@ class Report:
         InputError
             It is not an 8-bit picture.
         """
-        import cv2
-
         if image.dtype != np.uint8 or image.ndim not in (2, 3) or 0 in image.shape:
             raise InputError(
                 "Report", f"found {image.dtype} of shape {image.shape}, expected 8-bit pixels", field="image"
             )
         kind = "webp" if image.shape[0] * image.shape[1] > _LARGE_PX else "png"
-        quality = [cv2.IMWRITE_WEBP_QUALITY, 80] if kind == "webp" else []
-        done, encoded = cv2.imencode(f".{kind}", image, quality)
-        if not done:
-            raise InputError("Report", f"shape {image.shape} cannot be encoded as {kind}", field="image")
-        data = base64.b64encode(encoded.tobytes()).decode("ascii")
+        quality = 80 if kind == "webp" else None
+        data = base64.b64encode(encode_image(image, kind, quality=quality, where="Report")).decode("ascii")
         alternative = html.escape(caption, quote=True)
         return self._picture(f'<img alt="{alternative}" src="data:image/{kind};base64,{data}">', caption)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.files import atomic_path, write_text
+from ..core.files import atomic_path, write_image, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -175,16 +175,7 @@ class Output:
         InputError
             The pixels cannot be encoded.
         """
-        import cv2
-
-        path = self.folder / f"{name}.png"
-        good, data = cv2.imencode(".png", np.ascontiguousarray(image))
-        if not good:
-            raise InputError("Output.image", f"found {image.dtype} of shape {image.shape}", field=name)
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(data.tobytes())
-        self.pictures.append(path.name)
-        return path
+        return self.drawn(name, lambda path: write_image(path, image))
 
     def compare(
         self, name: str, ours: float, unit: str = "", *, dissertation: float | None = None, note: str = ""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import InputError
-from ..core.files import atomic_path, read_image, write_text
+from ..core.files import read_image, write_image, write_text
 from .runner import EXPERIMENTS, read_result
 
 __all__ = ["write_gallery", "write_index"]
@@ -104,8 +104,4 @@ def _shrink(source: Path, target: Path) -> None:
     scale = WIDTH_px / image.shape[1]
     if scale < 1.0:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    good, data = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    if not good:
-        raise InputError(target, "could not be written as WebP")
-    with atomic_path(target) as temporary:
-        temporary.write_bytes(data.tobytes())
+    write_image(target, image, quality=QUALITY)

@@ -38,10 +38,8 @@ from .virtual_crown_cap import open_virtual_cap as open_virtual_cap
 from .virtual_crown_cap import virtual_opener as virtual_opener
 from .virtual_glass import HIGH_M as HIGH_M
 from .virtual_glass import LOW_M as LOW_M
-from .virtual_glass import POSE_NOISE as POSE_NOISE
 from .virtual_glass import VOXEL_M as VOXEL_M
 from .virtual_glass import detected as detected
-from .virtual_glass import disturbed as disturbed
 from .virtual_glass import judged as judged
 from .virtual_glass import rendered as rendered
 from .virtual_gripper import GripperSensor as GripperSensor

@@ -75,10 +75,8 @@ def mitc4_factor(
 
     Parameters
     ----------
-    vertices_m
-        Nodes (v, 3) [m].
-    quads
-        Corners (q, 4) of the elements.
+    vertices_m, quads
+        As of :func:`mitc4_stiffness`.
     matrices
         Element matrices (q, 24, 24).
     fixed

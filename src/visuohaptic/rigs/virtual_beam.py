@@ -14,8 +14,7 @@ from jaxtyping import Float, UInt8
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
-from ..core.errors import InputError
-from ..core.files import atomic_path, save_yaml
+from ..core.files import atomic_path, save_yaml, write_image
 from ..sensing.beam.config import BeamSensorConfig, save_beam
 from ..sensing.beam.mechanics import Beam
 from ..sensing.beam.tracked import TrackedBeam
@@ -123,8 +122,6 @@ class VirtualBeam:
         folder
             Folder to write.
         """
-        import cv2
-
         folder = Path(folder)
         (folder / "templates").mkdir(parents=True, exist_ok=True)
         self.camera.save(folder / "camera.yaml")
@@ -134,12 +131,7 @@ class VirtualBeam:
             save_yaml(folder / "templates" / "tags.yaml", {"tags": tags})
         else:
             for k, name in enumerate(self.names):
-                path = folder / "templates" / f"{name}.png"
-                done, data = cv2.imencode(".png", collage(k))
-                if not done:
-                    raise InputError(path, "the image cannot be written as PNG")
-                with atomic_path(path) as temporary:
-                    temporary.write_bytes(data.tobytes())
+                write_image(folder / "templates" / f"{name}.png", collage(k))
             widths = {f"{name}.png": self.size_m for name in self.names}
             save_yaml(folder / "templates" / "tags.yaml", {"widths_m": widths})
         pose = self.rig.T_sensor_reference.inverse()
@@ -194,12 +186,8 @@ def write_beam_example(
 
     Parameters
     ----------
-    folder
-        Folder to write.
-    seed
-        Seed of all noise.
-    say
-        Called with the name of each step.
+    folder, seed, say
+        As of :func:`~visuohaptic.rigs.foam_example.write_example`.
     """
     folder = Path(folder)
     virtual = VirtualBeam(effects=_DAYLIGHT)

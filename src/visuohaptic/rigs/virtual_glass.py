@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,11 +14,10 @@ from ..reconstruction.transparency.evidence import EvidenceDetector
 from ..reconstruction.transparency.pose_refinement import refine_poses
 from ..reconstruction.transparency.regions import TransparentRegion
 from ..simulation.tabletop.depth_camera import DepthCamera
-from ..simulation.tabletop.glass_scenes import GlassScene, disturb_pose
+from ..simulation.tabletop.glass_scenes import GlassScene
 
-__all__ = ["HIGH_M", "LOW_M", "POSE_NOISE", "VOXEL_M", "detected", "disturbed", "judged", "rendered"]
+__all__ = ["HIGH_M", "LOW_M", "VOXEL_M", "detected", "judged", "rendered"]
 
-POSE_NOISE = (0.003, math.radians(0.1))
 #: (1 m)^3 cut to what is above the table.
 LOW_M, HIGH_M, VOXEL_M = (-0.5, -0.5, 0.0), (0.5, 0.5, 0.4), 0.008
 
@@ -42,23 +39,6 @@ def rendered(scene: GlassScene, seed: int, width: int) -> list[DepthFrame]:
     return [
         DepthFrame(view.t_s, view.depth_m, None, view.true_T_world_camera, sensor.camera, i)
         for i, view in enumerate(views)
-    ]
-
-
-def disturbed(frames: Sequence[DepthFrame], seed: int) -> list[DepthFrame]:
-    """The same views with errors of 3 mm and 0.1 degrees per axis in their poses.
-
-    Parameters
-    ----------
-    frames
-        Views with true poses.
-    seed
-        Seed of the errors.
-    """
-    rng = np.random.default_rng([7, seed])
-    return [
-        replace(frame, T_world_camera=disturb_pose(frame.T_world_camera, rng, *POSE_NOISE))
-        for frame in frames
     ]
 
 

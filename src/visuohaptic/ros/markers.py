@@ -84,12 +84,8 @@ def points_marker(
 
     Parameters
     ----------
-    t_s
-        Stamp [s].
-    frame
-        Frame of coordinates of the points.
-    name
-        Namespace of the marker.
+    t_s, frame, name
+        As of :func:`arrow`.
     kind
         :data:`POINTS` or :data:`LINES`.
     points_m

@@ -10,7 +10,7 @@ from __future__ import annotations
 from .arrays import MAX_ARRAY_BYTES, read_npy, read_npz
 from .atomic import atomic_path, write_text
 from .image_header import MAX_PIXELS, image_size
-from .images import MAX_IMAGE_BYTES, ImageMode, decode_image, read_image
+from .images import MAX_IMAGE_BYTES, ImageMode, decode_image, encode_image, read_image, write_image
 from .part_file import PartFile, check_unlocked, csv_line, lock, whole_lines
 from .problems import field_problems
 from .regular import file_size, read_bytes, read_head, read_text
@@ -27,6 +27,7 @@ __all__ = [
     "checked_model",
     "csv_line",
     "decode_image",
+    "encode_image",
     "field_problems",
     "file_size",
     "image_size",
@@ -42,5 +43,6 @@ __all__ = [
     "read_text",
     "save_yaml",
     "whole_lines",
+    "write_image",
     "write_text",
 ]

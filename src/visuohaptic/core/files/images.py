@@ -14,10 +14,11 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InputError
+from .atomic import atomic_path
 from .image_header import image_size
 from .regular import read_bytes
 
-__all__ = ["MAX_IMAGE_BYTES", "ImageMode", "decode_image", "read_image"]
+__all__ = ["MAX_IMAGE_BYTES", "ImageMode", "decode_image", "encode_image", "read_image", "write_image"]
 
 #: Files larger than this are no single images [bytes].
 MAX_IMAGE_BYTES = 1 << 30
@@ -204,3 +205,54 @@ def _check_jpeg(where: object, data: bytes) -> None:
         place += 1 if fill else 2 + int(struct.unpack_from(">H", data, place + 2)[0])
     if data.find(b"\xff\xd9", place) < 0:
         raise InputError(where, "is cut: a JPEG file without its end")
+
+
+def encode_image(
+    image: np.ndarray, kind: str = "png", *, quality: int | None = None, where: object = "image"
+) -> bytes:
+    """The bytes of an image file.
+
+    Parameters
+    ----------
+    image
+        Grey or blue, green, red pixels, (rows, columns) or (rows, columns, 3).
+    kind
+        ``png``, ``jpg`` or ``webp``.
+    quality
+        Of ``jpg`` and ``webp``, 0 to 100; OpenCV's own by default.
+    where
+        What error messages name.
+
+    Raises
+    ------
+    InputError
+        These pixels cannot be encoded.
+    """
+    import cv2
+
+    flags = {"jpg": cv2.IMWRITE_JPEG_QUALITY, "webp": cv2.IMWRITE_WEBP_QUALITY}
+    options = [] if quality is None else [flags[kind], quality]
+    done, data = cv2.imencode(f".{kind}", np.ascontiguousarray(image), options)
+    if not done:
+        raise InputError(where, f"found {image.dtype} of shape {image.shape}, which {kind} cannot hold")
+    return bytes(data.tobytes())
+
+
+def write_image(path: Path | str, image: np.ndarray, *, quality: int | None = None) -> None:
+    """Write an image file by its suffix, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        ``.png``, ``.jpg`` or ``.webp``.
+    image, quality
+        As of :func:`encode_image`.
+
+    Raises
+    ------
+    InputError
+        These pixels cannot be encoded.
+    """
+    data = encode_image(image, Path(path).suffix[1:].lower(), quality=quality, where=path)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)

@@ -136,12 +136,8 @@ def read_text(path: Path | str, max_bytes: int, *, error: type[InputError] = Inp
 
     Parameters
     ----------
-    path
-        The file.
-    max_bytes
-        Largest size that is read [bytes].
-    error
-        Class of the error that is raised.
+    path, max_bytes, error
+        As of :func:`read_bytes`.
 
     Raises
     ------

@@ -109,12 +109,8 @@ def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> G
 
     Parameters
     ----------
-    model
-        Shell model of the object.
-    tips
-        The m pairs.
-    tip_radius_m
-        Radius of a finger tip [m]; 0 is a point.
+    model, tips, tip_radius_m
+        As of :func:`contact_loads`.
 
     Raises
     ------
@@ -138,10 +134,8 @@ def own_compliance(
 
     Parameters
     ----------
-    model
-        Shell model of the object.
-    tips
-        The m pairs.
+    model, tips
+        As of :func:`contact_loads`.
     pinch_compliance
         Approach of both tips of each pair per newton [m/N], see :func:`.dual_tip_compliance`.
     """

@@ -128,10 +128,8 @@ def closed_compliance(
 
     Parameters
     ----------
-    container
-        Parametric or imported container.
-    model
-        Its shell model.
+    container, model
+        As of :func:`enclosed_gradient`.
     tips
         The m pairs.
     compliance
@@ -180,10 +178,8 @@ def contained_curve(
 
     Parameters
     ----------
-    container
-        Parametric or imported container.
-    model
-        Its shell model.
+    container, model
+        As of :func:`closed_compliance`.
     tips
         Pairs of contacts.
     which

@@ -133,10 +133,8 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
 
     Parameters
     ----------
-    state
-        The imported mesh.
-    wall
-        The wall found in it.
+    state, wall
+        As of :func:`check_represented`.
     closed
         It is closed at the upper end.
 
@@ -192,12 +190,8 @@ def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[Me
 
     Parameters
     ----------
-    state
-        The imported mesh.
-    wall
-        The wall found in it.
-    closed
-        There is a lid at the upper end of the wall.
+    state, wall, closed
+        As of :func:`check_represented`.
 
     Returns
     -------

@@ -285,12 +285,8 @@ def volume_gradient(
 
     Parameters
     ----------
-    vertices_m
-        Vertices [m].
-    faces
-        Triangles that look outwards.
-    fraction
-        Of each face that counts, see :class:`ShellMesh`.
+    vertices_m, faces, fraction
+        As of :func:`enclosed_volume`.
     """
     third = area_vectors(vertices_m, faces) / 3 * np.broadcast_to(fraction, len(faces))[:, None]
     out = np.zeros_like(vertices_m)

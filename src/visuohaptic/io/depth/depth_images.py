@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, atomic_path, decode_image, image_size, read_bytes
+from ...core.files import MAX_IMAGE_BYTES, decode_image, image_size, read_bytes, write_image
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ._exr import decode_exr
 
@@ -121,10 +121,7 @@ def write_depth(path: Path | str, depth_m: Float[np.ndarray, "rows columns"], sc
     scale_m
         Depth of one unit of the file [m].
     """
-    import cv2
-
     with np.errstate(invalid="ignore"):
         units = np.rint(np.asarray(depth_m, dtype=np.float64) / scale_m)
         units = np.where((units > 0) & (units < 65535), units, 0).astype(np.uint16)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".png", units)[1].tobytes())
+    write_image(path, units)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...core.errors import InputError
-from ...core.files import PartFile, save_yaml, whole_lines, write_text
+from ...core.files import PartFile, save_yaml, whole_lines, write_image, write_text
 from .depth_images import write_depth
 from .depth_sequence import DepthFrame
 from .poses import POSE_HEADER, pose_line, read_poses
@@ -72,7 +72,8 @@ def write_sequence(
         name = f"{index:06d}.png"
         write_depth(folder / "depth" / name, frame.depth_m, depth_scale_m)
         if frame.color is not None:
-            _write_color(folder / "color" / name, frame)
+            (folder / "color").mkdir(exist_ok=True)
+            write_image(folder / "color" / name, frame.color)
         poses.write(pose_line(frame.t_s, frame.T_world_camera).encode())
         count += 1
     if poses is None:
@@ -112,13 +113,3 @@ def recover_sequence(folder: Path) -> int:
     count = len(read_poses(folder / "poses.txt"))
     (folder / DESCRIPTION_PART).replace(folder / "sequence.yaml")
     return count
-
-
-def _write_color(path: Path, frame: DepthFrame) -> None:
-    import cv2
-
-    from ...core.files import atomic_path
-
-    path.parent.mkdir(exist_ok=True)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".png", frame.color)[1].tobytes())

@@ -16,6 +16,7 @@ from jaxtyping import Float, UInt8
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.files import encode_image
 from ...core.measurement import Contact, ForceProfile, Wrench
 
 __all__ = [
@@ -351,16 +352,12 @@ def compressed_image(
     quality
         Quality of the JPEG; ``None`` for PNG.
     """
-    import cv2
 
     kind = "png" if quality is None else "jpeg"
-    options = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
-    good, data = cv2.imencode("." + kind.replace("jpeg", "jpg"), pixels, options)
-    if not good:
-        raise InputError("frame", f"cannot be written as {kind}")
+    data = encode_image(pixels, kind.replace("jpeg", "jpg"), quality=quality, where="frame")
     base = "mono8" if pixels.ndim == 2 else "bgr8"
     return {
         "header": header(t_s, frame),
         "format": f"{base}; {kind} compressed {base}",
-        "data": data.tobytes(),
+        "data": data,
     }

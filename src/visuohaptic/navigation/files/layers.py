@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ...core.errors import InputError
-from ...core.files import atomic_path, load_yaml_model, read_image, save_yaml
+from ...core.files import load_yaml_model, read_image, save_yaml, write_image
 from ...io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["Layer", "load_layer", "save_layer"]
@@ -108,8 +108,7 @@ def save_layer(
         raise InputError("values", f"found shape {values.shape}, expected {grid.shape}, the shape of the map")
     pixels, fields = _coded(values, exact)
     picture = path.with_suffix(".png")
-    with atomic_path(picture) as temporary:
-        temporary.write_bytes(_png(pixels[::-1]))
+    write_image(picture, pixels[::-1])
     save_yaml(
         path,
         {
@@ -164,15 +163,6 @@ def _coded(values: np.ndarray, exact: bool) -> tuple[np.ndarray, dict[str, Any]]
 def _bits(values: np.ndarray) -> np.ndarray:
     little = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<")))
     return little.view(np.uint8).reshape(*values.shape, 4)
-
-
-def _png(pixels: np.ndarray) -> bytes:
-    import cv2
-
-    good, data = cv2.imencode(".png", np.ascontiguousarray(pixels))
-    if not good:
-        raise InputError("values", "cannot be written as PNG")
-    return bytes(data.tobytes())
 
 
 def load_layer(path: Path | str) -> Layer:

@@ -128,12 +128,8 @@ def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> np.ndarr
 
     Parameters
     ----------
-    step
-        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
-    potential
-        Cost from each cell to its node [units], (rows, columns) int32.
-    seed
-        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    step, potential, seed
+        As of :func:`~visuohaptic.navigation.graph._region_kernels.spread`.
     """
     rows, columns = step.shape
     here = np.empty(columns + 2, np.int64)

@@ -170,10 +170,8 @@ def sideward_pushes(
 
     Parameters
     ----------
-    scene
-        The object and what is around it.
-    enter_m, leave_m
-        Where the platform comes from and has to go: x, y [m].
+    scene, enter_m, leave_m
+        As of :func:`sideward_candidates`.
     costs
         What a push costs.
     rng

@@ -129,12 +129,8 @@ def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | 
 
     Parameters
     ----------
-    tag
-        From former pushes; ``None`` for an object that was never touched.
-    robot
-        The platform.
-    costs
-        Limits and priors.
+    tag, robot, costs
+        As of :func:`manipulability`.
     """
     costs = costs or PushCosts()
     force = None if tag is None else tag.dynamic_friction_N or tag.static_friction_N

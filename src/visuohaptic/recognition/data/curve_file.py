@@ -75,10 +75,8 @@ def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[Sq
 
     Parameters
     ----------
-    path
-        CSV file in UTF-8.
-    noise
-        Standard deviations of one sample.
+    path, noise
+        As of :func:`read_curves`.
 
     Raises
     ------

@@ -47,14 +47,8 @@ def cubic_gradients(points, centers, weights, poly, out):
 
     Parameters
     ----------
-    points
-        Points (m, 3).
-    centers
-        Centres in columns (3, n).
-    weights
-        Weights (n).
-    poly
-        Constant and linear coefficients (4).
+    points, centers, weights, poly
+        As of :func:`cubic_values`.
     out
         Gradients (m, 3), filled.
     """

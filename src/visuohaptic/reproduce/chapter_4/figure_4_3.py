@@ -16,7 +16,7 @@ from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, draw_map, outline, with_all
 from ..output import Output
 from ..pushes.direct_push import DirectPushSettings, plan_direct_push
-from ..pushes.goal_maps import GoalMap, goal_map
+from ..pushes.goal_maps import GoalMap, blocked_parts, goal_map
 from ..pushes.local_costmap import FootprintSamples, LocalCostmap
 from ..pushes.push_scene import PushedObject
 
@@ -44,7 +44,7 @@ def run(out: Output) -> None:
     anywhere = goal_map(costmap, footprint, at, radius, reach_m=REACH_m)
     # In the open, at a wall, in the hallway, in the door frame.
     spots = np.array([[6.1, 2.1], [8.2, 3.05], [8.1, 4.5], [float(centre[0]), 3.55]])
-    parts = [_occupied_parts(costmap, footprint, spot, radius) for spot in spots]
+    parts = blocked_parts(costmap, footprint, np.column_stack([spots, np.zeros(len(spots))]), radius)
     found = [bool(_value(costmap, anywhere, spot)) for spot in spots]
     out.table("candidates", {"x_m": spots[:, 0], "y_m": spots[:, 1], "occupied_parts": parts, "goal": found})
     cells = np.argwhere(goals.goal)
@@ -66,14 +66,6 @@ def run(out: Output) -> None:
 def _value(costmap: LocalCostmap, goals: GoalMap, spot: np.ndarray) -> bool:
     row, column = costmap.map.cell_from_world(spot)
     return bool(goals.goal[row, column])
-
-
-def _occupied_parts(
-    costmap: LocalCostmap, footprint: FootprintSamples, spot: np.ndarray, radius_m: float
-) -> int:
-    """Parts of the encircling path that are nearer to obstacles than the radius: l of Eq. (4.3)."""
-    near = costmap.distance_at(footprint.ring_m + spot) < radius_m
-    return int(np.count_nonzero(near & ~np.roll(near, 1)))
 
 
 def _draw(

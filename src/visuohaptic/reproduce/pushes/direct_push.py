@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 
 from ...core.geometry import polygon_centroid, rotation_2d
 from ...core.objects import HapticTag
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
 from ...navigation.problem.push_costs import failure_probability
-from .goal_maps import path_distance
+from .goal_maps import are_goals, clashes, path_distance
 from .push_failure import centre_from_tag, simulated_failure
 from .push_scene import PushedObject, PushLimits, PushScene
 
@@ -33,9 +33,6 @@ class DirectPushSettings:
     """How a direct push is searched for."""
 
     reach_m: float = field(default=1.0, metadata=POSITIVE)  #: r_mani: maximum length of a push
-    #: path primitives [1/m]; only the straight one is reliable with a platform that holds nothing sideways
-    curvatures_per_m: tuple[float, ...] = (0.0,)
-    unknown_is_free: bool = False  #: whether the platform may enter cells that were never observed
     samples: int = field(default=16, metadata=NON_NEGATIVE)  #: simulated pushes per plan; 0 for the tag alone
 
     def __post_init__(self) -> None:
@@ -68,7 +65,6 @@ def contact_points(
     *,
     centre_offset_m: Float[np.ndarray, "2"] | None = None,
     reachable: Bool[np.ndarray, "rows columns"] | None = None,
-    directions: int = DIRECTIONS,
 ) -> tuple[ContactPoint, ...]:
     """Contacts (a) on the outline, (b) with room for the platform, (c) that it can reach, (d) that push straight.
 
@@ -84,8 +80,6 @@ def contact_points(
         Centre of friction from the outline's centroid [m], map frame; see ``centre_from_tag``.
     reachable
         Cells of the costmap that the platform can drive to while the object stands.
-    directions
-        Number of push directions that are tried, evenly around the object.
     """
     from ...navigation.pushing._contact_kernels import touch_along
 
@@ -98,7 +92,7 @@ def contact_points(
     contacts = np.zeros((4, 6))
     far = 2.0 * model.reach_m + limits.radius_m + float(np.hypot(*centre)) + 0.1
     found = []
-    for direction in np.arange(directions) * (2 * math.pi / directions):
+    for direction in np.arange(DIRECTIONS) * (2 * math.pi / DIRECTIONS):
         ahead = np.array([math.cos(direction), math.sin(direction)])
         own = ahead @ turn
         away = touch_along(
@@ -147,7 +141,7 @@ def plan_direct_push(
     blocked_path_m
         The path to open, map frame [m]; without it, any place that blocks nothing is a goal.
     settings
-        Length of the push, path primitives, number of simulations.
+        Length of the push, number of simulations.
     rng
         Of the simulated pushes.
 
@@ -164,9 +158,7 @@ def plan_direct_push(
     settings = settings if settings is not None else DirectPushSettings()
     if not obj.pushable(limits):
         return ()
-    scene = PushScene.of(
-        map, obj, limits, settings.reach_m + 2.5 * limits.radius_m, unknown_is_free=settings.unknown_is_free
-    )
+    scene = PushScene.of(map, obj, limits, settings.reach_m + 2.5 * limits.radius_m)
     reachable = None
     if robot_m is not None:
         robot = np.asarray(robot_m, dtype=np.float64)[:2]
@@ -179,8 +171,7 @@ def plan_direct_push(
     plans = [
         plan
         for contact in contact_points(scene, centre_offset_m=offset, reachable=reachable)
-        for curvature in settings.curvatures_per_m
-        if (plan := _shortest_push(scene, contact, curvature, from_path, settings.reach_m, obj.tag)) is not None
+        if (plan := _shortest_push(scene, contact, from_path, settings.reach_m, obj.tag)) is not None
     ]  # fmt: skip
     plans.sort(key=_expected_s)
     if settings.samples > 0 and plans:
@@ -193,31 +184,24 @@ def plan_direct_push(
 def _shortest_push(
     scene: PushScene,
     contact: ContactPoint,
-    curvature: float,
-    from_path: Float[np.ndarray, "rows columns"],
+    from_path: Float32[np.ndarray, "rows columns"],
     reach_m: float,
     tag: HapticTag | None,
 ) -> DirectPush | None:
-    """The shortest push from one contact along one primitive, or ``None``."""
-    from ._ground_kernels import first_goal
-
+    """The shortest push from one contact along a straight line, or ``None``."""
     object_m, costmap, footprint, limits = scene.object_m, scene.costmap, scene.footprint, scene.limits
-    platforms = _primitive(contact.platform_m, curvature, reach_m)
-    turn = platforms[:, 2] - platforms[0, 2]
-    lever = np.array(object_m[:2]) - platforms[0, :2]
-    c, s = np.cos(turn), np.sin(turn)
-    objects = np.column_stack(
-        [
-            platforms[:, 0] + c * lever[0] - s * lever[1],
-            platforms[:, 1] + s * lever[0] + c * lever[1],
-            object_m[2] + turn,
-        ]
+    heading = contact.platform_m[2]
+    moved = np.outer(
+        STEP_M * np.arange(int(reach_m / STEP_M) + 1), [math.cos(heading), math.sin(heading), 0.0]
     )
-    row = first_goal(
-        costmap.distance_m, from_path, costmap.grid, footprint.inner_m, footprint.ring_m, footprint.border_m,
-        costmap.margin_m, footprint.inside_m, footprint.reach_m, limits.radius_m, objects, platforms,
-    )  # fmt: skip
-    if row < 0:
+    platforms, objects = contact.platform_m + moved, np.array(object_m) + moved
+    # An object that stands at a wall begins with samples too near to it: they do not become more.
+    bad = np.diff(clashes(costmap, footprint, objects), prepend=np.inf) > 0
+    bad |= costmap.distance_at(platforms[:, :2]) < limits.radius_m
+    goals = are_goals(costmap, footprint, objects, limits.radius_m, from_path)
+    goals[0] = False
+    row = int(np.argmax(goals | bad))
+    if bad[row] or not goals[row]:
         return None
     length = STEP_M * row
     cost = limits.setup_time_s + length / limits.v_push_m_s
@@ -225,21 +209,6 @@ def _shortest_push(
     # An oblique contact slides first: one that is at the tolerance counts as half as good.
     failure = 1.0 - (1.0 - failure) * (1.0 - 0.5 * (contact.tilt_rad / limits.tolerance_rad) ** 2)
     return DirectPush(contact, platforms[: row + 1], objects[row], length, cost, failure)
-
-
-def _primitive(
-    start_m: Float[np.ndarray, "3"], curvature: float, length_m: float
-) -> Float[np.ndarray, "k 3"]:
-    """Poses on an arc of a curvature [1/m], ``STEP_M`` apart."""
-    s = STEP_M * np.arange(int(length_m / STEP_M) + 1)
-    heading = start_m[2] + curvature * s
-    # Chord of each part of the arc: length s sinc, direction half way.
-    half = 0.5 * curvature * s
-    reach = s * np.sinc(half / math.pi)
-    direction = start_m[2] + half
-    return np.column_stack(
-        [start_m[0] + reach * np.cos(direction), start_m[1] + reach * np.sin(direction), heading]
-    )
 
 
 def _simulated(plan: DirectPush, scene: PushScene, rng: np.random.Generator, samples: int) -> DirectPush:

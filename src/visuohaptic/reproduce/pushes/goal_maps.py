@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32, Int
 
 from .local_costmap import FootprintSamples, LocalCostmap, distance_from
 
-__all__ = ["GoalMap", "goal_map"]
+__all__ = ["GoalMap", "are_goals", "blocked_parts", "clashes", "goal_map"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,33 +54,80 @@ def goal_map(
     reach_m
         r_mani: how far from the object goals are looked for.
     """
-    from ._ground_kernels import push_goals
-
     goal, free = np.zeros(costmap.map.shape, dtype=bool), np.zeros(costmap.map.shape, dtype=bool)
-    push_goals(
-        costmap.distance_m,
-        path_distance(costmap, blocked_path_m),
-        costmap.grid,
-        footprint.inner_m,
-        footprint.ring_m,
-        footprint.border_m,
-        costmap.margin_m,
-        footprint.inside_m,
-        footprint.reach_m,
-        radius_m,
-        reach_m,
-        object_m[2],
-        object_m[0],
-        object_m[1],
-        goal,
-        free,
-    )
+    cells = np.argwhere(~free)
+    places = costmap.map.world_from_cell(cells)
+    near = np.hypot(*(places - object_m[:2]).T) <= reach_m
+    cells, poses = cells[near], np.column_stack([places[near], np.full(near.sum(), object_m[2])])
+    free[tuple(cells.T)] = clashes(costmap, footprint, poses) == 0
+    path = path_distance(costmap, blocked_path_m)
+    goal[tuple(cells.T)] = are_goals(costmap, footprint, poses, radius_m, path)
     return GoalMap(goal, free, object_m[2])
+
+
+def clashes(
+    costmap: LocalCostmap, footprint: FootprintSamples, poses: Float[np.ndarray, "n 3"]
+) -> Int[np.ndarray, "n"]:
+    """How many samples of a footprint are too near to obstacles, at each pose; 0 where it fits.
+
+    Parameters
+    ----------
+    costmap, footprint
+        As of :func:`goal_map`.
+    poses
+        Of the object: x, y [m], yaw [rad].
+    """
+    near = costmap.distance_at(_placed(footprint.inner_m, poses)) < costmap.margin_m
+    return near.sum(axis=1) + (costmap.distance_at(poses[:, :2]) < footprint.inside_m)
+
+
+def blocked_parts(
+    costmap: LocalCostmap, footprint: FootprintSamples, poses: Float[np.ndarray, "n 3"], radius_m: float
+) -> Int[np.ndarray, "n"]:
+    """Number of runs of the closed ring where obstacles are nearer than the radius: l of Eq. (4.3).
+
+    Parameters
+    ----------
+    costmap, footprint, poses
+        As of :func:`clashes`.
+    radius_m
+        Of the platform [m].
+    """
+    near = costmap.distance_at(_placed(footprint.ring_m, poses)) < radius_m
+    return (near & ~np.roll(near, 1, axis=1)).sum(axis=1) + near.all(axis=1)
+
+
+def are_goals(
+    costmap: LocalCostmap,
+    footprint: FootprintSamples,
+    poses: Float[np.ndarray, "n 3"],
+    radius_m: float,
+    from_path: Float32[np.ndarray, "rows columns"],
+) -> Bool[np.ndarray, "n"]:
+    """Whether the footprint fits, blocks no other passage and leaves the path open, at each pose.
+
+    Parameters
+    ----------
+    costmap, footprint, poses, radius_m
+        As of :func:`blocked_parts`.
+    from_path
+        From :func:`path_distance`.
+    """
+    beside = LocalCostmap(costmap.map, from_path).distance_at(_placed(footprint.border_m, poses))
+    free = (clashes(costmap, footprint, poses) == 0) & (beside >= radius_m).all(axis=1)
+    return free & (blocked_parts(costmap, footprint, poses, radius_m) <= 1)
+
+
+def _placed(
+    points_m: Float[np.ndarray, "k 2"], poses: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n k 2"]:
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return points_m @ np.stack([c, s, -s, c], axis=-1).reshape(-1, 2, 2) + poses[:, None, :2]
 
 
 def path_distance(
     costmap: LocalCostmap, path_m: Float[np.ndarray, "k 2"] | None
-) -> Float[np.ndarray, "rows columns"]:
+) -> Float32[np.ndarray, "rows columns"]:
     """Distance of every cell from a path; infinite without one, and outside the window."""
     on_path = np.zeros(costmap.map.shape, dtype=bool)
     if path_m is not None and len(path_m) > 1:

@@ -26,7 +26,6 @@ class FootprintSamples:
     inside_m: (
         float  #: radius of a circle that the outline holds, about any point of the reference point's cell
     )
-    reach_m: float  #: radius of one that holds the outline
 
     @classmethod
     def of(
@@ -83,7 +82,6 @@ class FootprintSamples:
             np.concatenate([border, inner]),
             _along(ring.exterior, 0.5 * cell_m),
             max(float(inside) - half_diagonal, 0.0),
-            float(np.hypot(corners[:, 0], corners[:, 1]).max()) + half_diagonal,
         )
 
 
@@ -102,8 +100,6 @@ class LocalCostmap:
         map: OccupancyMap,
         footprint_m: Float[np.ndarray, "p 2"],
         reach_m: float,
-        *,
-        unknown_is_free: bool = False,
     ) -> LocalCostmap:
         """Cut out the surroundings of an object and take the object away.
 
@@ -115,8 +111,6 @@ class LocalCostmap:
             Outline of the object, map frame.
         reach_m
             How far from the outline planning goes, with the platform's diameter [m].
-        unknown_is_free
-            Whether the platform may enter cells that were never observed.
 
         Raises
         ------
@@ -150,18 +144,10 @@ class LocalCostmap:
         )
         near = _covered_cells(window, outline)
         window.cells[near] = FREE
-        blocked = window.cells >= OBSTACLE_FROM
-        if not unknown_is_free:
-            blocked |= window.cells < 0
+        blocked = (window.cells >= OBSTACLE_FROM) | (window.cells < 0)
         rows, columns = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-        distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=not unknown_is_free)
+        distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=True)
         return cls(window, distance * np.float32(map.resolution_m))
-
-    @property
-    def grid(self) -> Float[np.ndarray, "5"]:
-        """Origin x, y [m], cosine and sine of its yaw, cells per metre: what kernels take."""
-        x, y, yaw = self.map.origin
-        return np.array([x, y, math.cos(yaw), math.sin(yaw), 1.0 / self.map.resolution_m])
 
     @property
     def margin_m(self) -> float:

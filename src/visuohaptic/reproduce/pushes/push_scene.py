@@ -75,8 +75,6 @@ class PushScene:
         obj: PushedObject,
         limits: PushLimits,
         reach_m: float,
-        *,
-        unknown_is_free: bool = False,
     ) -> PushScene:
         """Cut the local costmap out of a map and sample the object's footprint.
 
@@ -90,8 +88,6 @@ class PushScene:
             The platform.
         reach_m
             How far from the outline planning goes [m].
-        unknown_is_free
-            Whether the platform may enter cells that were never observed.
 
         Raises
         ------
@@ -99,7 +95,7 @@ class PushScene:
             The footprint is not an outline or not on the map.
         """
         outline = np.asarray(obj.footprint_m, dtype=np.float64)
-        costmap = LocalCostmap.around(map, outline, reach_m, unknown_is_free=unknown_is_free)
+        costmap = LocalCostmap.around(map, outline, reach_m)
         place = polygon_centroid(outline)
         model = obj.model if obj.model is not None else PushModel.patch(outline - place)
         footprint = FootprintSamples.of(

@@ -260,10 +260,8 @@ class TopicNode(Closing):
 
         Parameters
         ----------
-        topic
-            Its name.
-        datatype
-            Name of a standard message, or a parsed definition.
+        topic, datatype
+            As of :meth:`advertise`.
         receive
             Called with each message.
         qos
@@ -304,10 +302,8 @@ class TopicNode(Closing):
 
         Parameters
         ----------
-        action
-            Its name.
-        datatype
-            As ``nav2_msgs/action/NavigateToPose``.
+        action, datatype
+            As of :meth:`~visuohaptic.ros.nodes.component.Host.act`.
         execute
             Called for each goal with the goal, what publishes fields of the feedback, and what says whether it was
             cancelled; returns whether the goal is reached. An error of this library ends the goal as cancelled where that

@@ -207,14 +207,8 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
 
     Parameters
     ----------
-    now, rest
-        Strip in this image and at rest, (K, parallels, samples).
-    front, resting
-        Place of the edge now and at rest [samples], (K,).
-    slope
-        Shift of the edge from one parallel to the next [samples], (K,).
-    blur
-        Standard deviation of the edges' blur [samples].
+    now, rest, front, resting, slope, blur
+        As of :func:`foam_bands`.
     transfer
         Part of the zero's texture that this image shows.
     variance

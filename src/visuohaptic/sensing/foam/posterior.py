@@ -141,10 +141,8 @@ class EdgePosterior:
 
         Parameters
         ----------
-        strip, zero
-            What this image shows, and the strip at rest.
-        rest_px
-            Place of the resting front along each line [px].
+        strip, zero, rest_px
+            As of :func:`~visuohaptic.sensing.foam.pixel_evidence.image_evidence`.
         delta_m, sigma_m
             Deflection of each edge and its standard deviation, that of the zero included [m].
         """

@@ -173,14 +173,8 @@ class BodyFitter:
 
         Parameters
         ----------
-        face
-            Surface at the start.
-        start
-            Motion to start from.
-        body
-            Points of the body at the start, frame F (n, 3) [m].
-        pixels, sigma
-            Where they are seen now, (n, 2), and the standard deviation per axis, (n,) [px].
+        face, start, body, pixels, sigma
+            As of :meth:`refined`.
         active
             Unknowns that are fitted, of (rotation vector, shift) in F.
         """
@@ -221,12 +215,8 @@ class BodyFitter:
 
         Parameters
         ----------
-        face
-            Surface at the start.
-        motion
-            Turn about its origin, then shift.
-        body
-            Points of the body at the start, frame F (n, 3) [m].
+        face, motion, body
+            As of :meth:`project`.
         active
             Columns, of (rotation vector, shift) in F.
         """

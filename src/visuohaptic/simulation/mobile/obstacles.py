@@ -183,14 +183,8 @@ def table(
 
     Parameters
     ----------
-    name
-        Unique name.
-    x_m, y_m
-        Position in the world [m].
-    size_m
-        Length along x, length along y, height [m].
-    rest
-        Further fields of :class:`SimulatedObstacle`.
+    name, x_m, y_m, size_m, rest
+        As of :func:`box`.
     """
     return _standing(ObstacleKind.TABLE, name, x_m, y_m, size_m, fixed=True, **rest)
 

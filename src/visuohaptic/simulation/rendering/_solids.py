@@ -145,12 +145,8 @@ def silhouette(
 
     Parameters
     ----------
-    outline_m
-        Outline (n, K, 2), counter-clockwise [m].
-    low_m, top_m
-        Heights of base and top [m].
-    centre_m
-        Centre of the camera (3) in frame F [m].
+    outline_m, low_m, top_m, centre_m
+        As of :func:`prism_faces`.
     """
     seen = _seen(outline_m[:, outline_m.shape[1] // 2], centre_m)
     if seen.all() or not seen.any():

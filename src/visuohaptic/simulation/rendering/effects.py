@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ...core.errors import InputError
-from ...core.files import decode_image
+from ...core.files import decode_image, encode_image
 from ._render_kernels import develop
 
 __all__ = ["CameraEffects"]
@@ -137,10 +137,6 @@ def _normal_quantiles() -> np.ndarray:
 
 
 def _through_jpeg(image: np.ndarray, quality: int) -> np.ndarray:
-    import cv2
-
-    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
-        raise InputError("CameraEffects", f"JPEG refuses an image of shape {image.shape}")
-    decoded = decode_image(data.tobytes(), "CameraEffects", "colour" if image.shape[2] == 3 else "grey")
+    data = encode_image(image, "jpg", quality=quality, where="CameraEffects")
+    decoded = decode_image(data, "CameraEffects", "colour" if image.shape[2] == 3 else "grey")
     return decoded.reshape(image.shape)

@@ -143,12 +143,8 @@ def step_fit(grey, origin, direction, half, near, prior, state):
 
     Parameters
     ----------
-    grey
-        Grey image.
-    origin, direction
-        Origin (x, y) [px] and unit direction of the line, (2,).
-    half
-        Half width of the window along the edge [px].
+    grey, origin, direction, half
+        As of :func:`plateaus`.
     near
         Half length of the window along the line [blurs].
     prior

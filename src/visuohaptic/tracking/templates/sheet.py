@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core.errors import InputError
-from ...core.files import atomic_path
+from ...core.files import atomic_path, encode_image
 from .template import TAG_CELLS
 
 __all__ = ["PAPERS_M", "PlacedItem", "SheetItem", "lay_out", "save_sheet", "tag_item"]
@@ -168,7 +168,7 @@ def _png(
     x, length = round(_MARGIN_M * dots), round(_BAR_M * dots)
     page[y : y + max(2, round(0.0005 * dots)), x : x + length] = 0
     _text(page, "this bar must measure 100 mm: print without scaling", x, y + round(_LABEL_M * dots), dots)
-    encoded = cv2.imencode(".png", page)[1].tobytes()
+    encoded = encode_image(page)
     per_metre = round(dots)
     body = b"pHYs" + struct.pack(">IIB", per_metre, per_metre, 1)
     chunk = struct.pack(">I", 9) + body + struct.pack(">I", zlib.crc32(body))

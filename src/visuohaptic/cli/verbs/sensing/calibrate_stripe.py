@@ -68,18 +68,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _draw(path: Path, frame: Frame, stripe: Any, rest: Any) -> None:
-    import cv2
-
-    from ....core.files import atomic_path
+    from ....core.files import write_image
 
     picture = frame.image.copy()
     picture[rest] //= 2
     picture[stripe] = 255
-    done, data = cv2.imencode(".png", picture)
-    if not done:
-        raise InputError(path, "cannot be written as PNG")
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data.tobytes())
+    write_image(path, picture)
 
 
 def _read(source: str, camera: Any) -> Frame:

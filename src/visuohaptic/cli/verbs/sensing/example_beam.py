@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ._example import NEEDS, add_arguments, written
+from .example_foam import NEEDS, add_arguments, written
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 

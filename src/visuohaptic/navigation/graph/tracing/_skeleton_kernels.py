@@ -163,12 +163,8 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
 
     Parameters
     ----------
-    distance
-        Clearance of each cell, (rows, columns) float32.
-    step
-        Cost of a step, (rows, columns) uint16; 0 = not reachable.
-    mark
-        Marks, (rows, columns) uint8.
+    distance, step, mark
+        As of :func:`survey`.
     queue
         Cells (flat) to decide again.
     """

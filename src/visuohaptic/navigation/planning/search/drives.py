@@ -33,10 +33,8 @@ def pull_string(
 
     Parameters
     ----------
-    domain
-        Static map and bodies.
-    shifts
-        Of the bodies from where the map has them [cells].
+    domain, shifts
+        As of :func:`~visuohaptic.navigation.planning.search.cell_paths.unclear_steps`.
     start, goal
         Grid coordinates [cells].
 

@@ -50,10 +50,8 @@ def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nda
 
     Parameters
     ----------
-    occupied
-        Whether a cell is an obstacle; changed in place.
-    outline
-        Corners in grid coordinates [cells].
+    occupied, outline
+        As of :func:`clear_cells`.
     """
     window = _window(occupied.shape, outline, 1.0)
     if occupied[window].size:

@@ -91,10 +91,8 @@ def refuse_unsuitable(
 
     Parameters
     ----------
-    where
-        What error messages name.
-    strain, stress
-        Points of rising load: compressive strain, and stress [Pa].
+    where, strain, stress
+        As of :func:`refuse_bad_points`.
     spline
         Monotone curve through them.
 
