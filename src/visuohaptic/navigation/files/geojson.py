@@ -1,4 +1,4 @@
-"""Graphs as GeoJSON: our own, read back unchanged, and the route graphs of the Nav2 route server.
+"""Graphs as GeoJSON: our own with the cells of its edges, and the route graphs of the Nav2 route server.
 
 Both hold one ``Point`` per node and one ``MultiLineString`` per edge, in metres of the map frame. Ids are
 whole numbers that nodes and edges share, as the route server wants it. In a route graph an edge
@@ -9,43 +9,23 @@ The route server drives the straight line between the nodes: ours are split unti
 from __future__ import annotations
 
 import json
-import logging
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from ...core.errors import InputError
 from ...core.files import write_text
 from ...io.maps.occupancy_map import OccupancyMap
 from ..graph.navigation_graph import NavigationGraph
 from ..grid.cost_grid import GridLayers
 from .route_edges import route_pieces
 
-__all__ = ["RouteGraph", "load_graph", "load_route_graph", "save_graph", "save_route_graph"]
-
-_log = logging.getLogger(__name__)
-
-#: Files larger than this are refused before they are parsed (bytes).
-MAX_BYTES = 256 * 1024 * 1024
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RouteGraph:
-    """A route graph of Nav2: n nodes, m edges that lead one way."""
-
-    node_ids: Int[np.ndarray, "n"]
-    node_m: Float[np.ndarray, "n 2"]  #: (x, y) in ``frame`` [m]
-    frame: str  #: empty when the file does not say
-    edge_ids: Int[np.ndarray, "m"]
-    edges: Int[np.ndarray, "m 2"]  #: start and end as places in ``node_ids``
-    edge_cost: Float[np.ndarray, "m"]  #: NaN when the file leaves it to the server
+__all__ = ["save_graph", "save_route_graph"]
 
 
 def save_graph(path: Path | str, graph: NavigationGraph, map: OccupancyMap, *, frame: str = "map") -> None:
-    """Write a graph with the cells of its edges; :func:`load_graph` gives it back.
+    """Write a graph with the cells of its edges.
 
     Parameters
     ----------
@@ -154,161 +134,3 @@ def _write(path: Path | str, features: list[dict[str, Any]], more: dict[str, Any
         path,
         f'{{"type": "FeatureCollection", "name": {json.dumps(name)}{head}, "features": [\n{lines}\n]}}\n',
     )
-
-
-def load_route_graph(path: Path | str) -> RouteGraph:
-    """Read a graph of the Nav2 route server: our own, one drawn by hand, or another program's.
-
-    Parameters
-    ----------
-    path
-        File name.
-
-    Raises
-    ------
-    InputError
-        Names the file and the feature, with what was found and what was expected.
-    """
-    nodes, edges, _ = _read(path)
-    ids = np.array([node["id"] for node in nodes], dtype=np.int64)
-    place = {int(number): k for k, number in enumerate(ids)}
-    frames = {node["properties"].get("frame", "") for node in nodes}
-    if len(frames) > 1:
-        raise InputError(path, f"found frames {sorted(map(str, frames))}, expected one", field="frame")
-    joined = np.array([(place[e["start"]], place[e["end"]]) for e in edges], dtype=np.int64).reshape(-1, 2)
-    return RouteGraph(
-        ids,
-        np.array([node["points"][0] for node in nodes]).reshape(-1, 2),
-        str(next(iter(frames), "")),
-        np.array([edge["id"] for edge in edges], dtype=np.int64),
-        joined,
-        np.array([_number(path, edge, "cost", float("nan")) for edge in edges]),
-    )
-
-
-def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
-    """Read what :func:`save_graph` has written; the map has the grid's place, all cells unknown.
-
-    Parameters
-    ----------
-    path
-        File name.
-
-    Raises
-    ------
-    InputError
-        Names the file and the feature, with what was found and what was expected.
-    """
-    from ..graph.tracing._prune_kernels import label_components
-
-    nodes, edges, data = _read(path)
-    grid: Any = data.get("grid")
-    try:
-        rows, columns = int(grid["rows"]), int(grid["columns"])
-        resolution_m, origin = float(grid["resolution_m"]), [float(value) for value in grid["origin"]]
-        if rows < 1 or columns < 1 or rows * columns > 2**28 or len(origin) != 3:
-            raise ValueError
-    except (TypeError, KeyError, ValueError, OverflowError) as error:
-        raise InputError(
-            path,
-            "found no grid of rows, columns, resolution_m and origin",
-            field="grid",
-            remedy="read route graphs of other programs with load_route_graph",
-        ) from error
-    map = OccupancyMap(np.full((rows, columns), -1, np.int8), resolution_m, (origin[0], origin[1], origin[2]))
-    node_m = np.array([node["points"][0] for node in nodes]).reshape(-1, 2)
-    cells = map.cell_from_world(node_m).astype(np.int32)
-    place = {node["id"]: k for k, node in enumerate(nodes)}
-    joined = np.array([(place[e["start"]], place[e["end"]]) for e in edges], dtype=np.int32).reshape(-1, 2)
-    paths = [map.cell_from_world(np.array(edge["points"])).astype(np.int32) for edge in edges]
-    every = [cells, *paths]
-    if not all(map.inside(part).all() for part in every):
-        raise InputError(path, "found a point outside its grid", field="coordinates")
-    component, components = label_components(len(nodes), joined)
-    start = np.concatenate([[0], np.cumsum([len(part) for part in paths])]).astype(np.int32)
-    path_cells = np.concatenate(paths) if paths else np.empty((0, 2), np.int32)
-    graph = NavigationGraph(
-        cells,
-        map.world_from_cell(cells),
-        joined,
-        np.array([_number(path, edge, "cost") for edge in edges]),
-        np.array([_number(path, edge, "length_m") for edge in edges]),
-        np.array([_number(path, edge, "clearance_m") for edge in edges]),
-        start,
-        path_cells,
-        component,
-        components,
-    )
-    return graph, map
-
-
-def _number(path: Path | str, edge: dict[str, Any], name: str, default: float | None = None) -> float:
-    properties = edge["properties"]
-    metadata = properties.get("metadata")
-    value = properties.get(name, metadata.get(name) if isinstance(metadata, dict) else None)
-    if value is None and default is not None:
-        return default
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(path, f"found {value!r}, expected a number", field=f"edge {edge['id']}: {name}")
-    return float(value)
-
-
-def _read(path: Path | str) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any]]:
-    """Nodes and edges of a file, each with id, points and properties, all references checked."""
-    path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(path, f"has {size} bytes, expected at most {MAX_BYTES}")
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"is not valid JSON: {error}") from error
-    features = data.get("features") if isinstance(data, dict) else None
-    if not isinstance(features, list):
-        raise InputError(path, "found no list of features, expected a GeoJSON FeatureCollection")
-    nodes: list[dict[str, Any]] = []
-    edges: list[dict[str, Any]] = []
-    for k, feature in enumerate(features):
-        where = f"feature {k + 1}"
-        try:
-            kind = feature["geometry"]["type"]
-            coordinates = feature["geometry"]["coordinates"]
-            properties = feature["properties"]
-            if kind == "Point":
-                points = [coordinates]
-            elif kind == "LineString":
-                points = coordinates
-            elif kind == "MultiLineString":
-                points = [point for line in coordinates for point in line]
-            else:
-                continue  # drawings may lie in the same file; the route server skips them too
-            found = {"id": _whole(properties["id"]), "properties": properties}
-            found["points"] = [(float(point[0]), float(point[1])) for point in points]
-            if kind != "Point":
-                found["start"] = _whole(properties["startid"])
-                found["end"] = _whole(properties["endid"])
-            if not np.isfinite(found["points"]).all() or not found["points"]:
-                raise ValueError("points that are not finite")
-        except (TypeError, KeyError, IndexError, ValueError, OverflowError) as error:
-            what = f"no {error}" if isinstance(error, KeyError) else str(error)
-            raise InputError(path, f"is not a node or edge of a route graph: {what}", field=where) from error
-        (nodes if kind == "Point" else edges).append(found)
-    known = {node["id"] for node in nodes}
-    if len(known) < len(nodes):
-        raise InputError(path, "found two nodes with the same id", field="id")
-    if len({edge["id"] for edge in edges}) < len(edges):
-        # Graphs drawn by hand have that, and the route server takes them.
-        _log.warning("%s: some edges have the same id", path)
-    for edge in edges:
-        for end in ("start", "end"):
-            if edge[end] not in known:
-                raise InputError(path, f"found no node {edge[end]}", field=f"edge {edge['id']}: {end}id")
-    return nodes, edges, data
-
-
-def _whole(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**32:
-        raise ValueError(f"id {value!r}, expected a whole number")
-    return value
