@@ -105,7 +105,7 @@ class _Builder:
         begin = np.full(1, start[0] * own.shape[1] + start[1], np.int32)
         cost = travel_field(
             np.where(reach, clearance, np.float32(0.0)), self.radius, self.slow, begin, np.zeros(1, np.int32),
-            np.zeros((0, 0), np.int32), none, none, 0, none,
+            np.zeros((0, 0), np.int16), none, none, 0, none,
         ).reshape(own.shape)  # fmt: skip
         beside = reach & free & (seeds >= 0) & (cost < FAR)
         names, which = np.unique(seeds[beside], return_inverse=True)

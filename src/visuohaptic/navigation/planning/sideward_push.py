@@ -209,7 +209,7 @@ def sideward_pushes(
         )
     )
     rng = rng if rng is not None else np.random.default_rng(0)
-    refined = []
+    refined: list[SidewardPush] = []
     for push in pushes[:REFINED]:
         if deadline is not None and refined and deadline.passed:
             break
