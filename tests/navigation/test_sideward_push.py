@@ -178,6 +178,6 @@ def test_the_file_says_how_an_object_is_pushed():
     (aside,) = objects_from_data({"objects": [{**entry, "push": "sideward"}]})
     assert aside.push is PushMode.SIDEWARD
     (known,) = objects_from_data({"objects": [{**entry, "pose_sigma": [0.002, 0.01]}]})
-    assert known.pose_sigma == (0.002, 0.01)
+    assert known.pose_sigma == pytest.approx((0.002, 0.01))
     with pytest.raises(InputError, match=r"push.*found 'under'.*direct.*sideward"):
         objects_from_data({"objects": [{**entry, "push": "under"}]})
