@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
@@ -66,7 +66,6 @@ class _Builder:
         import cv2
 
         from ._joint_kernels import free_object
-        from .search._travel_kernels import FAR, travel_field
 
         outline = grid_from_world(self.map, kind.outline_m)
         # Cells that the object denies are within the radius of it; what slows the robot on them, three radii on.
@@ -100,17 +99,34 @@ class _Builder:
         mine = parts == parts[tuple(start)]
         rows, columns = np.nonzero(mine)
         region = ((rows + corner[0]) * self.map.shape[1] + columns + corner[1]).astype(np.int32)
-        # 5 and 6: the path to a neighbour leads through the node's own region and over the border, not along it.
+        neighbours, drive_s = self._neighbours(narrow, clearance, mine, start)
+        row, column = (start + corner).tolist()
+        return JointNode(kind, number, (row, column), neighbours, drive_s, task_s, region, none)
+
+    def _neighbours(
+        self,
+        window: tuple[slice, slice],
+        clearance: Float32[np.ndarray, "r c"],
+        mine: Bool[np.ndarray, "r c"],
+        start: Int[np.ndarray, "2"],
+    ) -> tuple[Int32[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """Steps 5 to 7: nodes of the regions beside a node's own that it is worth an edge to, and their drives [s]."""
+        import cv2
+
+        from .search._travel_kernels import FAR, travel_field
+
+        # The path to a neighbour leads through the node's own region and over the border, not along it.
         reach = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        begin = np.full(1, start[0] * own.shape[1] + start[1], np.int32)
+        begin = np.full(1, start[0] * mine.shape[1] + start[1], np.int32)
+        none, seeds = np.zeros(0, np.int32), self.regions.seed[window]
         cost = travel_field(
             np.where(reach, clearance, np.float32(0.0)), self.radius, self.slow, begin, np.zeros(1, np.int32),
             np.zeros((0, 0), np.int16), none, none, 0, none,
-        ).reshape(own.shape)  # fmt: skip
-        beside = reach & free & (seeds >= 0) & (cost < FAR)
+        ).reshape(mine.shape)  # fmt: skip
+        beside = reach & (clearance >= self.radius) & (seeds >= 0) & (cost < FAR)
         names, which = np.unique(seeds[beside], return_inverse=True)
         drive_s = np.full(len(names), np.inf)
-        through_s = cost[beside] * self.unit_s + self.regions.potential[narrow][beside] * self.regions.unit_s
+        through_s = cost[beside] * self.unit_s + self.regions.potential[window][beside] * self.regions.unit_s
         np.minimum.at(drive_s, which, through_s)
         neighbours = np.searchsorted(self.seeds, names).astype(np.int32)
         # 7: of driving alone. What the task costs is for the search to weigh, and the figure of the text
@@ -122,8 +138,7 @@ class _Builder:
         shorter = drive_s[:, None] + drive_s < (1.0 - SIGNIFICANT) * around_s
         np.fill_diagonal(shorter, False)
         kept = shorter.any(axis=1)
-        row, column = (start + corner).tolist()
-        return JointNode(kind, number, (row, column), neighbours[kept], drive_s[kept], task_s, region, none)
+        return neighbours[kept], drive_s[kept]
 
     def _safety(self, kind: NodeType, number: int) -> JointNode:
         """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""
