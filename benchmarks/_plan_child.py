@@ -146,6 +146,7 @@ def problem_of(data: dict[str, Any]) -> Any:
                 falls=False,
                 explored=1,
             ),
+            pose_sigma=(0.0, 0.0),  # outlines are told as they are
         )
         for entry in data["objects"]
     )

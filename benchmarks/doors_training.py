@@ -4,9 +4,8 @@
 
 Floors, their truth and how they are counted are those of :mod:`benchmarks.doors_evidence`: even seeds and the real
 buildings for training. The printed table is of floors whose building was left out of the fit; ``--write`` stores the
-weights of the fit to all. A real opening counts as three generated ones, for real clutter is what worlds lack. The
-sign of a weight is known beforehand where the measure has a meaning; a fit without signs learns from generated
-buildings that clutter is straight, and fails on the real ones.
+weights of the fit to all. The sign of a weight is known beforehand where the measure has a meaning; a fit without
+signs learns from generated buildings that clutter is straight, and fails on the real ones.
 """
 
 from __future__ import annotations
@@ -21,13 +20,16 @@ import numpy as np
 import visuohaptic.navigation.mapping as mapping
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.mapping import (
-    DOOR_MEASURES,
     DoorSettings,
     DoorSpace,
     Opening,
     door_candidates,
+    door_probability,
+    doors_around,
+    room_pairs,
     select_doors,
 )
+from visuohaptic.navigation.mapping.door_openings import MEASURES
 
 from ._plan_judge import Row
 from .doors_evidence import floor, judged, real_names, table
@@ -38,8 +40,8 @@ __all__ = ["fit", "main"]
 
 TABLE = Path(mapping.__file__).with_name("door_weights.json")
 #: Sign of each weight; 0 where the measure has an optimum or the sign is open.
-SIGNS = dict(zip(DOOR_MEASURES, (0, -1, 1, 1, 1, 1, 1, -1, -1, 1, 1), strict=True))
-REAL_WEIGHT, RIDGE, FOLDS = 3.0, 1.0, 4
+SIGNS = (0, 1, 1, 1, 1, 1, -1, 1)
+RIDGE, FOLDS = 1.0, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +56,12 @@ class Labelled:
     weight: np.ndarray  #: (n,) 0 where nobody can say
     jambs_m: np.ndarray
     unclear_m: np.ndarray
+    rooms: list[tuple[int, int]]  #: that each opening joins
+
+    def with_rooms(self, weights: np.ndarray) -> np.ndarray:
+        """Measures, and the doors around each opening by the weights of the measures alone."""
+        measures = self.found[2]
+        return np.column_stack([measures, doors_around(self.rooms, door_probability(measures, weights))])
 
 
 def labelled(key: str, fold: str) -> Labelled:
@@ -67,8 +75,8 @@ def labelled(key: str, fold: str) -> Labelled:
     is_door[[i for i, _ in matched_places(middles, true_m)]] = True
     known = np.concatenate([true_m, unclear_m])
     far = np.hypot(*(middles[:, None] - known).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
-    weight = (is_door | (far > TOLERANCE_M)) * (REAL_WEIGHT if kind == "real" else 1.0)
-    return Labelled(fold, kind, grid, found, is_door, weight, jambs_m, unclear_m)
+    weight = (is_door | (far > TOLERANCE_M)).astype(np.float64)
+    return Labelled(fold, kind, grid, found, is_door, weight, jambs_m, unclear_m, room_pairs(*found[:2]))
 
 
 def fit(measures: np.ndarray, is_door: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -84,28 +92,26 @@ def fit(measures: np.ndarray, is_door: np.ndarray, weight: np.ndarray) -> np.nda
         value = weight @ (np.logaddexp(0, log_odds) - is_door * log_odds) + 0.5 * ridge @ at
         return float(value), design.T @ (weight * (1 / (1 + np.exp(-log_odds)) - is_door)) + ridge
 
-    bounds = [{1: (0, None), -1: (None, 0)}.get(SIGNS[name], (None, None)) for name in DOOR_MEASURES]
+    bounds = [{1: (0, None), -1: (None, 0)}.get(sign, (None, None)) for sign in SIGNS[: measures.shape[1]]]
     start = np.zeros(design.shape[1])
     best = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=[*bounds, (None, None)]).x
     return np.append(best[:-1] / std, best[-1] - best[:-1] @ (mean / std))
 
 
-def fit_to(floors: list[Labelled]) -> np.ndarray:
-    """The fit to all openings of some floors."""
-    measures = np.concatenate([one.found[2] for one in floors])
-    return fit(
-        measures, *(np.concatenate([getattr(one, k) for one in floors]) for k in ("is_door", "weight"))
-    )
+def fit_to(floors: list[Labelled]) -> tuple[np.ndarray, np.ndarray]:
+    """The fit to all openings of some floors, without and with the doors around."""
+    labels = [np.concatenate([getattr(one, k) for one in floors]) for k in ("is_door", "weight")]
+    by_shape = fit(np.concatenate([one.found[2] for one in floors]), *labels)
+    return by_shape, fit(np.concatenate([one.with_rooms(by_shape) for one in floors]), *labels)
 
 
 def left_out(floors: list[Labelled]) -> list[Row]:
     """Each floor with the weights of the other buildings, judged."""
     rows = []
     for one in floors:
-        weights = fit_to([other for other in floors if other.fold != one.fold])
-        space, openings, measures = one.found
-        confidence = 1 / (1 + np.exp(-(measures @ weights[:-1] + weights[-1])))
-        doors = select_doors(one.grid, space, openings, confidence, DoorSettings().min_confidence)
+        by_shape, in_plan = fit_to([other for other in floors if other.fold != one.fold])
+        confidence = door_probability(one.with_rooms(by_shape), in_plan)
+        doors = select_doors(one.grid, *one.found[:2], confidence, DoorSettings().min_confidence)
         rows.append({"kind": one.kind, "cpu_s": np.nan, **judged(doors, one.jambs_m, one.unclear_m)})
     return rows
 
@@ -127,7 +133,11 @@ def main(arguments: list[str] | None = None) -> None:
     rows = left_out(floors)
     for name, real in (("left out, real", True), ("left out, generated", False)):
         print_rows(table(name, [row for row in rows if (row["kind"] == "real") == real])[:-1])
-    weights = dict(zip((*DOOR_MEASURES, "constant"), fit_to(floors).round(3).tolist(), strict=True))
+    names = ("by_shape", (*MEASURES, "constant")), ("in_plan", (*MEASURES, "around", "constant"))
+    weights = {
+        name: dict(zip(measures, found.round(3).tolist(), strict=True))
+        for (name, measures), found in zip(names, fit_to(floors), strict=True)
+    }
     print(json.dumps(weights, indent=1))
     if given.write:
         TABLE.write_text(json.dumps(weights, indent=2) + "\n", encoding="utf-8")

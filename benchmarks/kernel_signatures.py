@@ -108,7 +108,6 @@ def run_graph() -> None:
     layers = grid_layers(OccupancyMap(cells, 0.1), SpeedLimits(0.2))
     graph = build_graph(layers, spacing_m=1.0)
     regions = assign_regions(layers, graph)
-    regions.path_to_node((5, 5))
     route_pieces(graph, layers)
     # Only where paths turn back is anything left to spread.
     queued = np.zeros(layers.step.size, np.uint8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks._push_loop import closed_loop
@@ -25,7 +27,7 @@ def follow(truth, estimated, rows):
 
 def test_the_object_is_found_where_it_is_although_the_model_was_wrong():
     estimated = PushModel.patch(BOX, 0.15)
-    truth = estimated.with_friction(0.35).with_centre_moved(0.02, -0.04)
+    truth = replace(estimated, contact_friction=0.35).with_centre_moved(0.02, -0.04)
     monitor, seen, path = follow(truth, estimated, 28)
     estimate = monitor.estimate()
     wrong = simulate_push(estimated, START, path[:28], RADIUS_M)

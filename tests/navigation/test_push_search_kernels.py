@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
-from visuohaptic.navigation.planning._joint_kernels import bounded_ways, cell_meets_polygon, free_object
+from visuohaptic.navigation.planning._joint_kernels import cell_meets_polygon, free_object
 from visuohaptic.navigation.planning.search._push_search_kernels import descend, free_push_length
 from visuohaptic.navigation.planning.search._travel_kernels import (
     FAR,
@@ -226,35 +226,3 @@ def test_an_object_leaves_neither_cells_nor_crumbs_and_takes_no_wall_along():
     free_object(occupied, outline, 0, 0)
     kept = [r for r in range(30) if not body.buffer(0.01).intersects(Point(21.5, r + 0.5))]
     assert occupied[kept, 21].all()
-
-
-def test_short_ways_in_a_graph_agree_with_scipy():
-    rng = np.random.default_rng(1)
-    n, m = 40, 90
-    ends = rng.integers(0, n, (m, 2))
-    costs = rng.uniform(1, 5, m)
-    source = np.concatenate([ends[:, 0], ends[:, 1]])
-    target = np.concatenate([ends[:, 1], ends[:, 0]])
-    order = source.argsort(kind="stable")
-    first = np.searchsorted(source[order], np.arange(n + 1))
-    edge = np.tile(np.arange(m), 2)[order]
-    matrix = np.full((n, n), np.inf)
-    for (a, b), cost in zip(ends, costs, strict=True):
-        matrix[a, b] = matrix[b, a] = min(matrix[a, b], cost)
-    expected = dijkstra(np.where(np.isfinite(matrix), matrix, 0.0), indices=0)
-    best = np.full(n, np.inf)
-    found = bounded_ways(
-        first,
-        target[order],
-        edge,
-        costs,
-        0,
-        np.arange(n),
-        8.0,
-        best,
-        np.zeros(2 * m + 2),
-        np.zeros(2 * m + 2, np.int64),
-    )
-    expected[expected > 8.0] = np.inf
-    assert np.allclose(found, expected)
-    assert np.isinf(best).all()

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
@@ -61,7 +59,6 @@ def test_potential_and_nodes_are_those_of_dijkstra():
         rows, columns = np.nonzero(reached)
         chosen_s = every[node[rows, columns], rows, columns]
         np.testing.assert_allclose(chosen_s, truth_s[reached], rtol=4e-4, atol=1e-6)
-        np.testing.assert_array_equal(regions.node_at(np.argwhere(reached)), node[reached])
         assert (node[~reached] == -1).all()
 
 
@@ -79,26 +76,3 @@ def test_ties_go_to_the_smaller_cell():
         component=np.zeros(2, np.int32),
     )
     assert assign_regions(layers, two).node.tolist() == [[0, 0, 0, 0, 1, 1, 1]]
-
-
-def test_the_way_down_the_potential_ends_at_the_node():
-    layers = grid_layers(random_map(np.random.default_rng(8)), SpeedLimits(0.1))
-    regions = assign_regions(layers, build_graph(layers))
-    node = regions.node
-    for cell in np.argwhere(node >= 0)[::17]:
-        path = regions.path_to_node(cell)
-        assert (path[0] == cell).all()
-        assert (path[-1] == regions.graph.node_cells[node[tuple(cell)]]).all()
-        assert (np.diff(regions.potential[path[:, 0], path[:, 1]]) < 0).all()
-        assert (node[path[:, 0], path[:, 1]] == node[tuple(cell)]).all()
-
-
-def test_a_cell_inside_a_wall_has_no_way():
-    cells = np.zeros((20, 20), np.int8)
-    cells[3, 3] = 100
-    layers = grid_layers(OccupancyMap(cells, 0.1), SpeedLimits(0.1))
-    regions = assign_regions(layers, build_graph(layers))
-    for cell in ((3, 3), (-1, 0), (0, 99)):
-        with pytest.raises(InputError, match="cannot be reached"):
-            regions.path_to_node(np.array(cell))
-    assert regions.node_at(np.array([[3, 3], [-1, 0], [0, 99]])).tolist() == [-1, -1, -1]

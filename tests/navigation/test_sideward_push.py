@@ -17,6 +17,7 @@ from visuohaptic.navigation.planning import (
 )
 from visuohaptic.navigation.planning.off_centre_rollouts import scene_of
 from visuohaptic.navigation.planning.search import build_search_domain
+from visuohaptic.navigation.planning.search.push_states import Deadline
 from visuohaptic.navigation.problem import (
     MovableObject,
     PlanningProblem,
@@ -107,6 +108,16 @@ def test_a_drive_of_which_nothing_could_be_simulated_is_no_safe_one(monkeypatch)
     assert all(push.failure_probability == 1.0 and push.end_covariance is None for push in pushes)
 
 
+def test_a_budget_that_is_spent_leaves_no_drive_to_simulate(monkeypatch):
+    simulated = []
+    monkeypatch.setattr(
+        "visuohaptic.navigation.planning.sideward_push.evaluate_push",
+        lambda scene, path: (simulated.append(path), evaluate_push(scene, path))[1],
+    )
+    assert sideward_pushes(scene_in(hall()), *ENDS, deadline=Deadline.after(-1.0)) == ()
+    assert not simulated
+
+
 def test_each_failure_has_its_name():
     scene = scene_in(hall())
 
@@ -166,5 +177,7 @@ def test_the_file_says_how_an_object_is_pushed():
     assert plain.push is PushMode.DIRECT
     (aside,) = objects_from_data({"objects": [{**entry, "push": "sideward"}]})
     assert aside.push is PushMode.SIDEWARD
+    (known,) = objects_from_data({"objects": [{**entry, "pose_sigma": [0.002, 0.01]}]})
+    assert known.pose_sigma == pytest.approx((0.002, 0.01))
     with pytest.raises(InputError, match=r"push.*found 'under'.*direct.*sideward"):
         objects_from_data({"objects": [{**entry, "push": "under"}]})

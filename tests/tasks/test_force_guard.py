@@ -14,7 +14,6 @@ from tests.tasks.block_robot import BlockRobot
 
 from visuohaptic.core import (
     ClockWatch,
-    DeviceError,
     FrameSource,
     Gripper,
     HapticTag,
@@ -26,7 +25,6 @@ from visuohaptic.core import (
     to_dict,
 )
 from visuohaptic.database import merge_tags
-from visuohaptic.navigation.planning import FollowLimits, PathFollower, drive_path
 from visuohaptic.navigation.problem import (
     MovableObject,
     PlanningProblem,
@@ -178,15 +176,6 @@ def test_a_slow_clock_does_not_stretch_a_time_out():
     done = go(robot, STOOL, timeout_s=4.0)
     assert done.outcome is TravelOutcome.TIMED_OUT
     assert len(robot.pressed) <= 201
-
-
-def test_a_path_is_not_followed_by_a_clock_that_stands_still():
-    robot = BlockRobot(8.0)
-    robot.clock_runs = False
-    robot.drive = lambda speed, turn: None
-    follower = PathFollower(np.array([[0.7, 1.4], [3.0, 1.4]]), FollowLimits(0.17, 0.3, 0.05))
-    with pytest.raises(DeviceError, match="clock stands"):
-        drive_path(robot, follower, robot.wait)
 
 
 def test_the_host_notices_what_the_periods_do_not():

@@ -16,7 +16,7 @@ from ...core.kernels import kernel
 from .tracing._path_kernels import longer
 from .tracing._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
-__all__ = ["UNREACHED", "descend", "diagonal", "spread"]
+__all__ = ["UNREACHED", "diagonal", "spread"]
 
 #: Potential of cells that no node is reached from.
 UNREACHED = np.int32(2**31 - 1)
@@ -260,45 +260,3 @@ def spread(
                     entries += 1
             now += 1
     return settled
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def descend(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, cell: int) -> np.ndarray:
-    """Cells (flat) from ``cell`` to its node, each the next of the cheapest path; ties by the smallest index.
-
-    Parameters
-    ----------
-    step, potential, seed
-        As of :func:`spread`.
-    cell
-        Flat index.
-    """
-    rows, columns = step.shape
-    flat_potential = potential.ravel()
-    flat_seed = seed.ravel()
-    flat_step = step.ravel()
-    path = np.empty(256, np.int32)
-    path[0] = cell
-    count = 1
-    while flat_potential[cell] > 0:
-        row, column = cell // columns, cell % columns
-        found = -1
-        for k in range(8):
-            r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-            if r < 0 or r >= rows or c < 0 or c >= columns:
-                continue
-            other = r * columns + c
-            if flat_step[other] == 0 or flat_seed[other] != flat_seed[cell]:
-                continue
-            cost = np.int64(flat_step[cell])
-            cost = cost if k & 1 == 0 else diagonal(cost)
-            if flat_potential[other] + cost == flat_potential[cell] and (found < 0 or other < found):
-                found = other
-        if found < 0:
-            break
-        cell = found
-        if count == len(path):
-            path = longer(path)
-        path[count] = cell
-        count += 1
-    return path[:count].copy()

@@ -62,18 +62,6 @@ class NavigationGraph:
         """
         return self.path_cells[self.path_start[edge] : self.path_start[edge + 1]]
 
-    def nearest_node(self, point_m: Float[np.ndarray, "2"]) -> int:
-        """The node at the smallest Euclidean distance; walls are not considered, see ``Regions`` for that.
-
-        Parameters
-        ----------
-        point_m
-            x, y [m], map frame.
-        """
-        if self.nodes == 0:
-            raise InputError("NavigationGraph", "has no nodes: the robot fits nowhere on this map")
-        return int(np.argmin(((self.node_m - np.asarray(point_m)) ** 2).sum(axis=1)))
-
 
 def build_graph(
     layers: GridLayers, *, stub_length_m: float | None = None, spacing_m: float | None = None

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int, Int32
 
-from ...core.errors import InputError
 from ..grid.cost_grid import GridLayers
 from .navigation_graph import NavigationGraph
 
@@ -33,7 +32,7 @@ class Regions:
     def node(self) -> Int32[np.ndarray, "rows columns"]:
         """Node of every cell, -1 where none can be reached.
 
-        Computed anew on every access: keep the result, or ask :meth:`node_at` for a few cells.
+        Computed anew on every access: keep the result.
         """
         number = np.full(self.seed.size + 1, -1, np.int32)  # the last for seed -1
         number[self._node_seeds()] = np.arange(self.graph.nodes)
@@ -48,42 +47,6 @@ class Regions:
         seconds = self.potential * np.float32(self.unit_s)
         seconds[self.seed < 0] = np.inf
         return seconds
-
-    def node_at(self, cells: Int[np.ndarray, "*batch 2"]) -> Int[np.ndarray, "*batch"]:
-        """Nodes that cells (row, column) belong to, -1 where none can be reached.
-
-        Parameters
-        ----------
-        cells
-            (row, column).
-        """
-        cells = np.asarray(cells)
-        inside = self.layers.map.inside(cells)
-        seeds = self.seed[np.where(inside, cells[..., 0], 0), np.where(inside, cells[..., 1], 0)]
-        found = np.searchsorted(self._node_seeds(), seeds)
-        return np.where(inside & (seeds >= 0), found, -1)
-
-    def path_to_node(self, cell: Int[np.ndarray, "2"]) -> Int32[np.ndarray, "k 2"]:
-        """Cells (row, column) from a cell to its node, down the potential.
-
-        Parameters
-        ----------
-        cell
-            (row, column).
-
-        Raises
-        ------
-        InputError
-            The cell is outside the map or no node can be reached from it.
-        """
-        from ._region_kernels import descend
-
-        row, column = (int(value) for value in np.asarray(cell))
-        rows, columns = self.seed.shape
-        if not (0 <= row < rows and 0 <= column < columns) or self.seed[row, column] < 0:
-            raise InputError("path_to_node", f"cell ({row}, {column}) cannot be reached by the robot")
-        path = descend(self.layers.step, self.potential, self.seed, row * columns + column)
-        return np.column_stack(np.divmod(path, columns)).astype(np.int32)
 
     def _node_seeds(self) -> Int[np.ndarray, "n"]:
         return self.graph.node_cells[:, 0].astype(np.int64) * self.seed.shape[1] + self.graph.node_cells[:, 1]

@@ -5,5 +5,4 @@ from .cost_grid import grid_layers as grid_layers
 from .cost_grid import window_distance as window_distance
 from .footprints import Footprint as Footprint
 from .footprints import FootprintSettings as FootprintSettings
-from .footprints import changed_cells as changed_cells
 from .footprints import find_footprints as find_footprints

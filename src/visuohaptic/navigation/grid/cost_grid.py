@@ -129,20 +129,9 @@ class GridLayers:
     def cost_s_per_m(self) -> Float32[np.ndarray, "rows columns"]:
         """Cost of driving on a cell [s/m], Eq. (4.1); infinite where it cannot be reached.
 
-        Computed anew on every access: keep the result, or ask :meth:`cost_at` for a few cells.
+        Computed anew on every access: keep the result.
         """
         return self.limits.cost_s_per_m(self.distance_m).astype(np.float32)
-
-    def cost_at(self, cells: np.ndarray) -> Float[np.ndarray, "*batch"]:
-        """Travel cost on cells [s/m].
-
-        Parameters
-        ----------
-        cells
-            (row, column).
-        """
-        cells = np.asarray(cells)
-        return self.limits.cost_s_per_m(self.distance_m[cells[..., 0], cells[..., 1]])
 
 
 def grid_layers(map: OccupancyMap, limits: SpeedLimits, *, unknown_is_free: bool = False) -> GridLayers:

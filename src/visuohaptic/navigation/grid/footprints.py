@@ -17,7 +17,7 @@ from ...core.geometry import polygon_area
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 
-__all__ = ["Footprint", "FootprintSettings", "changed_cells", "find_footprints"]
+__all__ = ["Footprint", "FootprintSettings", "find_footprints"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def find_footprints(
         Sizes and distances.
     among
         Only cells marked here make regions, for instance those that were not
-        there in an older map, see :func:`changed_cells`.
+        there in an older map.
 
     Examples
     --------
@@ -106,26 +106,6 @@ def find_footprints(
         if footprint is not None:
             found.append(footprint)
     return tuple(sorted(found, key=lambda footprint: -footprint.size_m[0] * footprint.size_m[1]))
-
-
-def changed_cells(
-    before: OccupancyMap, after: OccupancyMap, *, apart_m: float = 0.1
-) -> Bool[np.ndarray, "rows columns"]:
-    """Cells of ``after`` that are occupied where ``before`` was free, farther than ``apart_m`` from its walls.
-
-    Parameters
-    ----------
-    before, after
-        Two maps of one place on the same grid.
-    apart_m
-        Minimum distance from the walls of ``before`` [m].
-    """
-    from scipy import ndimage
-
-    rows, columns = np.indices(after.shape)
-    old = before.value_at(after.world_from_cell(np.stack([rows, columns], axis=-1)))
-    near = ndimage.distance_transform_edt(old < 50) * after.resolution_m <= apart_m
-    return np.asarray((after.cells >= 50) & (old == 0) & ~near)
 
 
 def _disc(radius: int) -> Bool[np.ndarray, "n n"]:

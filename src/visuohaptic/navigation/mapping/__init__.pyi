@@ -4,12 +4,14 @@ from .door_openings import Opening as Opening
 from .door_openings import free_space as free_space
 from .door_openings import measure as measure
 from .door_openings import narrow_places as narrow_places
-from .doors import DOOR_MEASURES as DOOR_MEASURES
 from .doors import Door as Door
 from .doors import DoorMap as DoorMap
 from .doors import DoorSettings as DoorSettings
 from .doors import door_candidates as door_candidates
+from .doors import door_probability as door_probability
+from .doors import doors_around as doors_around
 from .doors import find_doors as find_doors
+from .doors import room_pairs as room_pairs
 from .doors import select_doors as select_doors
 from .haptic_map import HapticContact as HapticContact
 from .haptic_map import HapticMap as HapticMap

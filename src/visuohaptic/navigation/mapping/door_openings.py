@@ -20,13 +20,11 @@ __all__ = ["MEASURES", "DoorSpace", "Opening", "free_space", "measure", "narrow_
 #: Names of the measures of an opening, in the order of :attr:`Opening.measures`: log-ratios, metres and radians.
 MEASURES = (
     "width",  #: log of the width over a single door's
-    "double",  #: the same above 1.3 single doors, where double doors begin
     "clearance_m",  #: clearance within 2 m on the tighter side, above half the width
-    "recess",  #: log of how far opposite jambs step back on the two sides
+    "recess",  #: log of how far opposite jambs step back on the two sides [m]
+    "end",  #: the same of one jamb on both sides: the end of a wall
     "wall",  #: log of the extent of the smaller wall at a jamb, without gaps [m]
-    "smaller_wall",  #: the same, gaps of two cells bridged
-    "larger_wall",
-    "thickness_m",  #: of the thinner wall beside the opening
+    "bridged_wall",  #: the same, gaps of scans bridged
     "turn_rad",  #: against the directions of the building's walls
 )
 
@@ -51,7 +49,8 @@ class DoorSpace:
 
     resolution_m: float
     free: Bool[np.ndarray, "rows columns"]  #: without lone furniture, gaps below ``CLOSED_GAP_M`` closed
-    #: diagonal of the wall at each cell, as it is and with the gaps of scans bridged
+    #: diagonal of what is not free at each cell, as it is and with the gaps of scans bridged: walls of lasers are
+    #: dashed lines of occupied cells with unknown ones between and behind
     extent_m: tuple[Float32[np.ndarray, "rows columns"], ...]
     direction_rad: float  #: of the walls, modulo 90 degrees, in the grid
 
@@ -62,7 +61,7 @@ class Opening:
 
     jambs: Float[np.ndarray, "2 2"]
     width_m: float
-    measures: Float[np.ndarray, "9"]  #: see :data:`MEASURES`
+    measures: Float[np.ndarray, "7"]  #: see :data:`MEASURES`
 
     @property
     def middle(self) -> Float[np.ndarray, "2"]:
@@ -105,7 +104,7 @@ def free_space(grid: OccupancyMap) -> DoorSpace:
     small[0] = False
     blocked = wall | (unknown & ~small[patches])
     free = without_gaps(~blocked, CLOSED_GAP_M, r)
-    extent_m = tuple(_extent_m(occupied, gap_m, r) for gap_m in (0.0, _BRIDGED_M))
+    extent_m = tuple(_extent_m(~grid.free, gap_m, r) for gap_m in (0.0, _BRIDGED_M))
     return DoorSpace(r, free, extent_m, _wall_direction(occupied))
 
 
@@ -197,30 +196,21 @@ def measure(space: DoorSpace, place: Int[np.ndarray, "2"]) -> Opening | None:
         np.array([[_free_length(free, middle + t * n, s * u, r) for s in (-1, 1)] for t in side]).max(axis=0)
         for side in ([0], depth, -depth)
     )
-    recess = np.minimum(front - here, (back - here)[::-1]).max()
+    recess, end = (np.minimum(front - here, other).max() for other in ((back - here)[::-1], back - here))
     width, half = np.log(max(width_m, r) / SINGLE_WIDTH_M), max(0.5 * width_m, 0.1)
     turn = np.arctan2(u[0], u[1]) - space.direction_rad
-    (wall, _), (smaller, larger) = (_wall_extents(extent, jambs) for extent in space.extent_m)
+    ends = [_window(free.shape, jamb, 2) for jamb in jambs]
+    wall, bridged = (min(float(extent[end].max()) for end in ends) for extent in space.extent_m)
     measures = [
         width,
-        max(width - 0.25, 0.0),
         min(_widening(free, middle, n, r), 2.5 * half) - half,
         np.log(max(recess, 0.03)),
+        np.log(max(end, 0.03)),
         np.log(np.clip(wall, r, 6.0)),
-        np.log(np.clip(smaller, r, 6.0)),
-        np.log(np.clip(larger, r, 10.0)),
-        min(*(_thickness(free, jamb, s * u, n, r) for jamb, s in zip(jambs, (-1, 1), strict=True)), 1.0),
+        np.log(np.clip(bridged, r, 6.0)),
         min(abs((turn + np.pi / 4) % (np.pi / 2) - np.pi / 4), 0.5),
     ]
     return Opening(jambs, width_m, np.array(measures, dtype=np.float64))
-
-
-def _wall_extents(
-    extent_m: Float32[np.ndarray, "rows columns"], jambs: Float[np.ndarray, "2 2"]
-) -> tuple[float, float]:
-    """Extents of the walls within two cells of the jambs, the smaller first [m]."""
-    smaller, larger = sorted(float(extent_m[_window(extent_m.shape, jamb, 2)].max()) for jamb in jambs)
-    return smaller, larger
 
 
 def _window(shape: tuple[int, ...], place: np.ndarray, reach: int) -> tuple[slice, slice]:
@@ -289,19 +279,3 @@ def _widening(free: np.ndarray, middle: np.ndarray, passage: np.ndarray, resolut
             float(clearance[: stops[0]].max(initial=0.0) if len(stops) else clearance.max(initial=0.0))
         )
     return min(best) * resolution_m
-
-
-def _thickness(free: np.ndarray, jamb: np.ndarray, away: np.ndarray, passage: np.ndarray, r: float) -> float:
-    """Thickness of what stands beside the opening, looked at up to 0.45 m from the jamb [m]."""
-    reach = round(1.0 / r)
-    steps = np.arange(-reach, reach + 1)
-    thinnest = 2.0
-    for aside_m in (0.15, 0.25, 0.35, 0.45):
-        blocked = ~_look(free, jamb + aside_m / r * away + steps[:, None] * passage)
-        if not blocked[reach - round(0.15 / r) : reach + round(0.15 / r) + 1].any():
-            continue
-        open_steps = steps[~blocked]
-        above, below = open_steps[open_steps > 0], open_steps[open_steps < 0]
-        if len(above) and len(below):
-            thinnest = min(thinnest, float(above[0] - below[-1]) * r)
-    return thinnest

@@ -1,8 +1,10 @@
 """Doors from the geometry of a map: gaps of door width in walls, with a room on either side.
 
 The narrow places of the map (:mod:`.door_openings`) are measured, and closed all at once to see what rooms they
-separate. The log-odds that one is a door are a weighted sum of the measures: logistic regression on generated and
-real buildings, whose weights ``python -m benchmarks.doors_training`` writes to ``door_weights.json``.
+separate. The log-odds that one is a door are a weighted sum of the measures; from these a path around each opening
+is found on which the likeliest door is least likely, and weighed in a second sum: what stands in a room is passed on
+another side, a door is not. Both sums are logistic regressions on generated and real buildings, whose weights
+``python -m benchmarks.doors_training`` writes to ``door_weights.json``.
 
 What a map cannot show: a closed door is wall, and whether an opening has a
 wing. Openings between rooms are reported, with or without wing.
@@ -25,7 +27,6 @@ from .door_openings import (
     MEASURES,
     DoorSpace,
     Opening,
-    distance_cells,
     free_space,
     measure,
     narrow_places,
@@ -33,18 +34,16 @@ from .door_openings import (
 )
 
 __all__ = [
-    "DOOR_MEASURES",
     "Door",
     "DoorMap",
     "DoorSettings",
     "door_candidates",
+    "door_probability",
+    "doors_around",
     "find_doors",
+    "room_pairs",
     "select_doors",
 ]
-
-#: Names of the measures of a candidate: those of the opening, and the radius of the largest free circle (m) in the
-#: smaller and the larger of the rooms behind it.
-DOOR_MEASURES = (*MEASURES, "smaller_room_m", "larger_room_m")
 
 #: Rooms smaller than this (m^2) have no number.
 _ROOM_M2 = 0.8
@@ -61,8 +60,8 @@ class DoorSettings:
     #: between the jambs; a door of 0.7 m keeps half a metre between walls that noise has thickened
     narrowest_m: float = field(default=0.42, metadata=POSITIVE)
     widest_m: float = 2.0
-    #: from 0.4 on, less than 0.8 of the drawn doors of the training floors are found
-    min_confidence: float = field(default=0.3, metadata=within(0, 1))
+    #: on buildings left out of the training, recall and precision are alike there
+    min_confidence: float = field(default=0.45, metadata=within(0, 1))
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -133,9 +132,58 @@ def find_doors(grid: OccupancyMap, settings: DoorSettings | None = None) -> Door
     """
     settings = settings or DoorSettings()
     space, openings, measures = door_candidates(grid, settings)
-    weights = _weights()
-    log_odds = measures @ [weights[name] for name in DOOR_MEASURES] + weights["constant"]
-    return select_doors(grid, space, openings, 1.0 / (1.0 + np.exp(-log_odds)), settings.min_confidence)
+    by_shape, in_plan = _weights()
+    around = doors_around(room_pairs(space, openings), door_probability(measures, by_shape))
+    confidence = door_probability(np.column_stack([measures, around]), in_plan)
+    return select_doors(grid, space, openings, confidence, settings.min_confidence)
+
+
+def door_probability(
+    measures: Float[np.ndarray, "openings measures"], weights: Float[np.ndarray, "measures+1"]
+) -> Float[np.ndarray, "openings"]:
+    """Probability that each opening is a door, 0..1.
+
+    Parameters
+    ----------
+    measures
+        Of each opening.
+    weights
+        Of each measure, and the constant.
+    """
+    return np.asarray(1.0 / (1.0 + np.exp(-(measures @ weights[:-1] + weights[-1]))))
+
+
+def doors_around(
+    rooms: list[tuple[int, int]], probability: Float[np.ndarray, "openings"]
+) -> Float[np.ndarray, "openings"]:
+    """Probability of the likeliest door on the path around each opening where that is least; 1 where there is no path.
+
+    Edges of a minimum spanning tree are counted as without a path around: any other is at least as much of a door.
+
+    Parameters
+    ----------
+    rooms
+        Numbers of the two rooms that each opening joins, all openings closed; 0 where none is known.
+    probability
+        That each opening is a door.
+    """
+    found = np.ones(len(rooms))
+    tree: dict[int, list[tuple[int, float]]] = {}
+    for k in np.argsort(probability, kind="stable").tolist():
+        first, second = rooms[k]
+        likeliest, waiting = {first: 0.0}, [first]
+        while waiting:
+            here = waiting.pop()
+            for there, door in tree.get(here, ()):
+                if there not in likeliest:
+                    likeliest[there] = max(likeliest[here], door)
+                    waiting.append(there)
+        if second in likeliest and first:
+            found[k] = likeliest[second]
+        elif first and second:
+            tree.setdefault(first, []).append((second, float(probability[k])))
+            tree.setdefault(second, []).append((first, float(probability[k])))
+    return found
 
 
 def select_doors(
@@ -175,7 +223,7 @@ def select_doors(
 def door_candidates(
     grid: OccupancyMap, settings: DoorSettings
 ) -> tuple[DoorSpace, list[Opening], Float[np.ndarray, "openings measures"]]:
-    """Openings of door width, and their measures (:data:`DOOR_MEASURES`).
+    """Openings of door width, and their measures (``MEASURES`` of :mod:`.door_openings`).
 
     Parameters
     ----------
@@ -192,15 +240,16 @@ def door_candidates(
     space = free_space(grid)
     found = [measure(space, place) for place in narrow_places(space, settings.widest_m)]
     openings = [o for o in found if o is not None and settings.narrowest_m <= o.width_m <= settings.widest_m]
-    rows = [[*o.measures, *room_m] for o, room_m in zip(openings, _rooms_m(space, openings), strict=True)]
-    return space, openings, np.array(rows, dtype=np.float64).reshape(-1, len(DOOR_MEASURES))
+    return space, openings, np.array([o.measures for o in openings]).reshape(-1, len(MEASURES))
 
 
 @cache
-def _weights() -> dict[str, float]:
-    """Weight of each measure, and the constant."""
-    text = (resources.files(__package__) / "door_weights.json").read_text(encoding="utf-8")
-    return {name: float(weight) for name, weight in json.loads(text).items()}
+def _weights() -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n"]]:
+    """Weights of the measures and the constant, without and with the doors around."""
+    weights = json.loads((resources.files(__package__) / "door_weights.json").read_text(encoding="utf-8"))
+    shape, plan = ([*MEASURES, *more, "constant"] for more in ((), ("around",)))
+    by_shape = np.array([weights["by_shape"][name] for name in shape], dtype=np.float64)
+    return by_shape, np.array([weights["in_plan"][name] for name in plan], dtype=np.float64)
 
 
 def _line(shape: tuple[int, ...], opening: Opening) -> Bool[np.ndarray, "rows columns"]:
@@ -213,33 +262,27 @@ def _line(shape: tuple[int, ...], opening: Opening) -> Bool[np.ndarray, "rows co
     return mask > 0
 
 
-def _rooms(
-    space: DoorSpace, openings: list[Opening], gap_m: float = 0.0
-) -> tuple[Int32[np.ndarray, "rows columns"], int]:
-    """Number of the room at each free cell with openings and smaller gaps closed, and the number of rooms."""
-    from scipy import ndimage
-
+def _closed(space: DoorSpace, openings: list[Opening]) -> Bool[np.ndarray, "rows columns"]:
+    """Free cells with some openings closed."""
     free = space.free.copy()
     for opening in openings:
         free &= ~_line(free.shape, opening)
-    rooms, count = ndimage.label(without_gaps(free, gap_m, space.resolution_m) if gap_m else free)
-    return rooms, int(count)
+    return free
 
 
-def _rooms_m(space: DoorSpace, openings: list[Opening]) -> list[tuple[float, float]]:
-    """Radius of the largest free circle on either side, the smaller first, with all openings closed [m].
+def room_pairs(space: DoorSpace, openings: list[Opening]) -> list[tuple[int, int]]:
+    """Numbers of the two rooms that each opening joins, all openings closed; 0 where none is known.
 
-    All at once, because a room with two doors is separated only when both are closed.
+    Parameters
+    ----------
+    space, openings
+        From :func:`door_candidates`.
     """
     from scipy import ndimage
 
-    rooms, count = _rooms(space, openings)
-    radius = ndimage.maximum(distance_cells(rooms > 0), rooms, np.arange(count + 1)) * space.resolution_m
-    pairs = [
-        sorted(float(radius[_room_at(rooms, o, sign, space.resolution_m)]) for sign in (1.0, -1.0))
-        for o in openings
-    ]
-    return [(min(smaller, 1.2), min(larger, 2.0)) for smaller, larger in pairs]
+    rooms, _ = ndimage.label(_closed(space, openings))
+    first, second = ([_room_at(rooms, o, sign, space.resolution_m) for o in openings] for sign in (-1.0, 1.0))
+    return list(zip(first, second, strict=True))
 
 
 def _room_at(rooms: np.ndarray, opening: Opening, sign: float, resolution_m: float) -> int:
@@ -257,7 +300,10 @@ def _with_rooms(
     taken: list[tuple[Opening, float]],
 ) -> DoorMap:
     """Number the rooms, and tell of each door which it joins."""
-    rooms, count = _rooms(space, [opening for opening, _ in taken], _ROOM_GAP_M)
+    from scipy import ndimage
+
+    free = _closed(space, [opening for opening, _ in taken])
+    rooms, count = ndimage.label(without_gaps(free, _ROOM_GAP_M, space.resolution_m))
     area = np.bincount(rooms.ravel(), minlength=count + 1) * space.resolution_m**2
     good = area >= _ROOM_M2
     good[0] = False

@@ -206,22 +206,6 @@ class HapticMap:
             _update(self.static[window], np.minimum(occupancy, 0.0), self.rate * trust)
         self.contacts += 1
 
-    def forget_movable(self, outline_m: Float[np.ndarray, "p 2"]) -> None:
-        """Clear the movable layer inside a polygon, from which an object was pushed away.
-
-        Parameters
-        ----------
-        outline_m
-            Corners x, y [m], map frame.
-        """
-        from shapely import Polygon, contains_xy
-
-        rows, columns = self.static.shape
-        x = self.origin_m[0] + (np.arange(columns) + 0.5) * self.resolution_m
-        y = self.origin_m[1] + (np.arange(rows) + 0.5) * self.resolution_m
-        inside = contains_xy(Polygon(outline_m), *np.meshgrid(x, y))
-        self.movable[np.asarray(inside)] = 0.0
-
     def value_at(
         self, points_m: Float[np.ndarray, "*n 2"], *, movable: bool = False
     ) -> Float[np.ndarray, "*n"]:

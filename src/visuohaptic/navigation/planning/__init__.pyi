@@ -1,13 +1,11 @@
 from .joint_builder import extend_graph as extend_graph
 from .joint_graph import JointGraph as JointGraph
 from .joint_graph import JointNode as JointNode
-from .joint_graph import JointPath as JointPath
 from .joint_graph import NodeType as NodeType
 from .off_centre_push import OffCentrePush as OffCentrePush
 from .off_centre_push import plan_off_centre_pushes as plan_off_centre_pushes
 from .path_follower import FollowLimits as FollowLimits
 from .path_follower import PathFollower as PathFollower
-from .path_follower import drive_path as drive_path
 from .planner import assemble as assemble
 from .planner import plan_in_domain as plan_in_domain
 from .policies import alternatives as alternatives

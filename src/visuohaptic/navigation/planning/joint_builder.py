@@ -6,20 +6,19 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
-from ..grid.cost_grid import OBSTACLE_FROM
+from ..grid.cost_grid import OBSTACLE_FROM, window_distance
 from ..problem.planning_problem import RobotModel
-from .joint_graph import JointGraph, JointNode, NodeType, adjacency
+from .joint_graph import JointGraph, JointNode, NodeType, costs_between
 from .search.search_domain import grid_from_world
 
 __all__ = ["extend_graph"]
 
 #: Step 7: an edge stays when it shortens the path between two neighbours by at least this fraction.
 SIGNIFICANT = 0.05
-#: Neighbours of one node, at most.
-MAX_NEIGHBOURS = 64
 
 
 def extend_graph(
@@ -59,48 +58,87 @@ class _Builder:
         self.unit_s = self.map.resolution_m / robot.v_max_m_s / UNITS
         columns = self.map.shape[1]
         self.seeds = visual.node_cells[:, 0].astype(np.int64) * columns + visual.node_cells[:, 1]
-        self.first, self.ends, self.edges = adjacency(visual.edges, visual.nodes)
-        self.best = np.full(visual.nodes, np.inf)
-        self.heap_cost = np.zeros(2 * len(visual.edges) + 2)
-        self.heap_node = np.zeros(2 * len(visual.edges) + 2, dtype=np.int64)
 
     def node(self, kind: NodeType, number: int) -> JointNode:
         """Steps 1 to 7 for one object."""
         if not kind.in_map:
             return self._safety(kind, number)
-        from ._node_kernels import node_in_window, useful_neighbours
+        import cv2
+
+        from ._joint_kernels import free_object
 
         outline = grid_from_world(self.map, kind.outline_m)
         # Cells that the object denies are within the radius of it; what slows the robot on them, three radii on.
         margin = self.radius + 3.0
-        low, high = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
-        wide = self._window(low, high, margin + 3.0 * self.radius)
+        wide, narrow = (self._window(outline, reach) for reach in (margin + 3.0 * self.radius, margin))
         task_s = kind.task_s(self.robot)
         none = np.zeros(0, np.int32)
         nothing = JointNode(kind, number, (-1, -1), none, np.zeros(0), task_s, none, none)
-        if wide[1] <= wide[0] or wide[3] <= wide[2]:
+        part, seeds = self.map.cells[wide], self.regions.seed[narrow]
+        if not part.size:
             return nothing
-        narrow = self._window(low, high, margin)
-        start, region, names, costs = node_in_window(  # 1 to 6
-            self.map.cells, OBSTACLE_FROM, not self.regions.layers.unknown_is_free, outline, wide, narrow,
-            self.radius, self.slow, self.regions.seed, self.regions.potential,
-            self.regions.unit_s / self.unit_s, MAX_NEIGHBOURS,
-        )  # fmt: skip
-        if start < 0:
+        # 1 and 2: distances when the object is gone.
+        unknown_blocks = not self.regions.layers.unknown_is_free
+        occupied = (part >= OBSTACLE_FROM) | (unknown_blocks & (part < 0))
+        free_object(occupied, outline, wide[0].start, wide[1].start)
+        distance = window_distance(occupied, wide, self.map.shape, outside_blocks=unknown_blocks)
+        (i0, i1), (j0, j1) = (
+            (n.start - w.start, n.stop - w.start) for n, w in zip(narrow, wide, strict=True)
+        )
+        clearance = distance[i0:i1, j0:j1]
+        # 3 and 4: the node is nearest to the object's middle, its region what hangs together with it.
+        free = clearance >= self.radius
+        own = free & (seeds < 0)
+        if not own.any():
             return nothing
-        neighbours = np.searchsorted(self.seeds, names)
-        drive_s = costs * self.unit_s
+        corner = np.array([narrow[0].start, narrow[1].start])
+        cells = np.argwhere(own) + corner
+        middle = 0.5 * (outline.min(axis=0) + outline.max(axis=0))[::-1]
+        start = cells[int(((cells + 0.5 - middle) ** 2).sum(axis=1).argmin())] - corner
+        parts = cv2.connectedComponents(own.astype(np.uint8), connectivity=8)[1]
+        mine = parts == parts[tuple(start)]
+        rows, columns = np.nonzero(mine)
+        region = ((rows + corner[0]) * self.map.shape[1] + columns + corner[1]).astype(np.int32)
+        neighbours, drive_s = self._neighbours(narrow, clearance, mine, start)
+        row, column = (start + corner).tolist()
+        return JointNode(kind, number, (row, column), neighbours, drive_s, task_s, region, none)
+
+    def _neighbours(
+        self,
+        window: tuple[slice, slice],
+        clearance: Float32[np.ndarray, "r c"],
+        mine: Bool[np.ndarray, "r c"],
+        start: Int[np.ndarray, "2"],
+    ) -> tuple[Int32[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """Steps 5 to 7: nodes of the regions beside a node's own that it is worth an edge to, and their drives [s]."""
+        import cv2
+
+        from .search._travel_kernels import FAR, travel_field
+
+        # The path to a neighbour leads through the node's own region and over the border, not along it.
+        reach = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        begin = np.full(1, start[0] * mine.shape[1] + start[1], np.int32)
+        none, seeds = np.zeros(0, np.int32), self.regions.seed[window]
+        cost = travel_field(
+            np.where(reach, clearance, np.float32(0.0)), self.radius, self.slow, begin, np.zeros(1, np.int32),
+            np.zeros((0, 0), np.int16), none, none, 0, none,
+        ).reshape(mine.shape)  # fmt: skip
+        beside = reach & (clearance >= self.radius) & (seeds >= 0) & (cost < FAR)
+        names, which = np.unique(seeds[beside], return_inverse=True)
+        drive_s = np.full(len(names), np.inf)
+        through_s = cost[beside] * self.unit_s + self.regions.potential[window][beside] * self.regions.unit_s
+        np.minimum.at(drive_s, which, through_s)
+        neighbours = np.searchsorted(self.seeds, names).astype(np.int32)
         # 7: of driving alone. What the task costs is for the search to weigh, and the figure of the text
         # shows nodes whose edges no plan would take.
-        kept = useful_neighbours(
-            self.first, self.ends, self.edges, self.visual.edge_cost_s, neighbours, drive_s, SIGNIFICANT,
-            self.best, self.heap_cost, self.heap_node,
+        around_s = costs_between(
+            self.visual.edges, self.visual.edge_cost_s, self.visual.nodes, neighbours,
+            limit_s=2.0 * (1.0 + SIGNIFICANT) * float(drive_s.max(initial=0.0)),
         )  # fmt: skip
-        row, column = divmod(int(start), narrow[3] - narrow[2])
-        return JointNode(
-            kind, number, (row + narrow[0], column + narrow[2]), neighbours[kept].astype(np.int32),
-            drive_s[kept], task_s, region, none,
-        )  # fmt: skip
+        shorter = drive_s[:, None] + drive_s < (1.0 - SIGNIFICANT) * around_s
+        np.fill_diagonal(shorter, False)
+        kept = shorter.any(axis=1)
+        return neighbours[kept], drive_s[kept]
 
     def _safety(self, kind: NodeType, number: int) -> JointNode:
         """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""
@@ -138,12 +176,11 @@ class _Builder:
             kind, number, (int(centre[1]), int(centre[0])), touching, drive_s, task_s, cells, closed
         )
 
-    def _window(self, low: list[float], high: list[float], margin: float) -> tuple[int, int, int, int]:
-        """First and past-the-last row, first and past-the-last column of a window about a box (x, y)."""
-        rows, columns = self.map.shape
-        return (
-            max(math.floor(low[1] - margin), 0),
-            min(math.ceil(high[1] + margin) + 1, rows),
-            max(math.floor(low[0] - margin), 0),
-            min(math.ceil(high[0] + margin) + 1, columns),
+    def _window(self, outline: Float[np.ndarray, "p 2"], margin: float) -> tuple[slice, slice]:
+        """Rows and columns of the map about an outline (x, y)."""
+        low, high = outline.min(axis=0)[::-1], outline.max(axis=0)[::-1]
+        first, last = (
+            slice(min(max(math.floor(a - margin), 0), size), max(min(math.ceil(b + margin) + 1, size), 0))
+            for a, b, size in zip(low, high, self.map.shape, strict=True)
         )
+        return first, last

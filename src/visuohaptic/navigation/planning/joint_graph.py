@@ -6,9 +6,7 @@ class: see :class:`NodeType`, and ``node_types.py`` for those that there are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -19,10 +17,7 @@ from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
 from ..problem.planning_problem import RobotModel
 
-__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType"]
-
-#: First entry of every node, and by entry: the other end, the edge; by edge: its cost.
-_Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+__all__ = ["JointGraph", "JointNode", "NodeType", "costs_between"]
 
 
 class NodeType(Protocol):
@@ -82,15 +77,6 @@ class JointNode:
         return self.drive_s + 0.5 * self.task_s
 
 
-@dataclass(frozen=True, slots=True)
-class JointPath:
-    """A path through the joint graph."""
-
-    nodes: tuple[int, ...]  #: visual nodes first by number, then joint nodes
-    cost_s: float
-    added: tuple[str, ...]  #: ids of the joint nodes on it
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class JointGraph:
     """The visual graph, its regions, and the nodes that were added."""
@@ -99,7 +85,6 @@ class JointGraph:
     regions: Regions
     robot: RobotModel
     added: tuple[JointNode, ...] = ()
-    _scratch: dict[bool, _Rows] = field(default_factory=dict, repr=False)
 
     def node(self, id: str) -> JointNode:
         """The added node of an object.
@@ -120,55 +105,6 @@ class JointGraph:
         names = ", ".join(node.kind.id for node in self.added) or "none"
         raise InputError("JointGraph", f"has no node '{id}', there are: {names}")
 
-    def without(self, id: str) -> JointGraph:
-        """The graph without a node, for instance of an obstacle that was not confirmed.
-
-        Parameters
-        ----------
-        id
-            Id of the object.
-        """
-        self.node(id)
-        return replace(self, added=tuple(node for node in self.added if node.kind.id != id), _scratch={})
-
-    def failed(self, id: str) -> JointGraph:
-        """The graph after a failure: the edges of the node cost infinitely much.
-
-        Parameters
-        ----------
-        id
-            Id of the object.
-        """
-        return self._with_task(id, float("inf"))
-
-    def cleared(self, id: str) -> JointGraph:
-        """The graph after a success: the node becomes one of navigation, its edges lose half the task each.
-
-        Parameters
-        ----------
-        id
-            Id of the object.
-        """
-        return self._with_task(id, 0.0)
-
-    def _worth(
-        self, left: dict[str, tuple[float, np.ndarray]], at: Float[np.ndarray, "2"], id: str
-    ) -> tuple[bool, float]:
-        """What exploring next is worth: opening something separate above all, then gain per path length."""
-        gain_s, centre = left[id]
-        way_s = float(np.hypot(*(centre - at))) / self.robot.v_max_m_s
-        if not np.isfinite(gain_s):
-            return True, 1.0 / (way_s + 1.0)
-        return False, (gain_s + 1.0) / (way_s + 1.0)
-
-    def _with_task(self, id: str, task_s: float) -> JointGraph:
-        self.node(id)
-        return replace(
-            self,
-            added=tuple(replace(node, task_s=task_s) if node.kind.id == id else node for node in self.added),
-            _scratch={},
-        )
-
     def edges(self) -> tuple[Int32[np.ndarray, "m 2"], Float[np.ndarray, "m"]]:
         """All edges with costs: the visual ones in their order, those through safety regions infinite, then added ones."""
         cost = self.visual.edge_cost_s.copy()
@@ -183,48 +119,6 @@ class JointGraph:
             costs.append(node.edge_s)
         return np.concatenate(ends).astype(np.int32), np.concatenate(costs)
 
-    def shortest(self, start: int, goal: int, *, visual_only: bool = False) -> JointPath:
-        """Cheapest path between two nodes by Dijkstra; infinite cost and no nodes when there is none.
-
-        Parameters
-        ----------
-        start, goal
-            Indices of the nodes.
-        visual_only
-            Whether added nodes are left out.
-        """
-        from heapq import heappop, heappush
-
-        first, ends, edges, costs = self._csr(visual_only)
-        best = {start: 0.0}
-        came: dict[int, int] = {}
-        queue = [(0.0, start)]
-        while queue:
-            cost, node = heappop(queue)
-            if node == goal:
-                break
-            if cost > best[node]:
-                continue
-            for k in range(first[node], first[node + 1]):
-                other, total = int(ends[k]), cost + float(costs[edges[k]])
-                if total < best.get(other, np.inf):
-                    best[other], came[other] = total, node
-                    heappush(queue, (total, other))
-        if goal not in best:
-            return JointPath((), float("inf"), ())
-        nodes = [goal]
-        while nodes[-1] != start:
-            nodes.append(came[nodes[-1]])
-        nodes.reverse()
-        names = {node.number: node.kind.id for node in self.added}
-        return JointPath(tuple(nodes), best[goal], tuple(names[n] for n in nodes if n in names))
-
-    def _csr(self, visual_only: bool) -> _Rows:
-        if visual_only not in self._scratch:
-            ends, costs = (self.visual.edges, self.visual.edge_cost_s) if visual_only else self.edges()
-            self._scratch[visual_only] = (*adjacency(ends, self.visual.nodes + len(self.added)), costs)
-        return self._scratch[visual_only]
-
     def benefit_s(self, id: str) -> float:
         """By how much a node shortens the path between any two of its neighbours [s]: Eq. (4.2), corrected.
 
@@ -235,44 +129,41 @@ class JointGraph:
         id
             Id of the object.
         """
-        node = self.node(id)
-        best = 0.0
-        for i, a in enumerate(node.neighbours):
-            for b in node.neighbours[i + 1 :]:
-                visual = self.shortest(int(a), int(b), visual_only=True).cost_s
-                joint = self.shortest(int(a), int(b)).cost_s
-                if np.isfinite(joint) and visual > joint:
-                    best = max(best, visual - joint)
-        return best
-
-    def exploration_order(self, robot_m: Float[np.ndarray, "2"], ids: Iterable[str]) -> list[str]:
-        """Objects to explore one by one: the benefit per path length, nearest of equals first (Sec. 4.4).
-
-        Parameters
-        ----------
-        robot_m
-            Where the robot is: x, y [m], map frame.
-        ids
-            Ids of the objects.
-        """
-        left = {id: (self.benefit_s(id), self.node(id).kind.outline_m.mean(axis=0)) for id in ids}
-        at = np.asarray(robot_m, dtype=np.float64)
-        order: list[str] = []
-        while left:
-            best = max(left, key=partial(self._worth, left, at))
-            at = left.pop(best)[1]
-            order.append(best)
-        return order
+        ends, visual, nodes = self.node(id).neighbours, self.visual, self.visual.nodes + len(self.added)
+        before_s = costs_between(visual.edges, visual.edge_cost_s, nodes, ends)
+        after_s = costs_between(*self.edges(), nodes, ends)
+        known = np.isfinite(after_s) & (before_s > after_s)
+        return float((before_s[known] - after_s[known]).max(initial=0.0))
 
 
-def adjacency(
-    ends: Int32[np.ndarray, "m 2"], nodes: int
-) -> tuple[Int[np.ndarray, "n+1"], Int[np.ndarray, "e"], Int[np.ndarray, "e"]]:
-    """CSR form of an undirected graph: where each node's entries begin, the other ends, the edges."""
-    source = np.concatenate([ends[:, 0], ends[:, 1]]).astype(np.int64)
-    target = np.concatenate([ends[:, 1], ends[:, 0]]).astype(np.int64)
-    edge = np.tile(np.arange(len(ends)), 2)
-    order = source.argsort(kind="stable")
-    first = np.zeros(nodes + 1, dtype=np.int64)
-    np.cumsum(np.bincount(source, minlength=nodes), out=first[1:])
-    return first, target[order], edge[order]
+def costs_between(
+    edges: Int32[np.ndarray, "m 2"],
+    cost_s: Float[np.ndarray, "m"],
+    nodes: int,
+    ends: Int[np.ndarray, "k"],
+    *,
+    limit_s: float = float("inf"),
+) -> Float[np.ndarray, "k k"]:
+    """Costs of the cheapest paths between some nodes of an undirected graph [s]; infinite where there is none.
+
+    Parameters
+    ----------
+    edges, cost_s
+        Nodes of each edge and its cost [s]; of parallel edges the cheapest counts.
+    nodes
+        How many there are.
+    ends
+        Nodes in question.
+    limit_s
+        What costs more is infinite [s].
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    low, high = edges.min(axis=1, initial=nodes), edges.max(axis=1, initial=0)
+    order = np.lexsort((cost_s, high, low))
+    low, high, cost_s = low[order], high[order], cost_s[order]
+    first = np.isfinite(cost_s) & (low < high)
+    first[1:] &= (low[1:] != low[:-1]) | (high[1:] != high[:-1])
+    graph = csr_array((cost_s[first], (low[first], high[first])), shape=(nodes, nodes))
+    return np.asarray(dijkstra(graph, directed=False, indices=ends, limit=limit_s)[:, ends])

@@ -68,7 +68,7 @@ def rollouts(
     cells, costs = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=2)
     if not cells.size:
         return []
-    nothing = np.zeros((0, 0), np.int32)
+    nothing = np.zeros((0, 0), np.int16)
     none = np.zeros(0, np.int32)
     cost = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none)
     found: list[Rollout] = []

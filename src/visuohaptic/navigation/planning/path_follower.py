@@ -9,13 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.clock_watch import ClockWatch
-from ...core.errors import DeviceError, InputError
+from ...core.errors import InputError
 from ...core.geometry import wrap_angle
 from ...core.ranges import POSITIVE, check_ranges
-from ...core.robots import BaseState, MobileBase, require_members
+from ...core.robots import BaseState
 
-__all__ = ["FollowLimits", "PathFollower", "drive_path"]
+__all__ = ["FollowLimits", "PathFollower"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,52 +197,3 @@ class PathFollower:
         limits = self._limits
         rate = min(limits.turn_max_rad_s, limits.heading_gain_per_s * abs(error))
         return math.copysign(max(rate, 0.03), error)
-
-
-def drive_path(
-    base: MobileBase,
-    follower: PathFollower,
-    wait: Callable[[float], None],
-    *,
-    timeout_s: float = 300.0,
-    period_s: float = 0.02,
-) -> bool:
-    """Drive a base along a path; returns whether it arrived in time.
-
-    Parameters
-    ----------
-    base
-        The platform, or the simulator's.
-    wait
-        Called with the period [s] after every command: sleeps, or lets simulated time pass.
-    timeout_s
-        By the base's clock and by the periods waited.
-    follower
-        The control law, with its path.
-    period_s
-        Control period [s].
-
-    Raises
-    ------
-    DeviceError
-        The base's clock stands still.
-    """
-    require_members(base, MobileBase, "drive_path")
-    clock, begin_s, periods = ClockWatch(), base.state().t_s, 0
-    try:
-        while True:
-            state = base.state()
-            speed, turn = follower.command(state)
-            if follower.done:
-                return True
-            # By the base's clock, and by the periods waited where that clock is slow.
-            passed_s = max(state.t_s - begin_s, periods * period_s)
-            if why := clock.update(state.t_s):
-                raise DeviceError(f"drive_path: {why}")
-            if passed_s > timeout_s:
-                return False
-            base.drive(speed, turn)
-            wait(period_s)
-            periods += 1
-    finally:
-        base.stop()

@@ -89,7 +89,7 @@ def _cheapest(
                 after, build_search_domain(after, costs), costs, _until(deadline, limits), done | {id}
             )
 
-        plan = via_sideward(problem, domain, index, costs, rest, safe_plan.cost_s)
+        plan = via_sideward(problem, domain, index, costs, rest, safe_plan.cost_s, deadline)
         if plan.cost_s < safe_plan.cost_s:
             safe_plan = plan
     if not unknown:

@@ -19,6 +19,7 @@ from .off_centre_rollouts import OffCentreScene, fits, has_room, scene_of
 from .replanning import after_push
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
+from .search.push_states import Deadline
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 from .sideward_push import SLIDE_M, SidewardPush, sideward_pushes
 
@@ -37,6 +38,7 @@ def via_sideward(
     costs: PushCosts,
     rest: Callable[[PlanningProblem], Plan],
     max_cost_s: float = float("inf"),
+    deadline: Deadline | None = None,
 ) -> Plan:
     """The cheapest plan that first brushes an object aside; what is driven before does not push anything.
 
@@ -52,6 +54,8 @@ def via_sideward(
         Plans on from where the robot and the object are afterwards.
     max_cost_s
         A plan that costs more is of no use: where no such plan can be cheaper, none is looked for [s].
+    deadline
+        When to stop.
     """
     body, robot = domain.bodies[index], problem.robot
     nothing = Plan(False, reason=f"{body.obj.id} cannot be brushed aside on the way")
@@ -70,7 +74,7 @@ def via_sideward(
         return nothing
     scene = scene_of(domain, index, goal)
     found = nothing
-    for push in sideward_pushes(scene, *ends, costs):
+    for push in sideward_pushes(scene, *ends, costs, deadline=deadline):
         begin, end = push.path_m[[0, -1], :2] / problem.map.resolution_m + body.centre
         drive, drive_cost = pull_string(domain, shifts, start, begin)
         if not len(drive) or domain.seconds(drive_cost) + push.cost_s >= min(max_cost_s, found.cost_s):

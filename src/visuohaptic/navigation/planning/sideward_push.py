@@ -19,6 +19,7 @@ from ..problem.push_costs import PushCosts, failure_probability
 from ..pushing.push_failure import PushUncertainty
 from ..pushing.quasi_static import PushTrace, arc_path, remaining_m, simulate_push
 from .off_centre_rollouts import OffCentreScene, fits, has_room
+from .search.push_states import Deadline
 
 __all__ = ["SidewardOutcome", "SidewardPush", "evaluate_push", "sideward_candidates", "sideward_pushes"]
 
@@ -163,6 +164,7 @@ def sideward_pushes(
     costs: PushCosts | None = None,
     *,
     rng: np.random.Generator | None = None,
+    deadline: Deadline | None = None,
 ) -> tuple[SidewardPush, ...]:
     """Drives that brush the object aside, the best first; empty where none succeeds.
 
@@ -176,6 +178,8 @@ def sideward_pushes(
         What a push costs.
     rng
         Of the simulated pushes.
+    deadline
+        When to stop: drives that were not simulated by then are left out.
 
     Raises
     ------
@@ -186,6 +190,8 @@ def sideward_pushes(
     starts, ends = sideward_candidates(scene, enter_m, leave_m)
     for turns in ((0.0,), TURNS_RAD):
         for start, end, turn in product(starts, ends, turns):
+            if deadline is not None and deadline.passed:
+                break
             path = arc_path(start, end, turn)
             outcome, trace = evaluate_push(scene, path)
             if outcome is SidewardOutcome.RELEASED and trace is not None:
@@ -201,7 +207,11 @@ def sideward_pushes(
         )
     )
     rng = rng if rng is not None else np.random.default_rng(0)
-    refined = [_sampled(scene, push, costs or PushCosts(), rng) for push in pushes[:REFINED]]
+    refined: list[SidewardPush] = []
+    for push in pushes[:REFINED]:
+        if deadline is not None and refined and deadline.passed:
+            break
+        refined.append(_sampled(scene, push, costs or PushCosts(), rng))
     return tuple(sorted(refined, key=lambda push: push.cost_s))
 
 

@@ -44,6 +44,7 @@ class _Entry:
     type: str = "object"
     open_s: Estimate | None = None
     push: PushMode = PushMode.DIRECT
+    pose_sigma: tuple[float, float] = (0.01, 0.05)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +121,8 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
     ----------
     data
         Mapping with a list of ``objects``: of each its ``id``, ``footprint_m`` (corners x, y in the map frame [m]),
-        where it was explored, its ``haptic_tag``, and ``push: sideward`` where it is to be brushed aside.
+        where it was explored, its ``haptic_tag``, ``push: sideward`` where it is to be brushed aside, and
+        ``pose_sigma``, how well its place [m] and turn [rad] are known.
     where
         File that it comes from, for messages.
 
@@ -140,7 +142,7 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
                     HapticTag(fixed=True),
                     _wider(outline_of(footprint_m, where), GLASS_SAFETY_M),
                 )
-            found[name] = MovableObject(name, footprint_m, tag, push=entry.push)
+            found[name] = MovableObject(name, footprint_m, tag, push=entry.push, pose_sigma=entry.pose_sigma)
         except InputError as error:
             raise _at(error, where, index) from error
     return tuple(found.values())

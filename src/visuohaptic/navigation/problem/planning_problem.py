@@ -44,8 +44,14 @@ class MovableObject:
     #: centre of friction from the footprint's centroid, map frame [m]: from former pushes (Sec. 4.3.1)
     friction_offset_m: tuple[float, float] = (0.0, 0.0)
     push: PushMode = PushMode.DIRECT
+    #: standard deviations of its place along each axis [m] and of its turn [rad]: a map of 5 cm cells tells 1.4 cm
+    pose_sigma: tuple[float, float] = (0.01, 0.05)
 
     def __post_init__(self) -> None:
+        if not all(0.0 <= value < np.inf for value in self.pose_sigma):
+            raise InputError(
+                self.where, f"found {self.pose_sigma}, expected 0 or more [m, rad]", field="pose_sigma"
+            )
         object.__setattr__(self, "footprint_m", outline_of(self.footprint_m, self.where))
 
     @property

@@ -89,16 +89,6 @@ class PushModel:
         """Radius about the reference point that holds the outline."""
         return float(np.hypot(self.outline_m[:, 0], self.outline_m[:, 1]).max()) + self.round_m
 
-    def with_friction(self, contact_friction: float) -> PushModel:
-        """The same model with another contact friction.
-
-        Parameters
-        ----------
-        contact_friction
-            Coefficient of friction between platform and object.
-        """
-        return replace(self, contact_friction=contact_friction)
-
     def with_centre_moved(self, dx_m: float, dy_m: float) -> PushModel:
         """The same model with its supports moved: the centre of friction is elsewhere than assumed.
 

@@ -20,7 +20,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.geometry import wrap_angle
 from .push_model import PushModel
 
 __all__ = ["PushTrace", "arc_path", "check_path", "line_path", "simulate_push"]
@@ -52,12 +51,6 @@ class PushTrace:
     def moved_m(self) -> float:
         """How far the reference point is from where it was."""
         return float(np.hypot(*(self.object_m[-1, :2] - self.object_m[0, :2])))
-
-    @property
-    def contact_angle_rad(self) -> Float[np.ndarray, "k"]:
-        """Place of the contact on the rim, counter-clockwise from the heading: what the sensor sees."""
-        away = self.contact_m - self.platform_m[:, :2]
-        return wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - self.platform_m[:, 2])
 
 
 def simulate_push(

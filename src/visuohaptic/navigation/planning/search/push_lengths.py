@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d
-from ...pushing.push_failure import sampled_pushes
+from ...pushing.push_failure import PushUncertainty, sampled_pushes
 from ...pushing.push_model import PushModel
 from ...pushing.quasi_static import STEP_M, line_path
 from .bodies import lower_window
@@ -36,6 +36,8 @@ __all__ = [
 
 #: A push is followed in steps of this [cells].
 SWEEP_STEP = 0.5
+#: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
+TRACKING_M = 0.003
 #: Simulated pushes; the variance of their variance is 2 / so many.
 SAMPLES = 40
 #: Pushes are simulated so many times as far as they are asked for: their lengths are refined.
@@ -195,10 +197,12 @@ def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]
         # Whole steps: however far it is simulated, the beginning is the same.
         reach_m = float(np.ceil(BEYOND * length_m / STEP_M)) * STEP_M
         model = PushModel.patch((body.outline - body.centre) * resolution_m)
+        place_m, yaw_rad = body.obj.pose_sigma
+        unknown = PushUncertainty(place_m=place_m, yaw_rad=yaw_rad)
         _, poses, _ = sampled_pushes(
             model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
             line_path(begin, begin + reach_m * ahead), domain.robot.radius_m,
-            np.random.default_rng(0), samples=SAMPLES,  # one plan, one answer
+            np.random.default_rng(0), uncertainty=unknown, samples=SAMPLES,  # one plan, one answer
         )  # fmt: skip
         domain.ends[key] = reach_m, poses
     reach_m, poses = domain.ends[key]
@@ -218,7 +222,7 @@ def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3
     """
     errors = end_errors(domain, step)
     errors[:, :2] = errors[:, :2] @ rotation_2d(domain.map.origin[2]).T
-    return errors.T @ errors / SAMPLES
+    return errors.T @ errors / SAMPLES + np.diag([TRACKING_M, TRACKING_M, 0.0]) ** 2
 
 
 def replanning_units(
