@@ -268,8 +268,12 @@ def descend(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, cell: int
 
     Parameters
     ----------
-    step, potential, seed
-        As of :func:`spread`.
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
     cell
         Flat index.
     """

@@ -75,15 +75,13 @@ def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from contextlib import ExitStack
 
-    from .view import wait
-
     if args.quick and (args.part or args.map):
         raise InputError(
             "--quick", f"found with {args.part or args.map}", remedy="it replays the whole mission"
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
-    for name, value in (("--world", args.world), ("--visit", args.visit)):
+    for name, value in (("--seed", args.seed), ("--world", args.world), ("--visit", args.visit)):
         if value < 0:
             raise InputError(name, f"found {value}, expected 0 or more")
     with ExitStack() as stack:
@@ -98,7 +96,7 @@ def run(args: Any) -> dict[str, Any]:
         result = work(args, page)
         if page is not None:
             args.report(f"the page stays at {page.url}; end with Ctrl-C")
-            wait(args)
+            _wait()
     return result
 
 
@@ -208,9 +206,23 @@ def _touch_in_map(args: Any, page: Any) -> dict[str, Any]:
 
 def _save_picture(result: Any, path: Path) -> None:
     """The first push as one picture, without the split into image and gradient."""
-    from ....core.files import write_image
+    import cv2
+
+    from ....core.files import atomic_path
     from ....demo.push_demo_report import annotated_push
 
     picture = annotated_push(result, result.objects[0], split=False)
-    if picture is not None:
-        write_image(path, picture, quality=85)
+    if picture is None:
+        return
+    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    if done:
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(data.tobytes())
+
+
+def _wait() -> None:
+    import contextlib
+    import threading
+
+    with contextlib.suppress(KeyboardInterrupt):
+        threading.Event().wait()
