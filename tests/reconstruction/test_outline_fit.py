@@ -174,4 +174,5 @@ def test_two_pieces_that_show_one_body_are_that_of_the_likelier_fit():
 
     taken, found = EvidenceDetector._part(Fits(), part, evidence, ())
     assert found.evidence == 125.0
-    assert taken[6, 4, 4] and not taken[23, 4, 4]
+    assert taken[6, 4, 4]
+    assert not taken[23, 4, 4]

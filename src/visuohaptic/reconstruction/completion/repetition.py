@@ -62,11 +62,11 @@ class Repetition:
         size_m, z_m = region.size_m, band.samples_m[:, 2]
         # The foot is that of the table as well; where a surface is level, every such map leaves it as it is.
         above = (z_m > outer.hull_m[:, 2].min() + 0.02 * size_m) & outer.within(band.samples_m, self.spread_m)
-        self._seen = even_subset(band.samples_m, np.flatnonzero(above), _STEP * size_m)
+        self._seen = _even_subset(band.samples_m, np.flatnonzero(above), _STEP * size_m)
         walls = self._seen[np.abs(band.sample_normals[self._seen, 2]) < _WALL]
         low_m, high_m = region.hull_m[:, 2].min(), region.hull_m[:, 2].max()
         level = np.abs(z_m[walls] - 0.5 * (low_m + high_m)) < 0.5 * _SAME * (high_m - low_m)
-        self._tests = even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]
+        self._tests = _even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]
         self._place = cKDTree(band.samples_m)
         self._side = cKDTree(np.hstack([band.samples_m, _APART * size_m * band.sample_normals]))
         self._known: dict[str, np.ndarray] = {}
@@ -206,7 +206,7 @@ class Repetition:
             into.put(points[k], 0.0, float(sigma_m[k]))
 
 
-def even_subset(
+def _even_subset(
     points_m: Float[np.ndarray, "n 3"], chosen: Int[np.ndarray, "k"], apart_m: float
 ) -> Int[np.ndarray, "m"]:
     """Some of the chosen points, farther from each other than a distance, in their order.

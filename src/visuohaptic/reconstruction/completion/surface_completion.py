@@ -32,8 +32,7 @@ from .radial_model import RadialModel, WallSeen, fit_radial_model, wall_seen
 from .rbf_centres import Centres, around_core, beyond_hull, free_points, with_off_surface
 from .repetition import Repetition
 from .symmetry import ShapePrior, fit_prior, height_axis
-from .touch import Touch, TouchPlan
-from .touch_lines import best_vertex, reachable, starts
+from .touch import Touch, TouchPlan, best_vertex, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
