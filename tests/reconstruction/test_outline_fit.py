@@ -9,7 +9,8 @@ from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
-from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_body
+from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
+from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, UprightBody, fit_body
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -147,3 +148,31 @@ def test_sums_of_outlines_are_those_of_drawn_polygons(seed):
     cover = fine.reshape(120, 8, 160, 8).mean(axis=(1, 3))
     # The border, 80 to 150 px long, is drawn to a sixteenth of a pixel, and sums of rows take it at their middle.
     assert found[0] == pytest.approx(float((cover * evidence).sum()), abs=0.15 * np.sqrt(150) + 0.02 * 150)
+
+
+def test_two_pieces_that_show_one_body_are_that_of_the_likelier_fit():
+    """Two vessels in a row found as one part: a body between both is less likely than the nearer one, whatever shows it."""
+
+    def body(x_m, evidence):
+        return UprightBody(
+            np.array([x_m, 0.0]), np.full(2, 0.003), (0.04, 0.04), 0.002, (0.02, 0.12), evidence
+        )
+
+    # Two blobs joined by a bridge of weak evidence.
+    evidence = np.zeros((30, 9, 9), np.float32)
+    evidence[2:28, 3:6, 3:6] = 10.0
+    evidence[4:9, 2:7, 2:7], evidence[21:26, 2:7, 2:7] = 40.0, 30.0
+    part = evidence > 0
+
+    class Fits:
+        threshold = 12.0
+
+        def _fit(self, piece, box):
+            if piece.sum() == part.sum():
+                return body(0.0, 90.0)
+            return body(-0.05, 125.0) if piece[6, 4, 4] else body(-0.045, 112.0)
+
+    taken, found = EvidenceDetector._part(Fits(), part, evidence, ())
+    assert found.evidence == 125.0
+    assert taken[6, 4, 4]
+    assert not taken[23, 4, 4]

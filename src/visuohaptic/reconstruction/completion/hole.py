@@ -30,6 +30,8 @@ _MIN_SIGHT = 0.2
 _FACING = 0.3
 #: Separate parts of the surface with a smaller fraction of the area near the region are spurious components.
 _MIN_PART = 0.03
+#: Samples of the surface around a region.
+_SAMPLES = 12_000
 
 
 def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
@@ -68,9 +70,17 @@ class SupportBand:
     normals: Float[np.ndarray, "n 3"]
     gap_m: float  #: growth of the region until it touched the surface at every rim
     margin_m: float  #: growth that holds the band
+    samples_m: Float[np.ndarray, "k 3"]  #: many points of the surface around the region, beyond the band, too
+    sample_normals: Float[np.ndarray, "k 3"]
+    area_m2: float  #: of that surface
+
+    @property
+    def spacing_m(self) -> float:
+        """Distance r within which a point of the part has a sample, but one of 10,000: exp(-pi r^2 samples / area)."""
+        return float(np.sqrt(np.log(1e4) * self.area_m2 / (np.pi * len(self.samples_m))))
 
     def away(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-        """Whether points are farther from the band than its own points from each other: there nothing was seen.
+        """Whether points are farther from what was seen than its samples from each other.
 
         Parameters
         ----------
@@ -79,10 +89,22 @@ class SupportBand:
         """
         from scipy.spatial import cKDTree
 
-        tree = cKDTree(self.points_m)
-        spacing, _ = tree.query(self.points_m, k=min(4, len(self.points_m)))
-        gaps, _ = tree.query(points_m)
-        return gaps > 1.2 * float(np.median(spacing[:, -1]))
+        gaps, _ = cKDTree(self.samples_m).query(points_m)
+        return gaps > self.spacing_m
+
+    def behind(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Whether points are on the inner side of what was seen nearest to them.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        """
+        from scipy.spatial import cKDTree
+
+        _, near = cKDTree(self.samples_m).query(points_m)
+        inner: np.ndarray = ((points_m - self.samples_m[near]) * self.sample_normals[near]).sum(axis=1) < 0
+        return inner
 
 
 def support_band(
@@ -132,13 +154,15 @@ def support_band(
             f"found {len(kept)} triangles within {margin:.3g} m of the region, expected a surface around it",
             remedy="check that model and region are in the same frame",
         )
-    part = outline.submesh(kept)
-    normals = part.face_normals
     # Many samples, thinned to even spacing: a mesh's own vertices may crowd.
     rng = np.random.default_rng(0)
+    part = outline.submesh(kept)
     points, face = part.sampled(max(8 * max_points, 400), rng)
     chosen = _spread(points, max_points)
-    return SupportBand(points[chosen], normals[face[chosen]], gap, margin)
+    samples, near = outline.sampled(_SAMPLES, rng)
+    area_m2 = float(outline.face_areas_m2.sum())
+    normals = part.face_normals[face[chosen]], outline.face_normals[near]
+    return SupportBand(points[chosen], normals[0], gap, margin, samples, normals[1], area_m2)
 
 
 def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> SurfaceMesh:

@@ -112,6 +112,25 @@ class HoleRegion:
         within_hull(points, np.ascontiguousarray(self.planes[order].T), reach_m, result)
         return result
 
+    def with_surface(self, points_m: Float[np.ndarray, "n 3"], gap_m: float, floor_m: float) -> HoleRegion:
+        """The hull grown by the gap to the surface around it, together with points of that, above a floor.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) of the surface [m].
+        gap_m
+            Growth of the hull [m].
+        floor_m
+            Height of what the object stands on [m].
+        """
+        middle = self.hull_m.mean(axis=0)
+        way = self.hull_m - middle
+        grown = self.hull_m + gap_m * way / np.linalg.norm(way, axis=1, keepdims=True)
+        points = np.vstack([points_m, grown])
+        points[:, 2] = np.maximum(points[:, 2], floor_m)
+        return HoleRegion.of_points(points)
+
     def core(self, fraction: float = 0.6) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
         """Corners of the shrunk hull with its middle, and the depth of each inside the hull [m].
 

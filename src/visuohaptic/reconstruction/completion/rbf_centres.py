@@ -9,13 +9,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ..surfaces.rbf import RbfSurface
+from .hole import SupportBand
 from .hole_region import HoleRegion
 from .touch import Touch
 
-__all__ = ["Centres", "around_core", "free_points", "with_off_surface"]
+__all__ = ["Centres", "around_core", "beyond_hull", "free_points", "with_off_surface"]
 
 #: Rounds in which inner points of the region that the surface leaves outside are added, and how many each.
 _CORE_ROUNDS, _CORE_POINTS = 4, 6
+#: Directions in which a surface is kept in the hull of all that is known.
+_BEYOND = 200
 
 
 @dataclass(slots=True)
@@ -101,6 +104,54 @@ def around_core(
             break
         fit = fit.added(core[worst], -0.5 * depth_m[worst], rho(0.25 * depth_m[worst], fit.extent_m))
         core, depth_m = np.delete(core, worst, axis=0), np.delete(depth_m, worst)
+    return fit
+
+
+def beyond_hull(
+    fit: RbfSurface,
+    outer: HoleRegion,
+    band: SupportBand,
+    push_m: float,
+    rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
+) -> RbfSurface:
+    """The fit with centres that keep it in a hull of all that is seen or missing: splines bulge where nothing holds them.
+
+    What lies behind the seen surface is in the object, where that goes on beyond the hull.
+
+    Parameters
+    ----------
+    fit
+        Spline of the visible bands.
+    outer
+        Convex hull that holds the object near the region.
+    band
+        Known points around the region.
+    push_m
+        Distance of the centres from the hull [m].
+    rho
+        Smoothing of centres by their deviation [m] and the extent of the fit [m].
+    """
+    # Fibonacci's sphere: even, and the same at every call.
+    k = np.arange(_BEYOND) + 0.5
+    z, turn = 1 - 2 * k / _BEYOND, np.pi * (1 + 5**0.5) * k
+    ways = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    middle = outer.hull_m.mean(axis=0)
+    reach_m = -(middle @ outer.planes[:, :3].T + outer.planes[:, 3])
+    slope = ways @ outer.planes[:, :3].T
+    with np.errstate(divide="ignore"):
+        along_m = np.where(slope > 1e-9, reach_m / slope, np.inf)
+    nearest = along_m.argmin(axis=1)
+    points = middle + along_m.min(axis=1)[:, None] * ways + push_m * outer.planes[nearest, :3]
+    points = points[~band.behind(points)]
+    for _ in range(_CORE_ROUNDS):
+        value = fit(points)
+        worst = np.argsort(value)[:_CORE_POINTS]
+        worst = worst[value[worst] < 0]
+        if not len(worst):
+            break
+        some = points[worst]
+        fit = fit.added(some, np.full(len(some), push_m), rho(np.full(len(some), 0.5 * push_m), fit.extent_m))
+        points = np.delete(points, worst, axis=0)
     return fit
 
 

@@ -29,10 +29,10 @@ from .hole_region import HoleRegion
 from .hole_surface import HoleSpace
 from .inner_walls import without_inner_walls
 from .radial_model import RadialModel, WallSeen, fit_radial_model, wall_seen
-from .rbf_centres import Centres, around_core, free_points, with_off_surface
+from .rbf_centres import Centres, around_core, beyond_hull, free_points, with_off_surface
+from .repetition import Repetition
 from .symmetry import ShapePrior, fit_prior, height_axis
-from .touch import Touch, TouchPlan
-from .touch_lines import best_vertex, reachable, starts
+from .touch import Touch, TouchPlan, best_vertex, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
@@ -107,9 +107,8 @@ class Completion:
         self.visual = without_inner_walls(visual, region)
         self.region = region
         self._pose = T_visual_haptic
-        self.band = support_band(
-            self.visual, region, max_points=self.settings.max_supports, band_m=self.settings.band_m
-        )
+        supports, width_m = self.settings.max_supports, self.settings.band_m
+        self.band = support_band(self.visual, region, max_points=supports, band_m=width_m)
         self.touches: list[Touch] = []  #: in the frame of the visible surface
         size_m = region.size_m
         self._d_m = self.settings.off_surface_m or 0.05 * size_m
@@ -119,23 +118,34 @@ class Completion:
             self.prior = fit_prior(self.band.points_m, self.band.normals, middle_z)
         #: x and y of the height axis [m].
         self.axis_m: Float[np.ndarray, "2"] = (
-            self.prior.axis_m
-            if self.prior is not None
-            else height_axis(self.band.points_m, self.band.normals)
+            self.prior.axis_m if self.prior else height_axis(self.band.points_m, self.band.normals)
         )
         centers, values = with_off_surface(self.band.points_m, self.band.normals, self._d_m)
         first = RbfSurface(centers, values, 1e-8)
         #: Variance of the thin-plate process in units of the extent; smoothing is noise over it.
         self._scale = max(first.process_scale, 1e-12)
         rho = self._rho(np.full(len(centers), self.settings.visual_sigma_m), first.extent_m)
-        self._visible = around_core(RbfSurface(centers, values, rho), region, self._rho)
-        self._fit = self._visible
+        self._of_band = RbfSurface(centers, values, rho)
         self._contacts: list[tuple[np.ndarray, float]] = []  #: joined contacts and their deviation
+        self._bound()
+        self._fit = self._visible
         self._free: list[np.ndarray] = []  #: points that were passed without contact
         self.residuals = TouchResiduals(self.prior, region.size_m)
         self._space = HoleSpace(region, self.band)
         self._seen: WallSeen | None = None
+        if self._repeats:
+            self._refit(None)
         self._reset()
+
+    def _bound(self) -> None:
+        """Keep the surface in the hull of the band, the contacts, and the region grown to the band, above the floor."""
+        near = self.visual.vertices_m[self.region.within(self.visual.vertices_m, self.region.size_m), 2]
+        floor_m = max(self.settings.floor_m, min(near.min(), self.region.hull_m[:, 2].min()))
+        self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
+        within = beyond_hull(self._of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
+        self._visible = around_core(within, self.region, self._rho)
+        self._repetition = Repetition(self.band, self.region, self._outer)
+        self._repeats = self.settings.use_priors and self._repetition.possible
 
     def _reset(self) -> None:
         self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
@@ -166,17 +176,19 @@ class Completion:
         """
         touch = touch.moved(self._pose) if self._pose is not None else touch
         self.touches.append(touch)
-        fresh = Centres()
-        refit = False
-        if touch.contact_m is not None:
-            contact = np.asarray(touch.contact_m)
+        fresh, refit = Centres(), False
+        if (contact := touch.contact_m) is not None:
             self.residuals.add(self._fit, contact, touch.sigma_m, self._contacts)
             refit = self._join(contact, touch.sigma_m)
+            if not self._outer.within(contact[None], touch.sigma_m)[0]:
+                self._bound()  # the region was too small
+                refit = True
             if not refit:
                 fresh.put(contact, 0.0, touch.sigma_m)
                 self._rings(contact, touch.sigma_m, fresh)
         self._free.extend(free_points(touch, self._d_m))
-        self._refit(None if refit else fresh)
+        # What repeats is inferred anew from all contacts.
+        self._refit(None if refit or self._repeats else fresh)
         self._reset()
 
     def _join(self, contact: Float[np.ndarray, "3"], sigma_m: float) -> bool:
@@ -219,8 +231,9 @@ class Completion:
             base, fresh = self._visible, Centres()
             for contact, sigma in self._contacts:
                 fresh.put(contact, 0.0, sigma)
-            for contact, sigma in self._contacts:
                 self._rings(contact, sigma, fresh)
+            if self._repeats:
+                self._repetition.put(self._contacts, fresh)
         self._fit = self._joined(base, fresh)
         if not self._free:
             return
@@ -269,7 +282,8 @@ class Completion:
         """Score of every vertex of the planning mesh, and whether it is in the part that was not seen."""
         if self._score is None:
             mesh, distances = self._planned()
-            missing = self.band.away(mesh.vertices_m) & (mesh.vertices_m[:, 2] >= self.settings.floor_m)
+            heights, z_m = self._outer.hull_m[:, 2], mesh.vertices_m[:, 2]
+            missing = self.band.away(mesh.vertices_m) & (z_m >= heights.min()) & (z_m <= heights.max())
             self._score = distances.score(self._support_vertices(mesh)), missing
         return self._score
 

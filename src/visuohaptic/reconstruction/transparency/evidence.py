@@ -28,7 +28,6 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -247,15 +246,19 @@ class EvidenceDetector:
     def _part(
         self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> tuple[Bool[np.ndarray, "x y z"], UprightBody | None]:
-        """The piece of a part around its strongest voxel with its body, or that of several bodies which tell more than one."""
+        """The piece of a part around its strongest voxel with its body, or that of the bodies of its pieces which tell more."""
         whole, *pieces = pieces_of(left, evidence)
         one, *several = (self._fit(piece, box) for piece in (whole, *pieces))
-        bodies = [body for body in several if body is not None]
-        apart = not any(a.meets(b) for a, b in combinations(bodies, 2))
+        # Two pieces may show the same body: the likelier fit is that of both.
+        bodies: list[UprightBody] = []
+        for body in sorted((b for b in several if b is not None), key=lambda b: -b.evidence):
+            if not any(body.meets(other) for other in bodies):
+                bodies.append(body)
         # Every further body needs what founds a part.
         more = sum(body.evidence for body in bodies) - self.threshold * (len(bodies) - 1)
-        if pieces and several[0] is not None and apart and more > (one.evidence if one else 0.0):
-            return pieces[0], several[0]
+        if pieces and several[0] is not None and more > (one.evidence if one else 0.0):
+            first = several[0]
+            return pieces[0], next((body for body in bodies if body.meets(first)), first)
         return whole, one
 
     def _fit(self, part: Bool[np.ndarray, "x y z"], box: tuple[slice, ...]) -> UprightBody | None:

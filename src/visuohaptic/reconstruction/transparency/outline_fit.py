@@ -199,24 +199,27 @@ def fit_body(
     outlines = _Outlines(views, middle)
     widest = float((high_m - low_m)[:2].min())
     lowest = (low_m[2], low_m[2] - 0.25 * (high_m[2] - low_m[2]))
-    found = []
-    for opening, part, low_z in product(_OPEN, (0.4, 0.2), lowest):
-        radius = max(part * widest, 2 * _MIN_RADIUS_M)
-        start = np.array([middle[0], middle[1], radius, radius, low_z, high_m[2]])
-        if opening > 0:
-            start[4] = max(low_z, high_m[2] - 0.5 * radius)
+
+    def search(start: np.ndarray, opening: float) -> tuple[float, np.ndarray, float]:
         simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
         options = {"initial_simplex": simplex, "maxfev": _MAX_STEPS, "xatol": 3e-4, "fatol": 1e-2}
-        found.append((minimize(cost, start, (opening,), "Nelder-Mead", options=options), opening))
-    best, opening = min(found, key=lambda one: float(one[0].fun))
-    covariance = _covariance(outlines, best.x, opening, views[0].window_px)
-    if best.fun >= 0 or covariance is None:
+        found = minimize(cost, start, (opening,), "Nelder-Mead", options=options)
+        return float(found.fun), found.x, opening
+
+    starts = {}
+    for opening, part, low_z in product(_OPEN, (0.4, 0.2), lowest):
+        radius = max(part * widest, 2 * _MIN_RADIUS_M)
+        foot = max(low_z, high_m[2] - 0.5 * radius) if opening > 0 else low_z
+        starts[opening, radius, foot] = np.array([middle[0], middle[1], radius, radius, foot, high_m[2]])
+    _, ended, opening = min((search(start, key[0]) for key, start in starts.items()), key=lambda one: one[0])
+    # A simplex that has collapsed beside the maximum finds it from where it is.
+    least, best, opening = search(ended, opening)
+    covariance = _covariance(outlines, best, opening, views[0].window_px)
+    if least >= 0 or covariance is None:
         return None
     sigma = np.sqrt(np.diag(covariance))
-    x, y, low_r, high_r, low_z, high_z = (float(value) for value in best.x)
-    return UprightBody(
-        np.array([x, y]), sigma[:2], (low_r, high_r), float(sigma[2]), (low_z, high_z), -float(best.fun)
-    )
+    x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
+    return UprightBody(np.array([x, y]), sigma[:2], (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)
 
 
 def _covariance(

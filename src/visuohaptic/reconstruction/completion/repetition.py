@@ -1,0 +1,245 @@
+"""The hidden side of an object as a repetition of the seen one: a half turn about an upright axis, or a mirror plane.
+
+Boxes, cans and bottles repeat after a half turn, most household objects in some upright plane (Bohg et al. 2011, "Mind
+the gap"). Where the axis or plane is, and with what deviation the repetition holds, is inferred: a point of the surface
+that is moved by it lies on the surface again, up to that deviation, or is one that has no counterpart, anywhere in the
+region. Moved points that fall where nothing was seen tell nothing. Contacts and the seen surface itself count alike. The
+alternative is that nothing repeats, and all points are anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .hole import SupportBand
+from .hole_region import HoleRegion
+from .rbf_centres import Centres
+
+__all__ = ["Repetition"]
+
+#: Hypotheses of each kind along both of their parameters, in a first round and in one about the likeliest.
+_STEPS = (21, 11)
+#: Deviations of a repetition that are compared, in sizes of the region, as likely as each other.
+_DEVIATIONS = np.geomspace(0.002, 0.1, 7)
+#: Probability of a point without counterpart.
+_ALONE = 0.1
+#: Distance of points that tell apart from each other, in sizes of the region: nearer ones err together.
+_APART = 0.15
+#: Part of a unit normal upwards below which a surface is a wall.
+_WALL = 0.85
+#: Distance of the points that are moved to the hidden side, in sizes of the region.
+_STEP = 0.06
+#: Middle part of the missing heights at which a wall has to be seen.
+_SAME = 0.6
+#: Distance from all that was seen beyond which a moved point is compared with nothing, in sizes of the region.
+_FAR = 0.2
+#: Deviation of normals of a fused surface [rad].
+_ROUGH_RAD = 0.15
+#: Repetitions more uncertain than this part of the region are not used.
+_USELESS = 0.1
+
+
+class Repetition:
+    """What the seen side says of the hidden one.
+
+    Parameters
+    ----------
+    band
+        Known points around the hole.
+    region
+        Where the surface is missing.
+    outer
+        Convex hull of all that is seen or missing.
+    """
+
+    def __init__(self, band: SupportBand, region: HoleRegion, outer: HoleRegion) -> None:
+        from scipy.spatial import cKDTree
+
+        self.band, self.region, self.outer = band, region, outer
+        size_m, z_m = region.size_m, band.samples_m[:, 2]
+        # The foot is that of the table as well; where a surface is level, every such map leaves it as it is.
+        above = (z_m > outer.hull_m[:, 2].min() + 0.02 * size_m) & outer.within(band.samples_m, self.spread_m)
+        self._seen = _even_subset(band.samples_m, np.flatnonzero(above), _STEP * size_m)
+        walls = self._seen[np.abs(band.sample_normals[self._seen, 2]) < _WALL]
+        low_m, high_m = region.hull_m[:, 2].min(), region.hull_m[:, 2].max()
+        level = np.abs(z_m[walls] - 0.5 * (low_m + high_m)) < 0.5 * _SAME * (high_m - low_m)
+        self._tests = _even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]
+        self._place = cKDTree(band.samples_m)
+        self._side = cKDTree(np.hstack([band.samples_m, _APART * size_m * band.sample_normals]))
+        self._known: dict[str, np.ndarray] = {}
+
+    @property
+    def spread_m(self) -> float:
+        """Deviation of the hull's sides: the region is rough, and smaller than what is missing by up to the gap."""
+        return self.band.gap_m + 0.05 * self.region.size_m
+
+    @property
+    def possible(self) -> bool:
+        """Whether a wall was seen at the heights that are missing; else nothing can repeat there."""
+        return len(self._tests) > 0
+
+    def put(self, contacts_m: Sequence[tuple[Float[np.ndarray, "3"], float]], into: Centres) -> None:
+        """Append points of the hidden surface, each with its deviation; none where nothing repeats.
+
+        Parameters
+        ----------
+        contacts_m
+            Contacts (3) and their standard deviations [m].
+        into
+            Centres that are appended to.
+        """
+        touched = np.array([contact for contact, _ in contacts_m]).reshape(-1, 3)
+        # An object may have both: neither speaks against the other.
+        for kind in ("half turn", "mirror"):
+            evidence, maps, weights, variance = self._posterior(kind, touched)
+            self._put(maps, weights, variance, 1 / (1 + np.exp(-evidence)), into)
+
+    def _posterior(
+        self, kind: str, touched_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray, float]:
+        """Log evidence against no repetition, maps with their probabilities, and variance of the repetition [m2]."""
+        box = self.outer.hull_m.min(axis=0)[:2], self.outer.hull_m.max(axis=0)[:2]
+        middle = 0.5 * (box[0] + box[1])
+        spread = self.spread_m
+        centre = np.zeros(2)
+        half = np.array([3.0, 3.0]) if kind == "half turn" else np.array([np.pi / 2 / spread, 3.0])
+        evidence = 0.0
+        for steps in _STEPS:
+            first, second = (
+                part.ravel()
+                for part in np.meshgrid(
+                    *(c + np.linspace(-h, h, steps) for c, h in zip(centre, half, strict=True)), indexing="ij"
+                )
+            )
+            maps = _maps(kind, first, second, middle, spread)
+            # Between two hypotheses of the grid a point is moved by twice the step, evenly distributed.
+            turn = 0.35 * self.region.size_m if kind == "mirror" else 1.0
+            step_m = float(np.hypot(turn * half[0], half[1])) * spread * 4 / (steps - 1)
+            sigma_m = np.hypot(_DEVIATIONS * self.region.size_m, step_m / np.sqrt(12))
+            seen = self._known.get(kind)
+            if seen is None or steps != _STEPS[0]:
+                seen = self._likelihood(
+                    maps, self.band.samples_m[self._tests], sigma_m, self.band.sample_normals[self._tests]
+                )
+                if steps == _STEPS[0]:
+                    self._known[kind] = seen
+            likelihood = seen + self._likelihood(maps, touched_m, sigma_m)
+            prior = -0.5 * (second**2 + (first**2 if kind == "half turn" else 0.0))
+            joint = likelihood + (prior - np.log(np.exp(prior).sum()))[:, None] - np.log(len(_DEVIATIONS))
+            best = float(joint.max())
+            each = np.exp(joint - best)
+            evidence = evidence or best + float(np.log(each.sum()))
+            weights = each.sum(axis=1) / each.sum()
+            top = int(weights.argmax())
+            centre = np.array([first[top], second[top]])
+            half = 1.5 * 2 * half / (steps - 1)
+        variance = float(each.sum(axis=0) @ sigma_m**2 / each.sum())
+        return evidence, maps, weights, variance
+
+    def _likelihood(
+        self,
+        maps: tuple[np.ndarray, np.ndarray],
+        points_m: Float[np.ndarray, "n 3"],
+        sigma_m: Float[np.ndarray, "s"],
+        normals: Float[np.ndarray, "n 3"] | None = None,
+    ) -> Float[np.ndarray, "h s"]:
+        """Log-likelihood ratio of each map and deviation; a contact has no normal."""
+
+        turned = np.einsum("hij,nj->hni", maps[0], points_m[:, :2]) + maps[1][:, None]
+        moved = np.concatenate(
+            [turned, np.broadcast_to(points_m[:, 2:], (*turned.shape[:2], 1))], axis=2
+        ).reshape(-1, 3)
+        # The nearest place of about the same normal, for an edge has two; what is far from all of them is beside them.
+        places, tree, turned_normals = moved, self._place, None
+        if normals is not None:
+            flat = np.einsum("hij,nj->hni", maps[0], normals[:, :2])
+            level = np.broadcast_to(normals[:, 2:], (*flat.shape[:2], 1))
+            turned_normals = np.concatenate([flat, level], axis=2).reshape(-1, 3)
+            places = np.hstack([moved, _APART * self.region.size_m * turned_normals])
+            tree = self._side
+        near = tree.query(places, eps=0.1, distance_upper_bound=_FAR * self.region.size_m)[1]
+        far = near == len(self.band.samples_m)
+        near[far] = 0
+        angle = np.zeros(len(moved))
+        if turned_normals is not None:
+            angle = np.arccos(np.clip((turned_normals * self.band.sample_normals[near]).sum(axis=1), -1, 1))
+        way = moved - self.band.samples_m[near]
+        plane = np.abs((way * self.band.sample_normals[near]).sum(axis=1))
+        beside = far | (np.sqrt(np.maximum((way**2).sum(axis=1) - plane**2, 0.0)) > self.band.spacing_m)
+        density = np.exp(-0.5 * (plane[:, None] / sigma_m) ** 2 - 0.5 * (angle[:, None] / _ROUGH_RAD) ** 2)
+        density /= np.sqrt(2 * np.pi) * sigma_m
+        ratio = (1 - _ALONE) * density * self.region.size_m + _ALONE
+        # Beside what was seen nobody knows, but beyond the hull of all there is nothing, as far as that is known.
+        outside_m = np.maximum(self.outer.distance_m(moved[beside]), 0.0)
+        ratio[beside] = ((1 - _ALONE) * np.exp(-0.5 * (outside_m / self.spread_m) ** 2) + _ALONE)[:, None]
+        found: np.ndarray = np.log(ratio).reshape(len(turned), -1, len(sigma_m)).sum(axis=1)
+        return found
+
+    def _put(
+        self,
+        maps: tuple[np.ndarray, np.ndarray],
+        weights: np.ndarray,
+        variance: float,
+        held: float,
+        into: Centres,
+    ) -> None:
+        """The seen points moved by the likely maps, where nothing was seen."""
+        likely = np.flatnonzero(weights > 1e-3 * weights.max())
+        fraction = weights[likely] / weights[likely].sum()
+        points_m = self.band.samples_m[self._seen]
+        turned = np.einsum("hij,nj->hni", maps[0][likely], points_m[:, :2]) + maps[1][likely][:, None]
+        mean = np.einsum("h,hni->ni", fraction, turned)
+        top = maps[0][likely[int(fraction.argmax())]]
+        normals = self.band.sample_normals[self._seen, :2] @ top.T
+        across = ((turned - mean) * normals).sum(axis=2) ** 2
+        sigma_m = np.sqrt((variance + fraction @ across) / max(held, 1e-12))
+        points = np.column_stack([mean, points_m[:, 2]])
+        used = (
+            (sigma_m < _USELESS * self.region.size_m)
+            & self.band.away(points)
+            & self.outer.within(points, sigma_m.min())
+        )
+        for k in np.flatnonzero(used):
+            into.put(points[k], 0.0, float(sigma_m[k]))
+
+
+def _even_subset(
+    points_m: Float[np.ndarray, "n 3"], chosen: Int[np.ndarray, "k"], apart_m: float
+) -> Int[np.ndarray, "m"]:
+    """Some of the chosen points, farther from each other than a distance, in their order.
+
+    Parameters
+    ----------
+    points_m
+        Points (n, 3) [m].
+    chosen
+        Indices (k) of those to choose from.
+    apart_m
+        Smallest distance [m].
+    """
+    from scipy.spatial import cKDTree
+
+    left = np.ones(len(chosen), dtype=bool)
+    tree = cKDTree(points_m[chosen])
+    kept = []
+    for k in range(len(chosen)):
+        if left[k]:
+            kept.append(chosen[k])
+            left[tree.query_ball_point(points_m[chosen[k]], apart_m)] = False
+    return np.array(kept, dtype=np.int64)
+
+
+def _maps(
+    kind: str, first: np.ndarray, second: np.ndarray, middle: Float[np.ndarray, "2"], spread_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices (h, 2, 2) and shifts (h, 2) of points in the plane."""
+    if kind == "half turn":
+        return np.tile(-np.eye(2), (len(first), 1, 1)), 2 * (
+            middle + spread_m * np.column_stack([first, second])
+        )
+    across = np.column_stack([np.cos(spread_m * first), np.sin(spread_m * first)])
+    matrices = np.eye(2) - 2 * across[:, :, None] * across[:, None, :]
+    return matrices, 2 * (across @ middle + spread_m * second)[:, None] * across
