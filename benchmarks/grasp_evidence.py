@@ -96,7 +96,9 @@ def campaign(
         missing = [safety for safety in factors if keys[safety] not in done]
         if missing:
             thing = lift_object(seed, RIM_KINDS if rim else KINDS)
-            described = ContainerDescription.model_validate({"name": thing.kind, **thing.described})
+            described = ContainerDescription.model_validate(
+                {"name": thing.kind.replace(" ", "-"), **thing.described}
+            )
             container = mesh_container(described)
             surface = object_map(container, Contents(fill=thing.fill) if thing.fill else None)
             for safety in missing:

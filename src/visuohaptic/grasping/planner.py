@@ -28,7 +28,9 @@ from .score import GraspScores, grasp_scores
 __all__ = ["GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
 
 #: Seconds of the arm, or anything else that is to be small; infinite where it can't reach.
-ArmCost = Callable[["Grasp"], float]
+ArmCost = Callable[[Grasp], float]
+#: Scores under a force, what is spilt, and grasps by the rim.
+_Rated = tuple[GraspScores, Spill | None, list[Grasp]]
 #: A grasp closer to a better one than this many neighbourhoods is the same grasp.
 APART = 2.0
 #: A grasp as wide and as stiff as another at its height, to these fractions, is that one turned about the height axis.
@@ -142,16 +144,14 @@ def plan_grasps(
         # Of another vertex of the same ring: the same curve, the shape turned.
         return known[place]
 
-    def rate(force: float | np.ndarray) -> tuple[GraspScores, Spill | None]:
+    def rate(force: float | np.ndarray) -> _Rated:
         scores = grasp_scores(surface, force, task.parameters, axis_point_m=container.axis_point_m, tips=tips)
+        rims = rim_grasps(container, surface, scores, task, load)
         if model is None or headspace is None:
-            return scores, None
-        return scores, spill_of(container, model, scores, task.fill)
+            return scores, None, rims
+        return scores, spill_of(container, model, scores, task.fill), rims
 
-    def more(scores: GraspScores) -> list[Grasp]:
-        return rim_grasps(container, surface, scores, task, load)
-
-    return _plan(surface, task, load, rate, count, arm_cost, check, ApproachSpace.of(surface, scene_m), more)
+    return _plan(surface, task, load, rate, count, arm_cost, check, ApproachSpace.of(surface, scene_m))
 
 
 def _wall_m(container: ShellObject) -> Float[np.ndarray, "v"]:
@@ -202,12 +202,11 @@ def plan_map(
         surface,
         task,
         task.load,
-        lambda force: (grasp_scores(surface, force, task.parameters), None),
+        lambda force: (grasp_scores(surface, force, task.parameters), None, []),
         count,
         arm_cost,
         lambda grasp: None,
         ApproachSpace.of(surface),
-        lambda scores: [],
     )
 
 
@@ -215,26 +214,25 @@ def _plan(
     surface: StiffnessMap,
     task: GraspTask,
     load: Load | None,
-    rate: Callable[[float | np.ndarray], tuple[GraspScores, Spill | None]],
+    rate: Callable[[float | np.ndarray], _Rated],
     count: int,
     arm_cost: ArmCost | None,
     check: Callable[[Grasp], Confirmation | None],
     space: ApproachSpace,
-    more: Callable[[GraspScores], list[Grasp]],
 ) -> GraspPlan:
     if count < 1:
         raise InputError("plan_grasps", f"found {count}, expected at least 1", field="count")
     force: float | np.ndarray = 1.0 if task.force_N is None else task.force_N
-    scores, spill = rate(force)
+    scores, spill, rims = rate(force)
     found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     if task.force_N is None:
         # The least force that holds at each place; the scores follow it.
         force = np.clip(found.needed_N, 1e-3, 1e6)
-        scores, spill = rate(force)
+        scores, spill, rims = rate(force)
         found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     goals = [
         replace(goal, arm_cost=cost)
-        for goal in (*_goals(surface, scores, found, task, load), *more(scores))
+        for goal in (*_goals(surface, scores, found, task, load), *rims)
         if np.isfinite(cost := 0.0 if arm_cost is None else float(arm_cost(goal)))
     ]
     # A rim carries its load beside the fingers: it is for what the sides do not hold.
