@@ -25,7 +25,7 @@ __all__ = ["rim_grasps"]
 
 #: u at the force that is needed: half of what would lift an edge of the patch off.
 UNEVEN = 0.5
-#: Places around the mouth.
+#: Places around the mouth that are tried: at each 30 degrees, an arm that reaches half of them has a choice.
 AROUND = 12
 
 
