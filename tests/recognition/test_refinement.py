@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from visuohaptic.core import StiffnessMap
 from visuohaptic.recognition.touch import correct_map
