@@ -4,7 +4,8 @@
 ranges, and with a gripper that is wrong (5 mm in height, 3 degrees, gain 5 %, zeros, modulus 12 %, heavy tails), with
 widths and by stiffness alone. ``unknown``: objects of twenty kinds that it was not trained on. ``few_curves``: six
 objects learned from five curves each. ``meshes``: triangulated containers of fourteen kinds whose stiffness is known,
-and five meshes of what is no container.
+and five meshes of what is no container. ``bound``: how often stiffness alone could say "unknown" at all, by classifiers
+that were shown many members of the unknown kinds (``--count`` of each and condition, on open seeds only).
 
     python -m benchmarks.shell_evidence readings unknown --seeds open --count 24 --cache shells --report out.json
 
@@ -30,6 +31,7 @@ from visuohaptic.core.files import write_text
 from visuohaptic.core.resources import one_blas_thread
 
 from ._journal import Journal
+from ._shell_bound import bound_figures, bound_rows
 from ._shell_meshes import mesh_figures, mesh_row, refused_row
 from ._shell_readings import (
     OBJECTS,
@@ -42,7 +44,7 @@ from ._shell_readings import (
     unknown_figures,
 )
 
-CAMPAIGNS = ("readings", "unknown", "few_curves", "meshes")
+CAMPAIGNS = ("readings", "unknown", "few_curves", "meshes", "bound")
 #: Floors and aims of right, false unknown and calibration error.
 LIMITS = {
     "in range": ((0.97, 0.99), (0.02, 0.01), (0.05, 0.04)),
@@ -111,6 +113,8 @@ def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         return few_figures(rows)
     if name == "meshes":
         return mesh_figures(rows)
+    if name == "bound":
+        return bound_figures(rows)
     figures = []
     for use_width in (True, False):
         for condition in CONDITIONS:
@@ -165,6 +169,8 @@ def main() -> None:
                 rows = few(chosen, cache, journal)
             elif name == "meshes":
                 rows = meshes(chosen, arguments.kinds, journal, chosen_workers(arguments))
+            elif name == "bound":
+                rows = bound_rows(range(0, 2 * arguments.count, 2), cache / "members")
             else:
                 rows = recognition(
                     name, chosen, cache, journal=journal, conditions=arguments.conditions,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.worlds.lifts import DENSITY, KINDS, LIQUID, LiftObject, lift, lift_object, wall_load
+from tests.worlds.lifts import DENSITY, KINDS, LIQUID, LiftObject, lift, lift_object, lift_rim, wall_load
 from tests.worlds.shells import Revolution
 
 from benchmarks import grasp_evidence
@@ -37,6 +37,24 @@ def test_what_friction_can_hold_comes_along_and_what_it_cannot_stays(cylinder: L
     assert lost.slip_m == pytest.approx(0.0625, abs=1e-3)
 
 
+def test_a_wall_between_two_pads_turns_until_their_pressure_holds_the_moment(cylinder: LiftObject) -> None:
+    """Springs over a disc of radius r that are pressed d by F turn by M / (F r^2 / 2 d), both pads together.
+
+    M is the weight on an arm of the tube's radius. The rings of balls lie within the disc: their second moment is a little
+    smaller than r^2 / 4, and they move in contact, so that 40 % are allowed.
+    """
+    force_N = 40.0
+    found = lift_rim(cylinder, (0.03, 0.11), (1.0, 0.0), force_N)
+    moment = cylinder.mass_kg * 9.81 * 0.03
+    assert found.held
+    assert found.slip_m < 5e-4
+    assert found.turn_rad == pytest.approx(moment / (force_N * 0.01**2 / (2 * 0.003)), rel=0.4)
+    # Friction would hold 2 mu F, more than the weight; but the moment is more than all pressure at opposite edges holds.
+    weak_N = 0.9 * moment / (2 * 0.01)
+    assert 2 * cylinder.friction * weak_N > 1.1 * cylinder.mass_kg * 10.81
+    assert not lift_rim(cylinder, (0.03, 0.11), (1.0, 0.0), weak_N).held
+
+
 def test_pieces_differ_from_their_description_as_is_declared() -> None:
     found = [lift_object(seed) for seed in range(0, 12 * len(KINDS), 2)]
     assert [one.kind for one in found[: len(KINDS)]] == list(KINDS)
@@ -52,6 +70,9 @@ def test_a_planned_grasp_is_lifted_and_figures_count_what_held() -> None:
     assert first["success"]
     assert first["give_m"] < 5e-3
     assert 0.9 < first["declared"] <= 1
+    (bowl,) = grasp_evidence.campaign([0], factors=grasp_evidence.SAFETY[:1], rim=True)
+    assert bowl["success"]
+    assert bowl["rim"]
     lost = first | {"success": False, "slip_m": 0.06, "declared": 0.9}
     held, error = grasp_evidence.figures([first | {"declared": 0.9}, lost])
     assert held["ours"] == pytest.approx(0.5)

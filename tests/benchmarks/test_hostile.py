@@ -17,7 +17,6 @@ FOUND = (
     "visuohaptic.core.so3_log",
     "visuohaptic.navigation.pushing.load_of_feet",
     "visuohaptic.navigation.pushing.push_contacts",
-    "visuohaptic.recognition.touch.combine_models",
     "visuohaptic.report.floor_map",
     "visuohaptic.sensing.push.fit_circle",
     "visuohaptic.tracking.estimate_homography",

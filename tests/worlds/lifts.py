@@ -7,18 +7,32 @@ not from a formula. How far the wall gives way is asked of :mod:`.shells`, by it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .shell_bodies import CLASSES, OTHERS, Description, draw, wall_of
 from .shells import Revolution, opposite, side_stiffness
 
-__all__ = ["FRICTION", "KINDS", "LiftObject", "Lifted", "lift", "lift_object", "wall_load"]
+__all__ = [
+    "FRICTION",
+    "KINDS",
+    "RIM_KINDS",
+    "LiftObject",
+    "Lifted",
+    "lift",
+    "lift_object",
+    "lift_rim",
+    "wall_load",
+]
 
 #: Twelve kinds that a hand of 11 cm reaches round.
 KINDS = ("pot", "beaker", "shampoo", "milk", "water", "tub", "can", "jar", "mug", "tube", "funnel", "goblet")
+#: Kinds that are open above; a bowl is too wide for that hand.
+RIM_KINDS = ("bowl", "pot", "beaker", "foil cup", "goblet", "mug")
 #: Density [kg/m^3] of wall and liquid.
 DENSITY = {"LDPE": 920, "HDPE": 955, "PP": 905, "PET": 1370, "PS": 1050, "aluminium": 2700, "glass": 2500}
 LIQUID = 1000.0
@@ -33,6 +47,8 @@ PAD_DEPTH_m, RINGS, PAD_BALL_m, CLOSING_m_per_s = 0.003, (1, 6, 12), 0.002, 0.03
 MAX_SLIP_m, MAX_TURN_rad = 0.01, 0.35
 #: Slices of the wall next to the pads [m], and corners around.
 REACH_m, SLICE_m, AROUND = 0.025, 0.0025, 48
+#: Thickness of the plates that stand for a wall between two fingers [m]: thinner ones, balls would go through.
+MIN_PLATE_m = 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,13 +84,13 @@ class Lifted:
         return self.slip_m < MAX_SLIP_m and self.turn_rad < MAX_TURN_rad
 
 
-def lift_object(seed: int) -> LiftObject:
+def lift_object(seed: int, kinds: Sequence[str] = KINDS) -> LiftObject:
     """A member of the kinds by turns; bottles are empty, half or nearly full, by turns."""
-    kind = KINDS[seed // 2 % len(KINDS)]
+    kind = kinds[seed // 2 % len(kinds)]
     rng = np.random.default_rng([seed, 40])
     described = draw((CLASSES | OTHERS)[kind], rng)
     closed = described.get("top", {"kind": "open"})["kind"] != "open"
-    fill = (0.0, 0.5, 0.9)[seed // 2 // len(KINDS) % 3] if closed else 0.0
+    fill = (0.0, 0.5, 0.9)[seed // 2 // len(kinds) % 3] if closed else 0.0
     wall = wall_of(described, modulus=float(np.exp(MODULUS_SPREAD * rng.standard_normal())))
     wall = replace(wall, wall_m=wall.wall_m * np.clip(1 + WALL_SPREAD * rng.standard_normal(), 0.7, 1.3))
     true_fill = float(np.clip(fill + FILL_SPREAD * rng.standard_normal(), 0.0, 1.0)) if fill else 0.0
@@ -107,20 +123,49 @@ def wall_load(
 
 def lift(thing: LiftObject, height_m: float, force_N: float, *, pad_radius_m: float = 0.01) -> Lifted:
     """Close two pads at one height from opposite sides, lift, and hold."""
-    model = mujoco.MjModel.from_xml_string(_mjcf(thing, height_m, force_N, pad_radius_m))
+    widest, assets, slices = _solid_slices(thing, height_m)
+    fingers = _fingers((0.0, 0.0, height_m), 0.0, widest + 0.0005, force_N, pad_radius_m, thing.friction)
+    return _lifted(_mjcf(thing, assets, slices, fingers), force_N, np.zeros(3))
+
+
+def lift_rim(
+    thing: LiftObject,
+    place_m: tuple[float, float],
+    outward: tuple[float, float],
+    force_N: float,
+    *,
+    pad_radius_m: float = 0.01,
+) -> Lifted:
+    """Close two pads on both sides of the wall, at a place (radius, height) of it that looks ``outward``, and lift."""
+    half = 0.5 * MIN_PLATE_m
+    anchor = (place_m[0], 0.0, place_m[1])
+    plates = _wall_plates(thing, place_m[1], half)
+    tilt = float(np.arctan2(-outward[1], outward[0]))
+    fingers = _fingers(anchor, tilt, half + 0.0005, force_N, pad_radius_m, thing.friction)
+    return _lifted(_mjcf(thing, [], plates, fingers), force_N, np.array(anchor))
+
+
+def _lifted(mjcf: str, force_N: float, anchor_m: np.ndarray) -> Lifted:
+    """Close, lift and hold; slip is that of a point of the container."""
+    model = mujoco.MjModel.from_xml_string(mjcf)
     data = mujoco.MjData(model)
     model.opt.timestep = STEP_s
     data.ctrl[1:] = force_N
+
+    def heights() -> np.ndarray:
+        body = data.body("container")
+        return np.array([(body.xpos + body.xmat.reshape(3, 3) @ anchor_m)[2], data.joint("up").qpos[0]])
+
     start: np.ndarray | None = None
     while data.time < CLOSE_s + LIFT_s + HOLD_s:
         if start is None and data.time >= CLOSE_s:
-            start = np.array([data.qpos[2], data.joint("up").qpos[0]])
+            start = heights()
         data.ctrl[0] = _risen_m(data.time - CLOSE_s)
         mujoco.mj_step(model, data)
     assert start is not None
+    risen = heights() - start
     up = data.body("container").xmat.reshape(3, 3)[2, 2]
-    slip = (float(data.joint("up").qpos[0]) - start[1]) - (float(data.qpos[2]) - start[0])
-    return Lifted(slip, float(np.arccos(np.clip(up, -1, 1))))
+    return Lifted(float(risen[1] - risen[0]), float(np.arccos(np.clip(up, -1, 1))))
 
 
 def _risen_m(time_s: float) -> float:
@@ -129,11 +174,9 @@ def _risen_m(time_s: float) -> float:
     return float(0.5 * ACCELERATION_m_per_s2 * (first**2 + 2 * half * second - second**2))
 
 
-def _mjcf(thing: LiftObject, height_m: float, force_N: float, pad_radius_m: float) -> str:
-    """Model: table, container, and a hand whose two fingers move alike."""
-    outer = thing.wall.meridian_m
-    # The top is flat: of its points the first counts.
-    outer = outer[: int(outer[:, 1].argmax()) + 1]
+def _solid_slices(thing: LiftObject, height_m: float) -> tuple[float, list[str], list[str]]:
+    """Largest radius next to the pads [m], meshes and geoms of slices of the container there."""
+    outer = _outer(thing)
     low, high = max(height_m - REACH_m, 0.0), min(height_m + REACH_m, float(outer[-1, 1]))
     cuts = np.linspace(low, high, max(2, round((high - low) / SLICE_m) + 1))
     radii = np.interp(cuts, outer[:, 1], outer[:, 0])
@@ -147,20 +190,57 @@ def _mjcf(thing: LiftObject, height_m: float, force_N: float, pad_radius_m: floa
         text = " ".join(f"{value:.7f}" for value in corners.ravel())
         assets.append(f'<mesh name="s{k}" vertex="{text}" inertia="convex"/>')
         # MuJoCo centres a mesh on itself and puts it back where it was.
-        slices.append(
-            f'<geom type="mesh" mesh="s{k}" mass="0" contype="1" conaffinity="3" friction="{thing.friction:.5f}"/>'
+        slices.append(f'<geom type="mesh" mesh="s{k}" {_touched(thing)}/>')
+    return float(radii.max()), assets, slices
+
+
+def _wall_plates(thing: LiftObject, height_m: float, half_m: float) -> list[str]:
+    """Small plates of the wall around azimuth 0, from below a place of it up to the mouth."""
+    outer = _outer(thing)
+    top = float(outer[-1, 1])
+    cuts = np.linspace(
+        max(height_m - REACH_m, 0.0), top, max(2, round((top - height_m + REACH_m) / SLICE_m) + 1)
+    )
+    radii = np.interp(cuts, outer[:, 1], outer[:, 0])
+    plates = []
+    for k in range(len(cuts) - 1):
+        rise, run = cuts[k + 1] - cuts[k], radii[k + 1] - radii[k]
+        radius, height, length = (
+            0.5 * (radii[k] + radii[k + 1]),
+            0.5 * (cuts[k] + cuts[k + 1]),
+            np.hypot(rise, run),
         )
-    widest = float(radii.max())
+        # A plate's own x looks outward.
+        tilt = np.arctan2(run, rise)
+        for angle in np.arange(-REACH_m, REACH_m + 1e-9, SLICE_m) / radius:
+            place = f"{radius * np.cos(angle):.6f} {radius * np.sin(angle):.6f} {height:.6f}"
+            size = f"{half_m:.6f} {0.5 * SLICE_m:.6f} {0.5 * length:.6f}"
+            turn = Rotation.from_euler("ZY", [angle, tilt]).as_quat(scalar_first=True)
+            quat = " ".join(f"{value:.6f}" for value in turn)
+            plates.append(f'<geom type="box" pos="{place}" quat="{quat}" size="{size}" {_touched(thing)}/>')
+    return plates
+
+
+def _outer(thing: LiftObject) -> np.ndarray:
+    """Meridian up to the mouth: the top is flat, of its points the first counts."""
+    outer = thing.wall.meridian_m
+    return outer[: int(outer[:, 1].argmax()) + 1]
+
+
+def _touched(thing: LiftObject) -> str:
+    return f'mass="0" contype="1" conaffinity="3" friction="{thing.friction:.5f}"'
+
+
+def _mjcf(thing: LiftObject, assets: Sequence[str], solids: Sequence[str], fingers: str) -> str:
+    """Model: table, container, and a hand whose two fingers move alike."""
     across, about = thing.inertia_kg_m2
     inertia = f"{across:.3e} {across:.3e} {min(about, 1.99 * across):.3e}"
+    foot_m = float(thing.wall.meridian_m[0, 0])
     body = (
         '<body name="container"><freejoint/>'
         f'<inertial pos="0 0 {thing.centre_m:.5f}" mass="{thing.mass_kg:.6f}" diaginertia="{inertia}"/>'
-        f'<geom type="cylinder" size="{0.9 * outer[0, 0]:.5f} 0.001" pos="0 0 0.001" mass="0" contype="1" '
-        f'conaffinity="1" friction="0.3"/>{"".join(slices)}</body>'
-    )
-    fingers = "".join(
-        _finger(side, widest + 0.0005, height_m, force_N, pad_radius_m, thing.friction) for side in (-1, 1)
+        f'<geom type="cylinder" size="{0.9 * foot_m:.5f} 0.001" pos="0 0 0.001" mass="0" contype="1" '
+        f'conaffinity="1" friction="0.3"/>{"".join(solids)}</body>'
     )
     return (
         f'<mujoco><option timestep="{STEP_s}" gravity="0 0 -{GRAVITY_m_per_s2}" cone="elliptic" impratio="50" '
@@ -173,9 +253,22 @@ def _mjcf(thing: LiftObject, height_m: float, force_N: float, pad_radius_m: floa
     )
 
 
-def _finger(
-    side: int, reach_m: float, height_m: float, force_N: float, radius_m: float, friction: float
+def _fingers(
+    middle_m: tuple[float, float, float],
+    tilt_rad: float,
+    reach_m: float,
+    force_N: float,
+    radius_m: float,
+    friction: float,
 ) -> str:
+    """Two fingers on both sides of a place, their line turned about y."""
+    place = " ".join(f"{value:.6f}" for value in middle_m)
+    both = "".join(_finger(side, reach_m, force_N, radius_m, friction) for side in (-1, 1))
+    turn = f"{np.cos(tilt_rad / 2):.6f} 0 {np.sin(tilt_rad / 2):.6f} 0"
+    return f'<body pos="{place}" quat="{turn}">{both}</body>'
+
+
+def _finger(side: int, reach_m: float, force_N: float, radius_m: float, friction: float) -> str:
     """One finger at ``side * reach``, that closes inwards, with a disc of springs."""
     count = sum(RINGS)
     stiffness, mass = force_N / PAD_DEPTH_m / count, 0.002
@@ -193,7 +286,7 @@ def _finger(
                 f'friction="{friction:.5f}" solref="0.004 1"/></body>'
             )
     return (
-        f'<body pos="{side * (reach_m + PAD_BALL_m):.5f} 0 {height_m:.5f}" gravcomp="1">'
+        f'<body pos="{side * (reach_m + PAD_BALL_m):.5f} 0 0" gravcomp="1">'
         f'<joint name="close{side}" type="slide" axis="{-side} 0 0" damping="{force_N / CLOSING_m_per_s:.6f}"/>'
         f'<inertial pos="0 0 0" mass="0.2" diaginertia="1e-4 1e-4 1e-4"/>{"".join(springs)}</body>'
     )

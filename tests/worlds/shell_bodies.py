@@ -15,6 +15,7 @@ from .shells import Revolution
 
 __all__ = [
     "CLASSES",
+    "FRUSTUM_M",
     "MATERIALS",
     "OTHERS",
     "Description",

@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
-    from ..grasping.planner import Grasp, GraspPlan
+    from ..grasping.grasp_task import Grasp
+    from ..grasping.planner import GraspPlan
 
 __all__ = ["grasp_the_bottle", "recognise_the_bottle"]
 

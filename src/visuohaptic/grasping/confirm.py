@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..core.errors import InputError
 from ..core.geometry import vertex_normals
@@ -18,7 +18,7 @@ from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import ShellModel, enclosed_volume
 from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
 
-__all__ = ["Confirmation", "confirm_grasp", "pinch_at"]
+__all__ = ["Confirmation", "confirm_grasp", "mouth_edges", "pinch_at"]
 
 #: End of the curve as a multiple of the deformation bound, and its number of steps.
 REACH, STEPS = 1.6, 8
@@ -144,12 +144,24 @@ def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> floa
     wall = enclosed_volume(points, container.mesh.faces, container.mesh.fraction)
     if not len(container.lid):
         return wall
-    edges = np.concatenate([container.lid[:, [0, 1]], container.lid[:, [1, 2]], container.lid[:, [2, 0]]])
-    _, inverse, often = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
-    rim = edges[often[inverse.ravel()] == 1]
+    rim = mouth_edges(container)
     centre = points[rim[:, 0]].mean(axis=0)
     a, b = points[rim[:, 0]], points[rim[:, 1]]
     return wall + float(np.einsum("i,fi->", centre, np.cross(a, b))) / 6
+
+
+def mouth_edges(container: ShellObject) -> Int[np.ndarray, "e 2"]:
+    """Edges around the mouth of an open container, by their vertices; none of a closed one.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    """
+    edges = np.concatenate([container.lid[:, [0, 1]], container.lid[:, [1, 2]], container.lid[:, [2, 0]]])
+    _, inverse, often = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    out: np.ndarray = edges[often[inverse.ravel()] == 1]
+    return out
 
 
 def _slant_rad(container: ShellObject, tips: DualTips, points: Float[np.ndarray, "v 3"]) -> float:

@@ -1,15 +1,20 @@
-"""What a grasp is for, and with what hand: the settings that scores, feasibility and plans share."""
+"""What a grasp is for, and with what hand: the settings that scores, feasibility and plans share; and a grasp."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+from jaxtyping import Float
+
 from ..core.ranges import POSITIVE, check_ranges, within
+from .approach import GripperApproach
+from .confirm import Confirmation
 from .force import GripperModel, Handling, Load
 from .score import ScoreParameters
 
-__all__ = ["GraspTask"]
+__all__ = ["Grasp", "GraspTask"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,3 +44,29 @@ class GraspTask:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grasp:
+    """One goal for the arm, in the object's frame."""
+
+    vertex: int  #: of the first finger
+    first_m: Float[np.ndarray, "3"]
+    second_m: Float[np.ndarray, "3"]
+    direction: Float[np.ndarray, "3"]  #: unit vector of the first finger's force
+    score: float  #: S_G of both fingers
+    parts: dict[str, float]  #: contact, curvature, height, deformation of the first finger
+    force_N: float
+    needed_N: float  #: that holds the load
+    deformation_limit_N: float
+    spill_limit_N: float
+    deformation_m: float  #: expected, of one side
+    deformation_sigma_m: float
+    width_m: float  #: distance of the fingers
+    steadiness: float  #: smallest S_G within the neighbourhood, where a badly aligned arm would end
+    success: float  #: probability that it neither slips nor deforms too much; NaN where no load is known
+    work_J: float  #: least work of both fingers that holds the load (Xu et al. 2020), by the linear stiffness
+    rim: bool = False  #: the wall itself is pinched at the mouth, one finger inside
+    arm_cost: float = 0.0
+    approach: GripperApproach | None = None  #: a free way there
+    confirmation: Confirmation | None = None

@@ -17,48 +17,26 @@ from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shapes.symmetry_reduction import detect_symmetry
 from ..deformation.shells.shell import ShellModel
 from ..deformation.shells.stiffness_map import DualTips, antipodal_points, opposing_points
-from .approach import ApproachSpace, GripperApproach, find_approach
+from .approach import ApproachSpace, find_approach
 from .confirm import Confirmation, confirm_grasp
 from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, spill_of
 from .force import Load, object_load, success_probability
-from .grasp_task import GraspTask
+from .grasp_task import Grasp, GraspTask
+from .rim import rim_grasps
 from .score import GraspScores, grasp_scores
 
-__all__ = ["Grasp", "GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
+__all__ = ["GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
 
 #: Seconds of the arm, or anything else that is to be small; infinite where it can't reach.
-ArmCost = Callable[["Grasp"], float]
+ArmCost = Callable[[Grasp], float]
+#: Scores under a force, what is spilt, and grasps by the rim.
+_Rated = tuple[GraspScores, Spill | None, list[Grasp]]
 #: A grasp closer to a better one than this many neighbourhoods is the same grasp.
 APART = 2.0
 #: A grasp as wide and as stiff as another at its height, to these fractions, is that one turned about the height axis.
 SAME_WIDTH, SAME_STIFFNESS = 0.05, 0.2
 #: Grasps that the simulation refuses before the search is given up.
 MAX_REFUSED = 6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Grasp:
-    """One goal for the arm, in the object's frame."""
-
-    vertex: int  #: of the first finger
-    first_m: Float[np.ndarray, "3"]
-    second_m: Float[np.ndarray, "3"]
-    direction: Float[np.ndarray, "3"]  #: unit vector of the first finger's force
-    score: float  #: S_G of both fingers
-    parts: dict[str, float]  #: contact, curvature, height, deformation of the first finger
-    force_N: float
-    needed_N: float  #: that holds the load
-    deformation_limit_N: float
-    spill_limit_N: float
-    deformation_m: float  #: expected, of one side
-    deformation_sigma_m: float
-    width_m: float  #: distance of the fingers
-    steadiness: float  #: smallest S_G within the neighbourhood, where a badly aligned arm would end
-    success: float  #: probability that it neither slips nor deforms too much; NaN where no load is known
-    work_J: float  #: least work of both fingers that holds the load (Xu et al. 2020), by the linear stiffness
-    arm_cost: float = 0.0
-    approach: GripperApproach | None = None  #: a free way there
-    confirmation: Confirmation | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +78,7 @@ def plan_grasps(
     task: GraspTask | None = None,
     *,
     count: int = 5,
-    confirm: bool = False,
+    confirm: bool | None = None,
     arm_cost: ArmCost | None = None,
     surface: StiffnessMap | None = None,
     scene_m: Float[np.ndarray, "s 3"] | None = None,
@@ -117,7 +95,8 @@ def plan_grasps(
         Of grasps, at most.
     confirm
         Run the nonlinear simulation for each grasp, and go on to the next where it fails; seconds
-        for each. On a round object one is run for each height.
+        for each, and once for each height of a round object. By default where the wall bends by more than
+        its thickness: below, the linear map is right to first order. A pinch of the rim is not simulated.
     arm_cost
         Order of the goals; by score without it. An infinite cost drops the goal.
     surface
@@ -141,37 +120,46 @@ def plan_grasps(
         surface = StiffnessMap(container.mesh.vertices_m, container.surface_faces, *values)
     surface = surface or object_map(container, contents)
     load = task.load or object_load(container, task.fill, liquid_kg_per_m3=task.liquid_kg_per_m3)
-    model = container.model() if confirm or (task.fill > 0 and not task.closed) else None
     headspace = None if task.closed or not task.fill else (1 - task.fill) * container.volume_m3
-
-    even = confirm and detect_symmetry(container).round
+    model = None if confirm is False and headspace is None else container.model()
+    even, max_linear_m = detect_symmetry(container).round, _wall_m(container)
     known: dict[tuple[float, float], Confirmation] = {}
 
     def check(grasp: Grasp) -> Confirmation | None:
+        soft = confirm or (confirm is None and grasp.deformation_m > max_linear_m[grasp.vertex])
+        if grasp.rim or not soft:
+            return None
         place = round(float(grasp.first_m[2]), 6), round(grasp.force_N, 3)
-        if even and place in known:
-            # Another vertex of the same ring: the same curve, the shape turned; one refusal is enough.
-            return known[place] if known[place].holds else None
-        known[place] = confirm_grasp(
-            container,
-            grasp.vertex if tips is None else _pair(tips, grasp.vertex),
-            grasp.force_N,
-            contents=contents,
-            headspace_m3=headspace,
-            max_deformation_m=task.parameters.max_deformation_m,
-            friction=task.gripper.friction,
-            model=model,
-        )
+        if not (even and place in known):
+            known[place] = confirm_grasp(
+                container,
+                grasp.vertex if tips is None else _pair(tips, grasp.vertex),
+                grasp.force_N,
+                contents=contents,
+                headspace_m3=headspace,
+                max_deformation_m=task.parameters.max_deformation_m,
+                friction=task.gripper.friction,
+                model=model,
+            )
+        # Of another vertex of the same ring: the same curve, the shape turned.
         return known[place]
 
-    def rate(force: float | np.ndarray) -> tuple[GraspScores, Spill | None]:
+    def rate(force: float | np.ndarray) -> _Rated:
         scores = grasp_scores(surface, force, task.parameters, axis_point_m=container.axis_point_m, tips=tips)
+        rims = rim_grasps(container, surface, scores, task, load)
         if model is None or headspace is None:
-            return scores, None
-        return scores, spill_of(container, model, scores, task.fill)
+            return scores, None, rims
+        return scores, spill_of(container, model, scores, task.fill), rims
 
-    space = ApproachSpace.of(surface, scene_m)
-    return _plan(surface, task, load, rate, count, arm_cost, check if confirm else None, space)
+    return _plan(surface, task, load, rate, count, arm_cost, check, ApproachSpace.of(surface, scene_m))
+
+
+def _wall_m(container: ShellObject) -> Float[np.ndarray, "v"]:
+    """Smallest thickness of the wall at each vertex [m]."""
+    mesh = container.mesh
+    out = np.full(len(mesh.vertices_m), np.inf)
+    np.minimum.at(out, mesh.faces, np.asarray(mesh.thickness_m)[:, None])
+    return out
 
 
 def _pair(tips: DualTips, vertex: int) -> DualTips:
@@ -214,10 +202,10 @@ def plan_map(
         surface,
         task,
         task.load,
-        lambda force: (grasp_scores(surface, force, task.parameters), None),
+        lambda force: (grasp_scores(surface, force, task.parameters), None, []),
         count,
         arm_cost,
-        None,
+        lambda grasp: None,
         ApproachSpace.of(surface),
     )
 
@@ -226,28 +214,29 @@ def _plan(
     surface: StiffnessMap,
     task: GraspTask,
     load: Load | None,
-    rate: Callable[[float | np.ndarray], tuple[GraspScores, Spill | None]],
+    rate: Callable[[float | np.ndarray], _Rated],
     count: int,
     arm_cost: ArmCost | None,
-    check: Callable[[Grasp], Confirmation | None] | None,
+    check: Callable[[Grasp], Confirmation | None],
     space: ApproachSpace,
 ) -> GraspPlan:
     if count < 1:
         raise InputError("plan_grasps", f"found {count}, expected at least 1", field="count")
     force: float | np.ndarray = 1.0 if task.force_N is None else task.force_N
-    scores, spill = rate(force)
+    scores, spill, rims = rate(force)
     found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     if task.force_N is None:
         # The least force that holds at each place; the scores follow it.
         force = np.clip(found.needed_N, 1e-3, 1e6)
-        scores, spill = rate(force)
+        scores, spill, rims = rate(force)
         found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     goals = [
         replace(goal, arm_cost=cost)
-        for goal in _goals(surface, scores, found, task, load)
+        for goal in (*_goals(surface, scores, found, task, load), *rims)
         if np.isfinite(cost := 0.0 if arm_cost is None else float(arm_cost(goal)))
     ]
-    goals.sort(key=lambda goal: (goal.arm_cost, -goal.score))
+    # A rim carries its load beside the fingers: it is for what the sides do not hold.
+    goals.sort(key=lambda goal: (goal.arm_cost, goal.rim, -goal.score))
     kept: list[Grasp] = []
     rejected: list[Grasp] = []
     blocked = 0
@@ -260,14 +249,11 @@ def _plan(
         if approach is None:
             blocked += 1
             continue
-        goal = replace(goal, approach=approach)
-        if check is None:
-            kept.append(goal)
-            continue
         said = check(goal)
-        if said is None:
+        if said is not None and any(other.confirmation is said for other in rejected):
             continue
-        (kept if said.holds else rejected).append(replace(goal, confirmation=said))
+        goal = replace(goal, approach=approach, confirmation=said)
+        (kept if said is None or said.holds else rejected).append(goal)
     notes = (f"{blocked} places have no way free of object, scene and table",) if blocked else ()
     return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load, notes)
 

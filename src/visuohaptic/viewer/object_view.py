@@ -145,7 +145,7 @@ class ObjectView:
         """
         if self.thing is None:
             return plan_map(self.surface, replace(self.task, fill=0.0), count=count)
-        return plan_grasps(self.thing, self.task, count=count, surface=self.surface)
+        return plan_grasps(self.thing, self.task, count=count, confirm=False, surface=self.surface)
 
     def _scores(self) -> Any:
         axis = None if self.thing is None else self.thing.axis_point_m

@@ -5,7 +5,6 @@ from .contents import closed_compliance as closed_compliance
 from .contents import contained_curve as contained_curve
 from .contents import damped_iteration as damped_iteration
 from .contents import enclosed_gradient as enclosed_gradient
-from .contents import hydrostatic_load as hydrostatic_load
 from .contents import liquid_level_m as liquid_level_m
 from .equilibrium_path import EquilibriumPath as EquilibriumPath
 from .equilibrium_path import PathPoint as PathPoint

@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.geometry import area_vectors
 from ...core.ranges import POSITIVE, check_ranges, within
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
@@ -33,7 +32,6 @@ __all__ = [
     "contained_curve",
     "damped_iteration",
     "enclosed_gradient",
-    "hydrostatic_load",
     "liquid_level_m",
 ]
 
@@ -235,36 +233,6 @@ def liquid_level_m(container: ShellObject, fill: float) -> float:
     if fill <= 0 or fill >= 1:
         return 0.0 if fill <= 0 else top
     return float(brentq(missing, 0.0, top, xtol=1e-9))
-
-
-def hydrostatic_load(
-    container: ShellObject, fill: float, *, density_kg_per_m3: float = 1000.0
-) -> Float[np.ndarray, "v 6"]:
-    """Forces of the liquid's own weight on the wall [N], ``rho g d`` at depth d.
-
-    In linear elasticity a load that is there before the pinch does not change the stiffness: add
-    this load to see how the wall bulges.
-
-    Parameters
-    ----------
-    container
-        Parametric or imported container, upright.
-    fill
-        Fraction of the volume that is liquid, 0 to 1.
-    density_kg_per_m3
-        Of the liquid [kg/m^3].
-    """
-    mesh = container.mesh
-    above_foot = mesh.vertices_m[:, 2] - mesh.vertices_m[:, 2].min()
-    depth = np.maximum(liquid_level_m(container, fill) - above_foot, 0.0)
-    area = area_vectors(mesh.vertices_m, mesh.faces) * np.asarray(mesh.fraction)[:, None]
-    corner = depth[mesh.faces]
-    out = np.zeros((len(mesh.vertices_m), 6))
-    for k in range(3):
-        # Exact for a pressure that is linear over the triangle.
-        weight = (corner.sum(axis=1) + corner[:, k]) / 12
-        np.add.at(out[:, :3], mesh.faces[:, k], density_kg_per_m3 * GRAVITY_m_per_s2 * weight[:, None] * area)
-    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

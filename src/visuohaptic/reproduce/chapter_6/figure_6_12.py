@@ -38,7 +38,10 @@ def run(out: Output) -> None:
         key = (case.thing, case.force_N)
         if key not in plans:
             thing = load_object(case.thing, around=32 if out.quick else None)
-            plans[key] = (thing, plan_grasps(thing, GraspTask(force_N=case.force_N, pairs="axis"), count=1))
+            plans[key] = (
+                thing,
+                plan_grasps(thing, GraspTask(force_N=case.force_N, pairs="axis"), count=1, confirm=False),
+            )
         thing, plan = plans[key]
         vertex = best_vertex(plan, case)
         said = confirm_grasp(thing, vertex, case.force_N)

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 from ._container import add_container_arguments, read_container
 
 if TYPE_CHECKING:
-    from ....grasping.grasp_task import GraspTask
-    from ....grasping.planner import Grasp, GraspPlan
+    from ....grasping.grasp_task import Grasp, GraspTask
+    from ....grasping.planner import GraspPlan
 
 __all__ = ["add_arguments", "grasp_json", "run"]
 
@@ -36,7 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
     parser.add_argument("--count", type=int, default=5, help="of grasps, at most")
     parser.add_argument(
-        "--confirm", action="store_true", help="check each by nonlinear simulation; seconds for each"
+        "--confirm",
+        action=argparse.BooleanOptionalAction,
+        help="check each by nonlinear simulation, seconds for each; by default those that bend the wall by more "
+        "than its thickness",
     )
     parser.add_argument(
         "--several", type=int, metavar="M", help="also distribute the force over the M best, acting at once"
@@ -173,6 +176,7 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
     said, way = grasp.confirmation, grasp.approach
     return {
         "score": grasp.score,
+        "rim": grasp.rim,
         "parts": grasp.parts,
         "steadiness": grasp.steadiness,
         "success": _finite(grasp.success),
@@ -235,8 +239,13 @@ def _report(args: Any, result: dict[str, Any]) -> None:
     for rank, grasp in enumerate(result["grasps"], 1):
         x, y, z = (1e3 * value for value in grasp["first_m"])
         line = (
-            f"{rank}. score {grasp['score']:.2f} at ({x:.0f}, {y:.0f}, {z:.0f}) mm, {1e3 * grasp['width_m']:.0f} mm wide: "
-            f"{grasp['force_N']:.1f} N, needs {grasp['needed_N']:.1f} N, deforms by {1e3 * grasp['deformation_m']:.1f} "
+            f"{rank}. score {grasp['score']:.2f} at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
+            + (
+                "by the rim, one finger inside: "
+                if grasp["rim"]
+                else f"{1e3 * grasp['width_m']:.0f} mm wide: "
+            )
+            + f"{grasp['force_N']:.1f} N, needs {grasp['needed_N']:.1f} N, deforms by {1e3 * grasp['deformation_m']:.1f} "
             f"± {1e3 * grasp['deformation_sigma_m']:.1f} mm"
         )
         if grasp["pose"]:

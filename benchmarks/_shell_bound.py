@@ -1,0 +1,108 @@
+"""How often could stiffness alone say that a container is of no trained class? Classifiers that were shown the unknown kinds.
+
+They learn many members of each class and of each other kind of container, under all conditions, from readings at fixed
+places; each member is judged by classifiers that saw others. No recogniser that has to call unknown what it has not seen can
+be asked for more. Solids are left out: they are told without exception.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.worlds.shell_bodies import CLASSES, OTHERS
+from tests.worlds.shell_touches import CONDITIONS, TouchedObject, member
+
+from visuohaptic.core.resources import one_blas_thread
+from visuohaptic.recognition import TouchProtocol
+
+from ._shell_readings import AXES, touch_of
+
+#: Numbers of touches, spread over heights and axes: as many as the planner may make, and all.
+TOUCHES = (10, 32)
+#: Fraction of the members of classes that may be called unknown: the mean of the floors of the three conditions.
+FALSE_UNKNOWN = (0.02 + 0.04 + 0.07) / 3
+FOLDS = 6
+
+
+@one_blas_thread()
+def bound_rows(chosen: Sequence[int], cache: Path) -> list[dict[str, Any]]:
+    """Of each number of touches, condition and classifier: fraction of unknown containers that are called so."""
+    members = [
+        (name, condition, seed, _profile(member(name, seed, condition, cache), seed))
+        for seed in chosen
+        for condition in CONDITIONS
+        for name in (CLASSES | OTHERS)
+    ]
+    names, conditions, groups, tables = (np.array(part) for part in zip(*members, strict=True))
+    known = np.isin(names, list(CLASSES))
+    rows = []
+    for count in TOUCHES:
+        touches = np.linspace(0, 31, count).round().astype(int)
+        # Of a height and an axis, two sides; every second touch is along the other axis.
+        columns = np.concatenate([[2 * k, 2 * k + 1] for k in touches])
+        for peer, score in _unknown_scores(tables[:, columns], names, groups).items():
+            limit = np.quantile(score[known], 1 - FALSE_UNKNOWN)
+            for condition in CONDITIONS:
+                here = conditions == condition
+                called = score > limit
+                worst = {name: float(called[here & (names == name)].mean()) for name in OTHERS}
+                rows.append({
+                    "touches": count, "peer": peer, "condition": condition, "objects": int((here & ~known).sum()),
+                    "called": float(called[here & ~known].mean()), "false": float(called[here & known].mean()),
+                    "kinds": {name: round(value, 2) for name, value in worst.items() if value < 0.9},
+                })  # fmt: skip
+        print(f"bound: {count} touches", flush=True)
+    return rows
+
+
+def bound_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The best classifier of each number of touches and condition."""
+    best: dict[tuple[int, str], dict[str, Any]] = {}
+    for row in rows:
+        key = (row["touches"], row["condition"])
+        if key not in best or row["called"] > best[key]["called"]:
+            best[key] = row
+    return [
+        {"name": f"shown the unknown kinds, {condition}, {count} touches: called", "ours": row["called"], "unit": "1",
+         "floor": None, "aim": None,
+         "note": f"{row['peer']}, {row['objects']} containers of {len(OTHERS)} kinds, false unknown {row['false']:.2f}; "
+         f"hardest: {', '.join(f'{name} {value:.2f}' for name, value in row['kinds'].items()) or 'none'}"}
+        for (count, condition), row in best.items()
+    ]  # fmt: skip
+
+
+def _profile(thing: TouchedObject, seed: int) -> np.ndarray:
+    """Logarithms of the stiffness at all places, as read (64,); what hardly moves is as stiff as can be seen."""
+    out = []
+    for height in range(1, 17):
+        for axis in AXES:
+            rng = np.random.default_rng([seed, 34, height, AXES.index(axis)])
+            for side in touch_of(thing, height, axis, rng).sides:
+                k = 1e6 if side is None or not np.isfinite(side.i_N_per_m) else side.i_N_per_m
+                out.append(float(TouchProtocol().seen_stiffness(np.array(k))[0]))
+    return np.array(out)
+
+
+def _unknown_scores(table: np.ndarray, names: np.ndarray, groups: np.ndarray) -> dict[str, np.ndarray]:
+    """Probability that each row is of no class, by classifiers that were trained on other seeds."""
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+    from sklearn.model_selection import GroupKFold, cross_val_predict
+    from sklearn.neural_network import MLPClassifier
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    models = {
+        "LDA": LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto"),
+        "MLP": MLPClassifier((64,), alpha=0.3, max_iter=600, random_state=0),
+    }
+    known = np.isin(np.unique(names), list(CLASSES))
+    out = {}
+    for name, model in models.items():
+        pipe = make_pipeline(StandardScaler(), model)
+        folds = GroupKFold(min(FOLDS, len(set(groups))))
+        found = cross_val_predict(pipe, table, names, groups=groups, cv=folds, method="predict_proba")
+        out[name] = found[:, ~known].sum(axis=1)
+    return out

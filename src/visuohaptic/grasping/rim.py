@@ -1,0 +1,118 @@
+"""Pinches of the wall itself at an open mouth: one finger inside, one outside, from above.
+
+The two forces cancel within the wall, so that nothing is squeezed; but the centre of mass is beside the fingers, by s along
+their line. The moment W s is held by pressure that is uneven over the patches, of radius r: linear over a disc, with a
+mean p and p (1 - u) to p (1 + u) from edge to edge, a finger of force N holds N r u / 4, and both twice that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.geometry import vertex_normals
+from ..core.objects import StiffnessMap
+from ..deformation.nonlinear.contents import liquid_level_m
+from ..deformation.shapes.mesher import ShellObject
+from .confirm import mouth_edges
+from .force import GRAVITY_m_per_s2, Load, required_force_N, success_probability
+from .grasp_task import Grasp, GraspTask
+from .score import GraspScores, deformation_score
+
+__all__ = ["rim_grasps"]
+
+#: u at the force that is needed: half of what would lift an edge of the patch off.
+UNEVEN = 0.5
+#: Places around the mouth that are tried: at each 30 degrees, an arm that reaches half of them has a choice.
+AROUND = 12
+
+
+def rim_grasps(
+    container: ShellObject, surface: StiffnessMap, scores: GraspScores, task: GraspTask, load: Load
+) -> list[Grasp]:
+    """Pinches of the rim that hold the load, the best first.
+
+    Parameters
+    ----------
+    container
+        Upright; a closed one, or one that is full to the fingers, has none.
+    surface, scores
+        Its stiffness map and the scores of its vertices.
+    task
+        Gripper, handling, and the force that is applied; what is needed by default.
+    load
+        What is lifted.
+
+    Notes
+    -----
+    The moment bends the wall as two forces W s / r at the edges of the patch do, which the stiffness of a single pinch there
+    overstates. Scores are those of Alt 2016, Sec. 6.2, but for the contact: forces are normal to the wall by construction.
+    """
+    gripper, radius = task.gripper, max(task.gripper.finger_radius_m, 1e-3)
+    if task.closed or not len(container.lid):
+        return []
+    points, faces = container.mesh.vertices_m, container.mesh.faces
+    normal, used = vertex_normals(points, faces), np.unique(faces)
+    wet_m = points[:, 2].min() + (liquid_level_m(container, task.fill) if task.fill else 0.0)
+    mouth = np.unique(mouth_edges(container))
+    # A foot that is closed by triangles of its own has an edge, too.
+    mouth = mouth[points[mouth, 2] > points[:, 2].mean()]
+    angle = np.arctan2(
+        points[mouth, 1] - container.axis_point_m[1], points[mouth, 0] - container.axis_point_m[0]
+    )
+    mouth = mouth[np.argsort(angle)][:: max(1, len(mouth) // AROUND)]
+    weight_N = load.mass_kg * (GRAVITY_m_per_s2 + task.handling.acceleration_m_per_s2)
+    out = []
+    for corner in mouth:
+        down = normal[corner, 2] * normal[corner] - np.array([0.0, 0.0, 1.0])
+        target = points[corner] + radius * down / max(float(np.linalg.norm(down)), 1e-9)
+        vertex = int(used[np.argmin(np.linalg.norm(points[used] - target, axis=1))])
+        inward = -normal[vertex]
+        lever_m = float(abs((np.array(load.centre_m) - points[vertex]) @ inward))
+        bend_m = float(weight_N * lever_m / radius / surface.stiffness_N_per_m[vertex])
+        needed = _needed_N(points[vertex], inward, load, task)
+        force = needed if task.force_N is None else task.force_N
+        parts = {
+            "contact": float(np.clip(task.parameters.contact_weight * scores.overlap[vertex], 0.0, 1.0)),
+            "curvature": float(scores.curvature[vertex]),
+            "height": float(scores.height[vertex]),
+            "deformation": float(deformation_score(np.array([bend_m]), task.parameters)[0]),
+        }
+        score = float(np.prod(list(parts.values())))
+        holds = needed <= force <= gripper.max_force_N and points[vertex, 2] - radius > wet_m
+        if not holds or score < task.min_score or not np.isfinite(bend_m):
+            continue
+        wall = (
+            0.5 * float(np.asarray(container.mesh.thickness_m)[(faces == vertex).any(axis=1)].mean()) * inward
+        )
+        first, second = points[vertex] - wall, points[vertex] + wall
+        args = np.array([force]), np.array([needed]), np.zeros(1)
+        success = float(success_probability(*args, load, gripper, task.handling)[0])
+        spread = float(
+            np.nan_to_num(surface.stiffness_sigma_N_per_m[vertex] / surface.stiffness_N_per_m[vertex])
+        )
+        out.append(
+            Grasp(
+                vertex, first, second, inward, score, parts, force, needed, float("inf"), float("inf"), bend_m,
+                bend_m * spread, 2 * float(np.linalg.norm(wall)), score, success, weight_N * lever_m / radius * bend_m,
+                rim=True,
+            )
+        )  # fmt: skip
+    return sorted(out, key=lambda grasp: -grasp.score)
+
+
+def _needed_N(
+    place_m: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"], load: Load, task: GraspTask
+) -> float:
+    """Force of each finger that neither slips nor presses the wall too unevenly."""
+    offset = np.array(load.centre_m) - place_m
+    along = float(offset @ inward)
+    x, y, z = place_m + offset - along * inward
+    beside = replace(load, centre_m=(float(x), float(y), float(z)))
+    ends = place_m[None] - 1e-3 * inward, place_m[None] + 1e-3 * inward
+    slip = required_force_N(beside, *ends, np.zeros(1), task.gripper, task.handling)
+    weight_N = load.mass_kg * (GRAVITY_m_per_s2 + task.handling.acceleration_m_per_s2)
+    turn = 2 * weight_N * abs(along) / (UNEVEN * max(task.gripper.finger_radius_m, 1e-3))
+    return max(float(slip[0]), task.handling.safety * turn)
