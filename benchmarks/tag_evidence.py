@@ -27,8 +27,8 @@ FIELDS = {
     "stiffness": "stiffness_N_per_m",
 }
 LEVEL, NINETY = 0.9, 1.645
-#: Pushes that are integrated at once.
-CHUNK = 50
+#: Objects that are integrated at once.
+CHUNK = 100
 
 
 def record_of(push: tag_pushes.Push) -> PushRecord:
@@ -51,15 +51,17 @@ def record_of(push: tag_pushes.Push) -> PushRecord:
 
 def measure(first: tag_pushes.Push, second: tag_pushes.Push) -> dict:
     """What the tag of the first push says of it and of the second; None where it says nothing."""
-    tag, row = tag_from_push(record_of(first)), {"moved": None}
-    row["moved"] = tag.fixed is False
+    tag = tag_from_push(record_of(first))
+    row: dict = {"moved": tag.fixed is False}
     for name, field in FIELDS.items():
         true, then = (float(getattr(push, field.replace("_friction", ""))) for push in (first, second))
         found = getattr(tag, field)
         row[name] = {
             "true": true if math.isfinite(true) else None,
             "then": then if math.isfinite(then) else None,
-            "found": None if found is None else [found.value, found.sigma, *predictive_interval(found, LEVEL)],
+            "found": None
+            if found is None
+            else [found.value, found.sigma, *predictive_interval(found, LEVEL)],
         }
     return row
 
@@ -108,14 +110,14 @@ def campaign(*, seeds: str = "open", count: int = 50, report: Path | None = None
     """Rows of ``count`` objects on every floor; those in ``report`` are not pushed again."""
     journal = Journal(report, {"campaign": "tag_evidence", "seeds": seeds})
     numbers = [2 * i + (seeds == "closed") for i in range(count)]
-    for setting in tag_pushes.SETTINGS:
-        missing = [seed for seed in numbers if f"{setting}:{seed}" not in journal]
-        for begin in range(0, len(missing), CHUNK):
-            chunk = missing[begin : begin + CHUNK]
-            both = (tag_pushes.pushes(setting, chunk, number) for number in (0, 1))
-            for seed, first, second in zip(chunk, *both, strict=True):
-                journal.put(f"{setting}:{seed}", {"setting": setting, **measure(first, second)})
-    return [journal.rows[f"{setting}:{seed}"] for setting in tag_pushes.SETTINGS for seed in numbers]
+    every = [(setting, seed) for setting in tag_pushes.SETTINGS for seed in numbers]
+    missing = [case for case in every if f"{case[0]}:{case[1]}" not in journal]
+    for begin in range(0, len(missing), CHUNK):
+        chunk = missing[begin : begin + CHUNK]
+        felt = tag_pushes.pushes([(*case, number) for case in chunk for number in (0, 1)])
+        for (setting, seed), first, second in zip(chunk, felt[::2], felt[1::2], strict=True):
+            journal.put(f"{setting}:{seed}", {"setting": setting, **measure(first, second)})
+    return [journal.rows[f"{setting}:{seed}"] for setting, seed in every]
 
 
 def run() -> list[dict]:

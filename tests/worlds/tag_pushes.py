@@ -28,12 +28,12 @@ __all__ = ["SETTINGS", "Push", "pushes"]
 SETTINGS = ("coulomb", "stribeck", "rate", "place", "compliant")
 GRAVITY_M_S2 = 9.81
 #: Integration, and what is kept of it.
-STEP_S, KEPT_STEPS, KEPT_S = 1e-4, 10, 1e-3
+STEP_S, KEPT_STEPS, KEPT_S = 2e-4, 5, 1e-3
 FRAME_S = 1 / 30
 #: Depth at which the foam's curve has the force of its unit [m].
 UNIT_M = 0.008
-#: Sliding by this much has broken away, where friction has no sharp threshold [m].
-BROKEN_M = 1e-4
+#: Bristles have slipped by then, and what has slid by this much has broken away [m].
+BROKEN_M = 5e-4
 #: Foam unloads, for the sensor, below its largest deflection by this part and four deviations.
 UNLOADED = 0.02
 #: Viscosity of the foam, and of an elastic object [N s/m].
@@ -80,24 +80,22 @@ class _World:
     waves: np.ndarray  #: wave numbers and phases of the floor, (2, 4, B)
 
 
-def pushes(setting: str, seeds: Sequence[int], number: int = 0) -> list[Push]:
-    """One push of the object of each seed; ``number`` counts the pushes of one object."""
-    world = _drawn(setting, seeds, number)
-    kept, static, dynamic, slid = _integrated(world)
-    return [
-        _read(np.random.default_rng([seed, SETTINGS.index(setting), number, 2]), world, i, kept[:, :, i],
-              (float(static[i]), float(dynamic[i]), float(slid[i])))
-        for i, seed in enumerate(seeds)
-    ]  # fmt: skip
-
-
-def _drawn(setting: str, seeds: Sequence[int], number: int) -> _World:
-    rows = []
-    for seed in seeds:
-        of_object = np.random.default_rng([seed, SETTINGS.index(setting), 0, 0])
-        of_push = np.random.default_rng([seed, SETTINGS.index(setting), number, 1])
+def pushes(cases: Sequence[tuple[str, int, int]]) -> list[Push]:
+    """Pushes of cases (setting, seed, number): a seed is an object, a number one of its pushes."""
+    rows, readers = [], []
+    for setting, seed, number in cases:
+        of_object, of_push, reader = (
+            np.random.default_rng([seed, SETTINGS.index(setting), *more])
+            for more in ((0, 0), (number, 1), (number, 2))
+        )
         rows.append(_one(setting, of_object, of_push))
-    return _World(**{name: np.stack([row[name] for row in rows], axis=-1) for name in rows[0]})
+        readers.append(reader)
+    world = _World(**{name: np.stack([row[name] for row in rows], axis=-1) for name in rows[0]})
+    kept, *truth = _integrated(world)
+    return [
+        _read(rng, world, i, kept[:, :, i], tuple(float(values[i]) for values in truth))
+        for i, rng in enumerate(readers)
+    ]
 
 
 def _one(setting: str, obj: np.random.Generator, push: np.random.Generator) -> dict[str, np.ndarray]:
@@ -158,7 +156,9 @@ def _friction(w: _World, y: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """Friction of steady sliding [N]."""
     field = np.sin(w.waves[0] * y + w.waves[1]).sum(axis=0) / np.sqrt(2.0)
     kinetic = w.kinetic_N * (1.0 + w.uneven * field / 1.5)
-    falls = np.where(w.bristle > 0, (w.static_N - w.kinetic_N) * np.exp(-((speed / w.stribeck_m_s) ** 2)), 0.0)
+    falls = np.where(
+        w.bristle > 0, (w.static_N - w.kinetic_N) * np.exp(-((speed / w.stribeck_m_s) ** 2)), 0.0
+    )
     rate = 1.0 + w.log_rate * np.log10(np.maximum(speed, 1e-4) / 0.02)
     return kinetic * rate + falls + w.viscous * speed
 
@@ -219,7 +219,7 @@ def _read(
     w: _World,
     i: int,
     kept: np.ndarray,
-    truth: tuple[float, float, float],
+    truth: tuple[float, ...],
 ) -> Push:
     """Frames of one push: ``kept`` is (milliseconds, 4)."""
     grid = KEPT_S * np.arange(len(kept))

@@ -1,3 +1,6 @@
+from .at_rest import FoamCurve as FoamCurve
+from .at_rest import Rest as Rest
+from .at_rest import rest_before_motion as rest_before_motion
 from .breakaway import breakaway_force as breakaway_force
 from .circle_fit import CircleFit as CircleFit
 from .circle_fit import fit_circle as fit_circle
