@@ -239,7 +239,7 @@ def _mixture(weight: Sequence[float], found: Sequence[tuple[float, float]]) -> t
 def _dynamic_friction(
     record: PushRecord, phases: Phases, begin_s: float, settings: TagSettings
 ) -> Estimate | None:
-    """Mean friction between break-away and stop: the mean force, less what has set the object in motion.
+    """Mean force between break-away and stop; what sets the object in motion is an error of the friction.
 
     Frames whose force was not read because the foam unloads have the force of the loading curve less the loss of
     foams. Neighbouring frames say how much happens between frames.
@@ -260,9 +260,8 @@ def _dynamic_friction(
     speed = float(np.ptp(record.travel_m[chosen]) / (t[-1] - t[0]))
     inertia = mean * speed / (FRICTION * GRAVITY_M_S2 * (t[-1] - t[0]))
     unread = float(np.mean(guessed[chosen]))
-    value = float(mean - inertia)
-    parts = (np.std(rough) / np.sqrt(1.5 * count), 0.5 * inertia, LOSS_SIGMA * unread * mean, scale * mean)
-    return Estimate(value, float(np.linalg.norm(parts)))
+    parts = (np.std(rough) / np.sqrt(1.5 * count), inertia, LOSS_SIGMA * unread * mean, scale * mean)
+    return Estimate(mean, float(np.linalg.norm(parts)))
 
 
 def _autocorrelation_frames(values: np.ndarray) -> float:
