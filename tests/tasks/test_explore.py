@@ -284,7 +284,7 @@ def test_frames_that_come_late_or_twice_change_nothing() -> None:
     for one in found:
         friction = one.tag.static_friction_N
         assert abs(friction.value - 4.0) < 3.0 * friction.sigma
-        assert friction.sigma < 0.5
+        assert friction.sigma < 0.2 * 4.0
 
 
 def test_a_robot_that_fails_in_the_midst_of_a_push_gives_no_tag() -> None:
