@@ -71,7 +71,10 @@ def figures(rows: list[dict]) -> list[dict]:
             mine = [row["frames"] for row in rows if (row["floor"], row["kind"]) == (floor, kind)]
             if mine:
                 lines.append(
-                    {"name": f"{floor}, {kind}", **(_sight(mine) if kind in ("box", "plain") else _alarms(mine))}
+                    {
+                        "name": f"{floor}, {kind}",
+                        **(_sight(mine) if kind in ("box", "plain") else _alarms(mine)),
+                    }
                 )
     return lines
 

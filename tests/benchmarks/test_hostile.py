@@ -19,7 +19,7 @@ FOUND = (
     "visuohaptic.navigation.pushing.push_contacts",
     "visuohaptic.recognition.touch.combine_models",
     "visuohaptic.report.floor_map",
-    "visuohaptic.sensing.push.fit_circle",
+    "visuohaptic.sensing.push.fit_circle_algebraic",
     "visuohaptic.tracking.estimate_homography",
 )
 
