@@ -133,11 +133,6 @@ def tag_from_push(
     if dynamic is not None and rests:
         static, chances = _static_friction(record, rests, dynamic)
     deformability, stiffness = _deformation(record, rests, chances)
-    offset = None
-    touched = phases.rising(record.t_s) & np.isfinite(record.contact_m)
-    if object_centre_m is not None and touched.any():
-        where = record.contact_m[touched] - object_centre_m
-        offset = Estimate(float(np.median(where)), float(np.std(where) / np.sqrt(len(where))))
     # Sideways shift of the contact in the world, and turn of the object, by pushed distance.
     drift = _slope(record, phases, record.contact_m + record.lateral_m, settings) if moved else None
     rotation = _slope(record, phases, record.angle_rad, settings) if moved else None
@@ -149,7 +144,7 @@ def tag_from_push(
         deformability=deformability,
         stiffness_N_per_m=stiffness,
         rotation_rad_per_m=rotation,
-        contact_offset_m=offset,
+        contact_offset_m=_contact_offset(record, phases, object_centre_m),
         primitive=primitive,
         deformation_shape_m=record.deepest_points_m,
         fixed=fixed,
@@ -288,6 +283,15 @@ def _line_fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     variance = float(residual @ residual) / max(len(x) - 2, 1)
     sigma = float(np.sqrt(variance * _autocorrelation_frames(residual) / power))
     return slope, sigma
+
+
+def _contact_offset(record: PushRecord, phases: Phases, object_centre_m: float | None) -> Estimate | None:
+    """Where on the object it is touched in phase (a), from its centre to the left."""
+    touched = phases.rising(record.t_s) & np.isfinite(record.contact_m)
+    if object_centre_m is None or not touched.any():
+        return None
+    where = record.contact_m[touched] - object_centre_m
+    return Estimate(float(np.median(where)), float(np.std(where) / np.sqrt(len(where))))
 
 
 def _slope(record: PushRecord, phases: Phases, values: np.ndarray, settings: TagSettings) -> Estimate | None:
