@@ -43,7 +43,7 @@ FRICTION_MEDIAN_N, FRICTION_LOG_SIGMA, FASTENED = 2.65, 1.1, 0.15
 #: Prior of a motion that is none of a break-away: frames are missing, or something else gave way.
 OTHERWISE = 0.1
 #: Feet shear against the floor by anything up to this before they slip [m].
-SHEAR_M = 6e-5
+SHEAR_M = 1e-4
 #: A compliance of fewer deviations than this is taken for none.
 OBSERVED = 4.0
 #: "Fixed" may be wrong one time in ten. The force that was withstood was at least this many deviations below what was
