@@ -168,7 +168,7 @@ def fixed_probability(withstood_N: float, max_force_N: float) -> float:
     Examples
     --------
     >>> round(fixed_probability(4.0, 20.0), 2), round(fixed_probability(18.0, 20.0), 2)
-    (0.4, 0.96)
+    (0.39, 0.96)
     """
     from scipy.special import ndtr
 
