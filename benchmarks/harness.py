@@ -56,6 +56,7 @@ CAMPAIGNS = (
     "scene_evidence",
     "shell_evidence",
     "soak",
+    "tag_evidence",
     "templates_evidence",
     "touch_map",
     "transparency",

@@ -89,9 +89,9 @@ def run_object() -> None:
 
 def run_beam() -> None:
     """Bend a rod."""
-    from visuohaptic.sensing.beam import Beam, bend_rod
+    from visuohaptic.sensing.beam import Beam, rod_from_base
 
-    bend_rod(Beam(), np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.5, 1.0]))
+    rod_from_base(Beam(), np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.1]), np.array([0.5, 1.0]))
 
 
 def run_graph() -> None:

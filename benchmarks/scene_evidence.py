@@ -17,7 +17,7 @@ from visuohaptic.core.camera import Camera, Frame, PlaneView, Pose
 from visuohaptic.sensing.scene import EgoMotionSettings, SceneSettings, SceneTracker
 
 #: What a drive has on its floor.
-KINDS = ("free", "shadow", "box")
+KINDS = ("free", "shadow", "box", "plain")
 #: Standard deviation of the odometry's scale.
 WHEELS = 0.02
 #: A distance of the box is right within this [m].
@@ -37,7 +37,9 @@ def run_drive(floor: str, kind: str, seed: int) -> dict:
     The tracker sees the frames and the odometry, whose scale is wrong by :data:`WHEELS`; ``None``: nothing is said,
     or there is no box.
     """
-    world = ground.drive(floor, seed, shadow=kind == "shadow", box=kind == "box")
+    world = ground.drive(
+        floor, seed, shadow=kind == "shadow", box=kind in ("box", "plain"), plain=kind == "plain"
+    )
     view, edge_m = floor_view(), 0.05
     # Frame F is the plane of the foam's visible edge, above the world's axes.
     foam = view.T_camera_plane @ Pose(np.eye(3), np.array([0.0, 0.0, edge_m]))
@@ -69,7 +71,10 @@ def figures(rows: list[dict]) -> list[dict]:
             mine = [row["frames"] for row in rows if (row["floor"], row["kind"]) == (floor, kind)]
             if mine:
                 lines.append(
-                    {"name": f"{floor}, {kind}", **(_sight(mine) if kind == "box" else _alarms(mine))}
+                    {
+                        "name": f"{floor}, {kind}",
+                        **(_sight(mine) if kind in ("box", "plain") else _alarms(mine)),
+                    }
                 )
     return lines
 

@@ -4,7 +4,7 @@ Cameras and touch become measurements, measurements become object knowledge,
 knowledge becomes plans. ``import visuohaptic as vh`` offers the names that most
 programs need, grouped in ``__init__.pyi`` by what they are for; each is imported
 when it is first used, so that the import itself costs nothing. Everything else
-is in the packages, for example ``from visuohaptic.sensing.push import fit_circle``.
+is in the packages, for example ``from visuohaptic.sensing.push import fit_contact``.
 """
 
 from typing import Any

@@ -18,7 +18,7 @@ FOUND = (
     "visuohaptic.navigation.pushing.load_of_feet",
     "visuohaptic.navigation.pushing.push_contacts",
     "visuohaptic.report.floor_map",
-    "visuohaptic.sensing.push.fit_circle",
+    "visuohaptic.sensing.push.fit_circle_algebraic",
     "visuohaptic.tracking.estimate_homography",
 )
 

@@ -173,8 +173,13 @@ def _floor(kind: str, rng: np.random.Generator) -> np.ndarray:
     return np.clip(colour * (1 - gap) + mortar * gap, 0, 1).astype(np.float32)
 
 
-def drive(floor: str, seed: int, *, frames: int = 60, shadow: bool = False, box: bool = False) -> Drive:
-    """A drive of 0.1 m/s over a floor of :data:`FLOORS`, with a walking shadow or towards a box of 12 cm."""
+def drive(
+    floor: str, seed: int, *, frames: int = 60, shadow: bool = False, box: bool = False, plain: bool = False
+) -> Drive:
+    """A drive of 0.1 m/s over a floor of :data:`FLOORS`, with a walking shadow or towards a box of 12 cm.
+
+    A ``plain`` box has one colour: no print, no grain.
+    """
     rng = np.random.default_rng([31, seed, *floor.encode()])
     speed, turn = rng.uniform(0.08, 0.14), rng.normal(0, 0.04)
     t = FRAME_S * np.arange(frames)
@@ -200,6 +205,6 @@ def drive(floor: str, seed: int, *, frames: int = 60, shadow: bool = False, box:
     if box:
         world.box = np.array([0.42 + rng.uniform(0, 0.03), rng.uniform(-0.03, 0.03), 0.12])
         tint = np.exp(rng.normal(-1.2, 0.5)) * np.exp(rng.normal(0, 0.15, 3))
-        print_ = np.exp(_noise(rng, (150, 150), {(3, 3): 0.06, (20, 20): 0.15}))
+        print_ = np.exp((not plain) * _noise(rng, (150, 150), {(3, 3): 0.06, (20, 20): 0.15}))
         world.skin = np.clip(print_[..., None] * tint, 0, 1).astype(np.float32)
     return world

@@ -13,7 +13,6 @@ from .estimate import estimate_wrench as estimate_wrench
 from .estimate import setup_variance as setup_variance
 from .mechanics import Beam as Beam
 from .mechanics import compliance as compliance
-from .mechanics import plane_inverse as plane_inverse
 from .mechanics import shortening as shortening
 from .mechanics import stress_ratio as stress_ratio
 from .observation import RelativePoses as RelativePoses
@@ -30,7 +29,6 @@ from .records import write_template_poses as write_template_poses
 from .reference import SteadyReference as SteadyReference
 from .rod import RodShape as RodShape
 from .rod import base_wrench as base_wrench
-from .rod import bend_rod as bend_rod
 from .rod import rod_from_base as rod_from_base
 from .sensor import BeamReading as BeamReading
 from .sensor import BeamSensor as BeamSensor

@@ -10,9 +10,7 @@ wrench* b = (F, m_0):
     r(0) = (F_X / k_X, 0, 0),  R(0) = rotation about X by m_0,X / k_phi
 
 Reading the sensor needs no boundary value problem: b is fitted to the observed
-poses by Newton's method, and the moment at the tip follows as m(L). The
-opposite direction, a shape from a wrench at the tip, is Newton's method on
-m(L) = M.
+poses by Newton's method, and the moment at the tip follows as m(L).
 """
 
 from __future__ import annotations
@@ -27,12 +25,10 @@ from ...core.geometry import hat
 from . import _kernels
 from .mechanics import Beam
 
-__all__ = ["RodShape", "base_wrench", "bend_rod", "rod_from_base"]
+__all__ = ["RodShape", "base_wrench", "rod_from_base"]
 
 #: Runge-Kutta steps; the error of the tip is below 1e-9 of the length at the yield limit.
 STEPS = 24
-#: Shapes whose moment in the clamp is beyond this many yield moments are no shapes of a sensor.
-MAX_MOMENT = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,53 +88,3 @@ def base_wrench(beam: Beam, wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray,
     """
     wrench = np.asarray(wrench, dtype=np.float64)
     return np.concatenate([wrench[:3], wrench[3:] + np.cross([beam.length_m, 0.0, 0.0], wrench[:3])])
-
-
-def bend_rod(beam: Beam, wrench: Float[np.ndarray, "6"], xi: Float[np.ndarray, "n"]) -> RodShape:
-    """Shape under a wrench at the tip, by Newton's method on the moment in the clamp.
-
-    Parameters
-    ----------
-    beam
-        Parts of the sensor and their tolerances.
-    wrench
-        (F, M) at the tip, frame S [N, Nm].
-    xi
-        Rising positions x / L of the cross sections.
-
-    Raises
-    ------
-    InputError
-        No equilibrium was found: the load buckles the rod.
-    """
-    wrench = np.asarray(wrench, dtype=np.float64)
-    # Beyond Euler's load the straight rod is still an equilibrium, but no rod stays there.
-    buckling_N = 0.25 * (np.pi / beam.length_m) ** 2 * beam.bending_Nm2
-    if wrench[0] < -buckling_N:
-        raise InputError("bend_rod", f"found F_X = {wrench[0]:g} N, the rod buckles at {-buckling_N:.3g} N")
-    tolerance = 1e-12 * beam.moment_limit_Nm + 1e-13 * np.abs(wrench).max()
-    for parts in (1, 4, 16):  # a load that is too much at once is put on in parts
-        base = base_wrench(beam, wrench / parts)
-        for part in range(1, parts + 1):
-            target = wrench * (part / parts)
-            base[:3] = target[:3]
-            for _ in range(25):
-                shape = rod_from_base(beam, base, xi)
-                error = target[3:] - shape.wrench[3:]
-                if not np.isfinite(error).all():
-                    break
-                if np.abs(error).max() < tolerance:
-                    break
-                base = base + np.concatenate(
-                    [np.zeros(3), np.linalg.solve(shape.wrench_jacobian[3:, 3:], error)]
-                )
-            else:
-                error = np.full(3, np.inf)
-            if not np.abs(error).max() < tolerance:
-                break
-        else:
-            if np.abs(shape.base[3:]).max() < MAX_MOMENT * beam.moment_limit_Nm:
-                return shape
-    raise InputError(
-        "bend_rod", f"no equilibrium found under the wrench {wrench}", remedy="load the rod less"
-    )

@@ -1,6 +1,7 @@
+from .at_rest import FoamCurve as FoamCurve
+from .at_rest import Rest as Rest
+from .at_rest import rest_before_motion as rest_before_motion
 from .breakaway import breakaway_force as breakaway_force
-from .circle_fit import CircleFit as CircleFit
-from .circle_fit import fit_circle as fit_circle
 from .circle_fit import fit_circle_algebraic as fit_circle_algebraic
 from .contact_outline import FlankPrior as FlankPrior
 from .contact_outline import OutlineFit as OutlineFit

@@ -57,8 +57,6 @@ class PrimitiveCandidate:
     criterion: float  #: Bayesian information criterion, smaller is better; differences count
     touched: Bool[np.ndarray, "K"]  #: points that lie on the object, in the order of the input
     observed: tuple[bool, bool]  #: segment: left and right end seen; corner: left and right edge touched
-    reduced_chi2: float  #: of the touched points
-    flank_length_m: float  #: deflection by slope where the flanks begin: a property of the foam
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +156,6 @@ def fit_primitive(
     sigma_m: Float[np.ndarray, "K"],
     *,
     delta_m: Float[np.ndarray, "K"] | None = None,
-    contact_mask: Bool[np.ndarray, "K"] | None = None,
     settings: PrimitiveSettings | None = None,
 ) -> PrimitiveFit:
     """Fit line, segment, corner and circle to a contact, and choose.
@@ -172,8 +169,6 @@ def fit_primitive(
     delta_m
         Deflection of each point [m]. Without it the strip is taken as
         straight and at rest where the region ends.
-    contact_mask
-        Points to use; the others are ignored.
     settings
         Foam's flanks, score and choice.
 
@@ -198,12 +193,11 @@ def fit_primitive(
     """
     settings = settings or PrimitiveSettings()
     points = np.asarray(points_m, dtype=float)
-    sigma = _checked(points, sigma_m, delta_m, contact_mask)
+    sigma = _checked(points, sigma_m, delta_m)
     k = len(points)
     down = np.array(settings.press_direction) / np.hypot(*settings.press_direction)
     frame = np.stack([np.array([down[1], -down[0]]), down])  # rows: u, v in the frame of the points
-    used = np.arange(k) if contact_mask is None else np.flatnonzero(contact_mask)
-    used = used[np.argsort(points[used] @ frame[0], kind="stable")]
+    used = np.argsort(points @ frame[0], kind="stable")
     if len(used) < settings.min_points:
         return PrimitiveFit(None, (), 0.0)
     impression = _impression(
@@ -234,15 +228,13 @@ def fit_primitive(
     return PrimitiveFit(good[0].primitive if good else None, tuple(order), float(margin))
 
 
-def _checked(
-    points: np.ndarray, sigma_m: np.ndarray, delta_m: np.ndarray | None, contact_mask: np.ndarray | None
-) -> Float[np.ndarray, "K"]:
+def _checked(points: np.ndarray, sigma_m: np.ndarray, delta_m: np.ndarray | None) -> Float[np.ndarray, "K"]:
     """Refuse points that cannot be fitted; returns a standard deviation for each of them [m]."""
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError("points_m", f"found shape {points.shape}, expected (K, 2)")
     k = len(points)
     sigma = np.broadcast_to(np.asarray(sigma_m, dtype=float), (k,)) if np.ndim(sigma_m) == 0 else sigma_m
-    for name, values in (("sigma_m", sigma), ("delta_m", delta_m), ("contact_mask", contact_mask)):
+    for name, values in (("sigma_m", sigma), ("delta_m", delta_m)):
         if values is not None and np.shape(values) != (k,):
             raise InputError(name, f"found shape {np.shape(values)}, expected ({k},)")
     given = [points, sigma] if delta_m is None else [points, sigma, delta_m]
@@ -266,14 +258,11 @@ def _candidate(
         score = _score(np.abs(fit.model_m - impression.delta_m), score_sigma_m)
     else:
         score = score_primitive(bare, contact_m, score_sigma_m)
-    freedom = max(int(fit.touched.sum()) - len(fit.hypothesis.free), 1)
     return PrimitiveCandidate(
         primitive=Primitive(bare.kind, bare.parameters, bare.covariance, score),
         criterion=fit.criterion,
         touched=touched,
         observed=outline_kind(fit, impression)[1],
-        reduced_chi2=fit.chi2 / freedom,
-        flank_length_m=float(impression.scale_m * np.exp(-np.mean(fit.theta[-3:-1]))),
     )
 
 
