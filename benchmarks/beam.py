@@ -14,6 +14,7 @@ from visuohaptic.sensing.beam import (
     LoadRecord,
     TemplateMeasurement,
     calibrate_beam,
+    plane_inverse,
     relative_poses,
     section_motion,
 )
@@ -99,17 +100,9 @@ def _published(bench: _Bench) -> float:
             beam.length_m,
         )
         slope = beam.length_m * motion.rotation[0, 1, 0] / motion.rotation[0, 0, 0]
-        read = _plane_inverse(beam.length_m, beam.bending_Nm2, 1.0) @ np.array(
-            [motion.translation_m[0, 1], slope]
-        )
+        read = plane_inverse(beam, 1.0) @ np.array([motion.translation_m[0, 1], slope])
         worst = max(worst, abs(float(read[0]) - force) / TOP_N)
     return worst
-
-
-def _plane_inverse(length_m: float, bending_Nm2: float, xi: float) -> np.ndarray:
-    """W^-1 of Eq. (3.5): (F, M) of one plane from (w, dw/dxi) at one template, as published."""
-    scale = 2 * bending_Nm2 / (length_m**2 * xi**2)
-    return scale * np.array([[6 / (length_m * xi), -3 / length_m], [3 * (xi - 2) / xi, -(xi - 3)]])
 
 
 def _calibrated(bench: _Bench) -> _Bench:

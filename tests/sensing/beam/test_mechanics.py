@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.sensing.beam import Beam, compliance, shortening, stress_ratio
+from visuohaptic.sensing.beam import Beam, compliance, plane_inverse, shortening, stress_ratio
 from visuohaptic.simulation.beam import ElasticRod
 
 BEAM = Beam()
@@ -14,6 +14,16 @@ BEAM = Beam()
 
 def test_the_section_constant_is_that_of_the_text():
     assert BEAM.inertia_m4 == pytest.approx(2.48e-13, rel=3e-3)  # 3.6.1
+
+
+@pytest.mark.parametrize("xi", [0.2, 0.5, 1.0])
+def test_the_published_inverse_undoes_the_compliance_in_both_planes(xi):
+    # Eq. (3.5) takes dw/dxi = L dw/dx; in the X-Z plane slope and moment change sign together.
+    for axes, sign in (((1, 5), 1.0), ((2, 4), -1.0)):
+        block = compliance(BEAM, xi)[np.ix_(axes, axes)]
+        flip = np.diag([1.0, sign])
+        w = np.diag([1.0, BEAM.length_m]) @ flip @ block @ flip
+        assert plane_inverse(BEAM, xi) @ w == pytest.approx(np.eye(2), abs=1e-9)
 
 
 def test_slopes_are_derivatives_of_the_deflection():

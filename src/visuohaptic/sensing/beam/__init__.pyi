@@ -13,6 +13,7 @@ from .estimate import estimate_wrench as estimate_wrench
 from .estimate import setup_variance as setup_variance
 from .mechanics import Beam as Beam
 from .mechanics import compliance as compliance
+from .mechanics import plane_inverse as plane_inverse
 from .mechanics import shortening as shortening
 from .mechanics import stress_ratio as stress_ratio
 from .observation import RelativePoses as RelativePoses
