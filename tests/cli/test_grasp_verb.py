@@ -35,7 +35,7 @@ def test_a_map_gives_the_grasps_of_its_object(tmp_path: Path, capsys: pytest.Cap
     assert main(["stiffness", "cup", "--around", "32", "--out", str(out)]) == 0
     capsys.readouterr()
     one = run(capsys, str(out), "--force", "4", "--count", "2")
-    other = run(capsys, "cup", "--around", "32", "--force", "4", "--count", "2")
+    other = run(capsys, "cup", "--around", "32", "--force", "4", "--count", "2", "--no-confirm")
     for a, b in zip(one["grasps"], other["grasps"], strict=True):
         assert a["score"] == pytest.approx(b["score"])
         assert a["first_m"] == pytest.approx(b["first_m"])
@@ -50,6 +50,8 @@ def test_contents_ask_for_more_force_and_may_spill(capsys: pytest.CaptureFixture
 
 def test_it_says_why_there_is_none(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grasp", "cup", "--around", "32", "--force", "59"]) == 0
+    assert "by the rim, one finger inside: 59.0 N" in capsys.readouterr().out
+    assert main(["grasp", "cup", "--around", "32", "--force", "59", "--state", "closed"]) == 0
     assert "no grasp:" in capsys.readouterr().out
 
 

@@ -289,7 +289,8 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
         GraspTask(closed=known.closed, fill=known.fill, load=Load(known.mass_kg, load.centre_m)),
         count=3,
         surface=surface,
-        arm_cost=lambda grasp: 0.0 if grasp.first_m[2] < TOP * model.height_m else math.inf,
+        # This hand comes from the side.
+        arm_cost=lambda grasp: math.inf if grasp.rim or grasp.first_m[2] >= TOP * model.height_m else 0.0,
     )
     return plan, scale
 

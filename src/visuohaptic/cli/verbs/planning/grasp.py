@@ -213,11 +213,13 @@ def _several(args: Any, container: Any, plan: GraspPlan) -> dict[str, Any]:
     from ....core.errors import InputError
     from ....grasping.planner import multi_contact
 
-    if not 2 <= args.several <= len(plan.grasps):
+    # A pinch of the rim squeezes nothing.
+    sides = [grasp for grasp in plan.grasps if not grasp.rim]
+    if not 2 <= args.several <= len(sides):
         raise InputError(
-            "--several", f"found {args.several}, expected 2 to {len(plan.grasps)}, the number of grasps"
+            "--several", f"found {args.several}, expected 2 to {len(sides)}, the number of grasps"
         )
-    chosen = plan.grasps[: args.several]
+    chosen = sides[: args.several]
     coupling = multi_contact(
         container, [grasp.vertex for grasp in chosen], closed=args.state == "closed", fill=args.fill
     )
