@@ -308,7 +308,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                     if solved:
                         break
                     eps *= 6.0
-                off = abs(z[0] - known[0]) + abs(z[1] - known[1]) + abs(z[2] - known[2])
+                off = np.hypot(z[0] - known[0], z[1] - known[1]) + abs(z[2] - known[2])
                 # Not what was expected: look again at where that leads to, at last half of the step.
                 if off < SURPRISE * size or not solved:
                     break
