@@ -18,7 +18,13 @@ __all__ = ["worlds"]
 
 
 def worlds(
-    seeds: str, count: int, report: Path | None, *, visits: int = 1, figure: Path | None = None
+    seeds: str,
+    count: int,
+    report: Path | None,
+    *,
+    first: int = 1,
+    visits: int = 1,
+    figure: Path | None = None,
 ) -> list[dict[str, Any]]:
     """Rows of the table.
 
@@ -30,17 +36,20 @@ def worlds(
         Houses.
     report
         File that keeps every run; a stopped campaign goes on from there.
+    first
+        Number of the first house, from 1 on.
     visits
         To each house; from the second on with what was remembered.
     figure
         Of the calibration, PNG.
     """
     kept = Journal(report, {"campaign": "worlds", "visits": visits})
-    first = 2 if seeds == "open" else 1
-    for world in range(first, first + 2 * count, 2):
+    begin = 2 * first - (seeds == "closed")
+    numbers = range(begin, begin + 2 * count, 2)
+    for world in numbers:
         if str(world) not in kept:
             kept.put(str(world), _visits(world, visits))
-    days: list[list[dict[str, Any]]] = list(kept.rows.values())[:count]
+    days: list[list[dict[str, Any]]] = [kept.rows[str(world)] for world in numbers]
     runs = [run for house in days for run in house]
     claims = [claim for run in runs for claim in run["claims"]]
     forecasts = [(float(claim[4]), bool(claim[5])) for claim in claims]

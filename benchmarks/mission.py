@@ -185,7 +185,7 @@ def main() -> None:
     parser.add_argument("--part", choices=PARTS, help="these alone")
     parser.add_argument("--seeds", type=int, help="so many stories")
     parser.add_argument("--runs", type=int, help="so many runs of each fault")
-    parser.add_argument("--first", type=int, default=1, help="first seed (1)")
+    parser.add_argument("--first", type=int, default=1, help="first seed, or number of the first house (1)")
     parser.add_argument("--fault", choices=[kind.value for kind in TOUCHED], help="this one alone")
     parser.add_argument("--report", type=Path, help="file with a line for every story; goes on from there")
     parser.add_argument("--worlds", choices=("open", "closed"), help="drawn houses of even or odd seeds")
@@ -194,7 +194,10 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="PNG of the calibration")
     args = parser.parse_args()
     if args.worlds is not None:
-        _show(worlds(args.worlds, args.count, args.report, visits=args.visits, figure=args.figure))
+        found = worlds(
+            args.worlds, args.count, args.report, first=args.first, visits=args.visits, figure=args.figure
+        )
+        _show(found)
         return
     seeds = args.seeds or (SEEDS if args.whole else 1)
     runs = args.runs or (RUNS if args.whole else 2)
