@@ -288,6 +288,9 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
         model,
         GraspTask(closed=known.closed, fill=known.fill, load=Load(known.mass_kg, load.centre_m)),
         count=3,
+        # The map is corrected by what was felt, which the class's model in a simulation is not; the fingers watch how far
+        # the wall gives way.
+        confirm=False,
         surface=surface,
         # This hand comes from the side.
         arm_cost=lambda grasp: math.inf if grasp.rim or grasp.first_m[2] >= TOP * model.height_m else 0.0,
