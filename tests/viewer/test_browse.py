@@ -114,10 +114,12 @@ def test_grasps_are_listed_with_arrows_or_a_reason(cup):
         for shade in ("grasp score", "contact", "deformation"):
             cup.paint(shade)
             assert shade in page.stage.get("legend").content
-    soft = ObjectView.of_object(THING, GraspTask(force_N=59.0))
-    with BrowsePage([soft], port=0) as page:
-        soft.show_grasps()
-        assert page.stage.get("grasps").content.startswith("No grasp:")
+    # So much force bends the wall too far; its rim may be pinched, with a finger inside, as long as it is open.
+    for closed, said in ((False, "| 1, rim |"), (True, "No grasp:")):
+        soft = ObjectView.of_object(THING, GraspTask(force_N=59.0, closed=closed))
+        with BrowsePage([soft], port=0) as page:
+            soft.show_grasps()
+            assert said in page.stage.get("grasps").content
 
 
 def test_steps_grow_while_touches_arrive():

@@ -315,7 +315,7 @@ class ObjectView:
         arrows, tints = [], []
         for rank, grasp in enumerate(plan.grasps, 1):
             lines.append(
-                f"| {rank} | {grasp.score:.2f} | {1e3 * grasp.first_m[2]:.0f} | {grasp.needed_N:.1f} "
+                f"| {rank}{', rim' * grasp.rim} | {grasp.score:.2f} | {1e3 * grasp.first_m[2]:.0f} | {grasp.needed_N:.1f} "
                 f"| {1e3 * grasp.deformation_m:.1f} ± {1e3 * grasp.deformation_sigma_m:.1f} |"
             )
             for place, push in ((grasp.first_m, grasp.direction), (grasp.second_m, -grasp.direction)):
