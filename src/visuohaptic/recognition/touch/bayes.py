@@ -61,7 +61,7 @@ def touch_gains(
     model: HapticModel,
     readings: Sequence[TouchReading],
     *,
-    samples: int = 256,
+    samples: int = 64,
     rng: np.random.Generator | None = None,
 ) -> dict[Touch, tuple[float, float]]:
     """Expected information of each touch that is left, and its duration.
@@ -127,7 +127,7 @@ def explore(
     max_touches: int = 10,
     min_touches: int = 1,
     rng: np.random.Generator | None = None,
-    samples: int = 256,
+    samples: int = 64,
     follow: Callable[[Sequence[TouchReading], Touch | None], object] | None = None,
 ) -> TouchExploration:
     """Touch where the expected information per second is highest until the answer is sure.
