@@ -121,7 +121,16 @@ class GraspNode(Component):
             header = messages.header(self.host.node.now_s(), self._object.name)
             held = Pose.from_matrix(approach.T_object_gripper)
             self._pose.publish({"header": header, "pose": messages.pose(held)})
-        names = ("score", "rim", "first_m", "second_m", "width_m", "force_N", "deformation_m", "deformation_sigma_m")
+        names = (
+            "score",
+            "rim",
+            "first_m",
+            "second_m",
+            "width_m",
+            "force_N",
+            "deformation_m",
+            "deformation_sigma_m",
+        )
         grasps = [{name: getattr(grasp, name) for name in names} for grasp in plan.grasps]
         return {"grasps": grasps, "reason": plan.reason, "notes": plan.notes}
 
