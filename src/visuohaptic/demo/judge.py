@@ -190,20 +190,18 @@ def calibration_figure(forecasts: Sequence[tuple[float, bool]]) -> Figure:
     from ..report.style import COLOURS, draw_axes
 
     def draw(axes: Axes) -> None:
-        axes.axline((0, 0), slope=1, color=COLOURS["grey"], lw=0.8)
-        for p, good, count in _bins(forecasts):
+        # A column for each bin: most claims are said with more than 0.98, where a scale has no room.
+        rows = list(_bins(forecasts))
+        for column, (p, good, count) in enumerate(rows):
             right = round(good * count)
             low, high = beta.ppf([0.05, 0.95], right + 0.5, count - right + 0.5)
             axes.errorbar(
-                p, good, [[max(good - low, 0.0)], [max(high - good, 0.0)]], fmt="o", capsize=3,
-                color=COLOURS["blue"],
+                column, good, [[max(good - low, 0.0)], [max(high - good, 0.0)]], fmt="o", capsize=3,
+                color=COLOURS["blue"], label="right" if column == 0 else None,
             )  # fmt: skip
-            axes.annotate(str(count), (p, good), xytext=(-6, 4), textcoords="offset points", ha="right")
-        axes.set(
-            xlabel="probability that is claimed",
-            ylabel="fraction that is right",
-            xlim=(0, 1.03),
-            ylim=(0, 1.03),
-        )
+            axes.plot(column, p, "_", ms=18, color=COLOURS["grey"], label="said" if column == 0 else None)
+        axes.set(xlabel="probability that is said, and number of claims", ylabel="fraction", ylim=(0, 1.03))
+        axes.set_xticks(range(len(rows)), [f"{p:.3f}\n{count}" for p, _, count in rows])
+        axes.legend(loc="lower right")
 
     return draw_axes(1, 1, draw, size=(4.6, 4.2))
