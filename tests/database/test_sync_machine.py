@@ -2,7 +2,7 @@
 
 The model is a list of what was acknowledged, with a clock that counts. It knows nothing of how versions are merged, only
 what was promised: whoever acted last on an object is right in the end, and an observation is kept until its object
-is deleted.
+is deleted. What is added without a time by a robot that has not heard of a deletion is neither before nor after it.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ class Robots(RuleBasedStateMachine):
             tuple[str, str], set[str]
         ] = {}  #: by robot and object: keys felt here since a deletion here
         self.felt: dict[str, set[str]] = {}  #: by object: all that was felt since the last deletion anywhere
+        self.heard: dict[str, set[str]] = {}  #: by object: databases that have heard of its last deletion
 
     def teardown(self) -> None:
         for _ in range(2):
@@ -73,7 +74,10 @@ class Robots(RuleBasedStateMachine):
     def add_without_a_time(self, robot: str, object_id: str, fixed: bool) -> None:
         self.clock += 1.0
         self.open[robot].add(VisuoHapticObject(object_id, tag=HapticTag(fixed=fixed)))
-        self._added(robot, object_id, None)
+        if robot in self.heard.get(object_id, {robot}) or self.last.get(object_id):
+            self._added(robot, object_id, None)
+        else:
+            self.last.pop(object_id, None)
 
     def _added(self, robot: str, object_id: str, key: str | None) -> None:
         self.last[object_id] = True
@@ -91,12 +95,15 @@ class Robots(RuleBasedStateMachine):
             db.remove(object_id, t_s=self.clock)
             assert object_id not in db
             self.last[object_id] = False
+            self.heard[object_id] = {robot}
             self.here[robot, object_id] = set()
             self.felt[object_id] = set()
 
     @rule(robot=ROBOTS)
     def meet(self, robot: str) -> None:
         synchronise(self.open[robot], self.open["shared"])
+        for heard in self.heard.values():
+            heard |= {robot, "shared"} if heard & {robot, "shared"} else set()
         # Another one's deletion may have come with it: what is left is looked at in the end.
         self.here = {pair: set() for pair in self.here}
         again = synchronise(self.open[robot], self.open["shared"])
