@@ -13,10 +13,8 @@ Each case is kept in the report as it is done; a stopped run goes on where it wa
 from __future__ import annotations
 
 import argparse
-import hashlib
 import http.client
 import json
-import os
 import re
 import socket
 import subprocess
@@ -30,7 +28,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from . import golden, hostile_arrays, hostile_files, kill_faults, mutants
+from . import determinism, golden, hostile_arrays, hostile_files, kill_faults, mutants
 from ._journal import Journal
 
 Rng = np.random.Generator
@@ -121,43 +119,6 @@ def _golden(_scale: int) -> Iterator[Case]:
         return {"tried": versions * (len(golden.NAMES) + 4), "wrong": int(done.returncode != 0)}
 
     yield "files of every format", run
-
-
-def _determinism(scale: int) -> Iterator[Case]:
-    """One recording, read under other hash seeds and numbers of threads: the same bytes."""
-
-    def run() -> dict[str, int]:
-        with tempfile.TemporaryDirectory() as root:
-            _verb(["example", "foam", "--out", "try"], Path(root), {})
-            press = ["try/strain_stress.csv", "--width", "0.02", "--height", "0.01", "--out", "try/foam.yaml"]
-            _verb(["calibrate", "foam", *press], Path(root), {})
-            zero = ["--config", "try/sensor.yaml", "--source", "try/rest.mp4", "--zero"]
-            _verb(["sense", "foam", *zero], Path(root), {})
-            digests = set()
-            tried = 2 + 2 * scale
-            for number in range(tried):
-                threads = str(1 + number % 2)
-                environment = {"PYTHONHASHSEED": str(number), "NUMBA_NUM_THREADS": threads}
-                environment |= {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-                words = ["sense", "foam", "--config", "try/sensor.yaml", "--source", "try/push.mp4"]
-                _verb([*words, "--csv", f"{number}.csv"], Path(root), environment)
-                digests.add(hashlib.sha256((Path(root) / f"{number}.csv").read_bytes()).hexdigest())
-        return {"tried": tried, "wrong": len(digests) - 1}
-
-    yield "sense foam", run
-
-
-def _verb(words: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    path = os.pathsep.join([str(ROOT / "src"), *sys.path])
-    return subprocess.run(
-        [sys.executable, "-m", "visuohaptic", *words],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path, **environment},
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=True,
-    )
 
 
 def _attacks(_scale: int) -> Iterator[Case]:
@@ -298,7 +259,7 @@ ROWS = (
     Row(8, "cut recordings", "300: all whole messages", _cuts),
     Row(9, "laws (property tests)", "10^4 examples each", elsewhere="`make test`, with fewer examples"),
     Row(10, "golden files of every format", "all read", _golden),
-    Row(11, "determinism: hash seeds, threads", "50: same bytes", _determinism),
+    Row(11, "determinism of 11 verbs: hash seeds, threads, cores", "50: same bytes", determinism.cases),
     Row(
         12,
         "soak: chain, bridge, page, mission loop",
