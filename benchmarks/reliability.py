@@ -4,8 +4,8 @@
     python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as much of two rows
     python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl --page docs/reliability.md
 
-Campaigns with a report of their own (``parser_fuzz``, ``bare``, ``mutants``, ``branch_coverage``, ``objects_faults``)
-are taken in by ``--also``.
+Campaigns with a report of their own (``parser_fuzz``, ``laws``, ``bare``, ``mutants``, ``branch_coverage``,
+``objects_faults``) are taken in by ``--also``.
 
 Each case is kept in the report as it is done; a stopped run goes on where it was. A row that was not run says so.
 """
@@ -257,7 +257,7 @@ ROWS = (
     Row(6, "kill -9 and full disk, recordings and databases", "500: 0 lost, 0 half-written", _kills),
     Row(7, "cluster workers killed", "50: same hash", elsewhere="`python -m benchmarks build_faults`"),
     Row(8, "cut recordings", "300: all whole messages", _cuts),
-    Row(9, "laws (property tests)", "10^4 examples each", elsewhere="`make test`, with fewer examples"),
+    Row(9, "laws (property tests)", "10^4 examples each", elsewhere="`python -m benchmarks.laws`"),
     Row(10, "golden files of every format", "all read", _golden),
     Row(11, "determinism of 11 verbs: hash seeds, threads, cores", "50: same bytes", determinism.cases),
     Row(
@@ -299,6 +299,8 @@ def take_in(paths: list[Path], journal: Journal) -> dict[str, dict[str, Any]]:
             elif campaign == "objects faults" and row is not None:
                 wrong = row["problems"] + row.get("half-written", 0)
                 journal.rows[f"6: {key}"] = {"tried": row["tried"], "wrong": wrong, "lost": row["lost"]}
+            elif campaign == "laws":
+                journal.rows[f"9: {key}"] = {"tried": row["tried"], "wrong": row["wrong"]}
             elif campaign == "bare":
                 journal.rows[f"13: {key}"] = {name: row.get(name, 0) for name in ("tried", "hung", "wrong")}
             else:
@@ -364,7 +366,7 @@ def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None) -
         "# Reliability",
         "",
         "What was tried against the library from outside, and what came of it. Made by",
-        "`python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl objects_faults.jsonl mutants.jsonl",
+        "`python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl laws.jsonl bare.jsonl objects_faults.jsonl mutants.jsonl",
         "coverage.jsonl --page docs/reliability.md`; a dash stands for a figure that a row does not have. *Wrong* are wrong",
         "results, refusals that are not one clear line, and attacks that were not refused. Rows without figures were not run",
         "for this page; the last column says how, or why not.",

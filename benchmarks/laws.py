@@ -1,0 +1,112 @@
+"""The property tests with many more examples than a test run has time for.
+
+    python -m benchmarks.laws --packages core navigation --examples 10000 --seconds 120 --report laws.jsonl
+
+Each test draws so many examples, or as many as it can in so many seconds of the processor. A report is continued where it
+was stopped; what failed keeps the example, which belongs into the tests with its mend.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+from ._journal import Journal
+from .house import ROOT
+
+__all__ = ["Laws", "main"]
+
+
+class Laws:
+    """A plugin of pytest that runs the property tests alone, each with other settings.
+
+    Parameters
+    ----------
+    examples, seconds
+        Of each test, whichever comes first.
+    journal
+        Keeps how many examples each test had, and what failed.
+    """
+
+    def __init__(self, examples: int, seconds: float, journal: Journal) -> None:
+        self._examples, self._seconds, self._journal = examples, seconds, journal
+        self._count, self._end_s = 0, 0.0
+
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[Any]) -> None:
+        """Keep the property tests that the journal does not have."""
+        kept = [
+            item
+            for item in items
+            if hasattr(getattr(item, "obj", None), "hypothesis") and item.nodeid not in self._journal
+        ]
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+        items[:] = kept
+        for function in {item.obj for item in kept}:
+            # As Hypothesis says for plugins that wrap what is called with each example.
+            function.hypothesis.inner_test = self._counted(function.hypothesis.inner_test)
+            function._hypothesis_internal_use_settings = settings(
+                getattr(function, "_hypothesis_internal_use_settings", None),
+                max_examples=self._examples,
+                database=None,
+                deadline=None,
+                derandomize=False,
+                suppress_health_check=list(HealthCheck),
+            )
+
+    def pytest_runtest_setup(self) -> None:
+        """A new test begins."""
+        self._count, self._end_s = 0, time.process_time() + self._seconds
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keep what became of a test."""
+        if report.when == "call" or report.failed:
+            why = "" if report.passed else str(report.longrepr)[-2000:]
+            self._journal.put(report.nodeid, {"tried": self._count, "wrong": int(report.failed), "why": why})
+
+    def _counted(self, inner: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(inner)
+        def run(*args: Any, **named: Any) -> Any:
+            if time.process_time() > self._end_s:
+                return None
+            self._count += 1
+            return inner(*args, **named)
+
+        return run
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the laws of some packages; 1 when one does not hold."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--packages", nargs="+", default=["."], help="folders of tests (all)")
+    parser.add_argument("--examples", type=int, default=10000, help="of each test (10000)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the processor, of each test (60)")
+    parser.add_argument("--report", type=Path, help="keeps each test as it is done")
+    given = parser.parse_args(words)
+    journal = Journal(given.report, {"campaign": "laws", "examples": given.examples})
+    os.environ.pop("CI", None)
+    folders = [str(ROOT / "tests" / package) for package in given.packages]
+    pytest.main(
+        ["-q", "-p", "no:cacheprovider", "--no-header", *folders],
+        plugins=[Laws(given.examples, given.seconds, journal)],
+    )
+    for name, row in journal.rows.items():
+        print(f"{row['tried']:7d} {'FAILED' if row['wrong'] else 'holds '} {name}")
+    tried = [row["tried"] for row in journal.rows.values()]
+    print(
+        f"{len(tried)} laws, {sum(tried)} examples, {sum(row['wrong'] for row in journal.rows.values())} do not hold"
+    )
+    return int(any(row["wrong"] for row in journal.rows.values()))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,38 @@
+"""The campaign of the property tests: as many examples as are asked for, and what fails is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from benchmarks._journal import Journal
+from benchmarks.laws import Laws
+
+_TESTS = """
+from hypothesis import given, settings, strategies as st
+
+@given(st.integers())
+@settings(max_examples=3)
+def test_law_that_holds(n): assert n == n
+
+@given(st.integers(0, 500))
+@settings(max_examples=3)
+def test_law_with_an_exception(n): assert n != 77
+
+def test_other(): assert False
+"""
+
+
+def test_laws_are_run_as_often_as_asked(tmp_path: Path) -> None:
+    (tmp_path / "test_inner_laws.py").write_text(_TESTS)
+    journal = Journal(tmp_path / "laws.jsonl", {})
+    words = ["-q", "-p", "no:cacheprovider", "-c", "/dev/null", f"--rootdir={tmp_path}", str(tmp_path)]
+    pytest.main(words, plugins=[Laws(2000, 60.0, journal)])
+    rows = {name.split("::")[1]: row for name, row in journal.rows.items()}
+    assert set(rows) == {"test_law_that_holds", "test_law_with_an_exception"}
+    assert rows["test_law_that_holds"] == {"tried": 2000, "wrong": 0, "why": ""}
+    assert rows["test_law_with_an_exception"]["wrong"] == 1
+    assert "n=77" in rows["test_law_with_an_exception"]["why"]
+    # A report goes on: nothing is run twice.
+    again = Laws(2000, 60.0, Journal(tmp_path / "laws.jsonl", {}))
+    assert pytest.main(words, plugins=[again]) == pytest.ExitCode.NO_TESTS_COLLECTED
