@@ -4,8 +4,7 @@
     python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as much of two rows
     python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl --page docs/reliability.md
 
-Campaigns with a report of their own (``parser_fuzz``, ``laws``, ``bare``, ``mutants``, ``branch_coverage``,
-``objects_faults``) are taken in by ``--also``.
+Campaigns with a report of their own (:data:`TAKEN`, ``mutants``, ``branch_coverage``) are taken in by ``--also``.
 
 Each case is kept in the report as it is done; a stopped run goes on where it was. A row that was not run says so.
 """
@@ -28,7 +27,16 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from . import determinism, golden, hostile_arrays, hostile_files, kill_faults, mutants
+from . import (
+    determinism,
+    foam_faults,
+    golden,
+    hostile_arrays,
+    hostile_files,
+    kill_faults,
+    mission_faults,
+    mutants,
+)
 from ._journal import Journal
 
 Rng = np.random.Generator
@@ -255,7 +263,12 @@ ROWS = (
     ),
     Row(5, "public functions, hostile arrays", "2,000: 0 foreign exceptions", _arrays),
     Row(6, "kill -9 and full disk, recordings and databases", "500: 0 lost, 0 half-written", _kills),
-    Row(7, "cluster workers killed", "50: same hash", elsewhere="`python -m benchmarks build_faults`"),
+    Row(
+        7,
+        "builds and cluster workers killed",
+        "50: same hash",
+        elsewhere="`python -m benchmarks build_faults`",
+    ),
     Row(8, "cut recordings", "300: all whole messages", _cuts),
     Row(9, "laws (property tests)", "10^4 examples each", elsewhere="`python -m benchmarks.laws`"),
     Row(10, "golden files of every format", "all read", _golden),
@@ -287,24 +300,44 @@ def _read_other(path: Path) -> tuple[str, dict[str, Any]]:
     return about["campaign"], {line["key"]: line["row"] for line in lines}
 
 
+def _of_foam(row: dict[str, Any]) -> dict[str, int]:
+    frames = zip(row["valid"], row["error_N"], row["sigma_N"], strict=True)
+    wrong = sum(valid and abs(error) > 5.0 * sigma + foam_faults.ALLOWED_N for valid, error, sigma in frames)
+    return {"tried": 1, "wrong": wrong}
+
+
+def _of_mission(row: dict[str, Any]) -> dict[str, int]:
+    late = (row.get("motion_s") or 0.0) > mission_faults.STOPPED_S + 1e-9
+    return {"tried": 1, "crashed": int("crash" in row), "wrong": int(late)}
+
+
+#: Rows of the table that have a campaign and a report of their own, and what a case of it is in the table.
+TAKEN: dict[str, tuple[int, Callable[[dict[str, Any]], dict[str, int]]]] = {
+    "parser fuzz": (2, lambda row: {"tried": row["tried"], "crashed": int(bool(row["trouble"])), "wrong": 0}),
+    "foam_faults": (3, _of_foam),
+    "mission_faults": (4, _of_mission),
+    "objects faults": (
+        6,
+        lambda row: {
+            "tried": row["tried"], "wrong": row["problems"] + row.get("half-written", 0), "lost": row["lost"],
+        },
+    ),
+    "build_faults": (7, lambda row: {"tried": row.get("kills", 0), "lost": row.get("lost", 0)}),
+    "laws": (9, lambda row: {"tried": row["tried"], "wrong": row["wrong"]}),
+    "bare": (13, lambda row: {name: row.get(name, 0) for name in ("tried", "hung", "wrong")}),
+}  # fmt: skip
+
+
 def take_in(paths: list[Path], journal: Journal) -> dict[str, dict[str, Any]]:
     """Put the cases of other reports into the rows that they belong to; those of tables of their own are returned."""
     apart: dict[str, dict[str, Any]] = {}
     for path in paths:
         campaign, rows = _read_other(path)
-        for key, row in rows.items():
-            if campaign == "parser fuzz":
-                case = {"tried": row["tried"], "crashed": int(bool(row["trouble"])), "wrong": 0}
-                journal.rows[f"2: {key}"] = case
-            elif campaign == "objects faults" and row is not None:
-                wrong = row["problems"] + row.get("half-written", 0)
-                journal.rows[f"6: {key}"] = {"tried": row["tried"], "wrong": wrong, "lost": row["lost"]}
-            elif campaign == "laws":
-                journal.rows[f"9: {key}"] = {"tried": row["tried"], "wrong": row["wrong"]}
-            elif campaign == "bare":
-                journal.rows[f"13: {key}"] = {name: row.get(name, 0) for name in ("tried", "hung", "wrong")}
-            else:
-                apart.setdefault(campaign, {})[key] = row
+        if campaign not in TAKEN:
+            apart.setdefault(campaign, {}).update(rows)
+            continue
+        number, case = TAKEN[campaign]
+        journal.rows |= {f"{number}: {key}": case(row) for key, row in rows.items() if row is not None}
     return apart
 
 
@@ -366,8 +399,8 @@ def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None) -
         "# Reliability",
         "",
         "What was tried against the library from outside, and what came of it. Made by",
-        "`python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl laws.jsonl bare.jsonl objects_faults.jsonl mutants.jsonl",
-        "coverage.jsonl --page docs/reliability.md`; a dash stands for a figure that a row does not have. *Wrong* are wrong",
+        "`python -m benchmarks.reliability --report rows.jsonl --also OTHER.jsonl ... --page docs/reliability.md`, with the",
+        "reports of the commands in the last column; a dash stands for a figure that a row does not have. *Wrong* are wrong",
         "results, refusals that are not one clear line, and attacks that were not refused. Rows without figures were not run",
         "for this page; the last column says how, or why not.",
         "",
