@@ -23,9 +23,19 @@ def main() -> int:
         "--out", type=Path, default=Path("results/bench.json"), help="machine-readable result"
     )
     parser.add_argument("--list", action="store_true", help="print the names and stop")
+    parser.add_argument(
+        "--compare",
+        nargs="+",
+        type=Path,
+        metavar="REPORT",
+        help="run nothing: the figures of reports of two commits, run in turn, before and after",
+    )
     args = parser.parse_args()
     if args.list:
         print("\n".join(known))
+        return 0
+    if args.compare:
+        print(harness.comparison([harness.read_rows(path) for path in args.compare]))
         return 0
     if unknown := sorted(set(args.names) - set(known)):
         parser.error(f"unknown benchmark {unknown[0]!r}, expected one of {', '.join(known)}")

@@ -28,7 +28,10 @@ from typing import Any
 from visuohaptic._version import __version__
 from visuohaptic.core.files import write_text
 
-__all__ = ["Report", "Row", "benchmark_names", "cpu_seconds", "run", "save", "table", "use_one_thread"]
+__all__ = [
+    "Report", "Row", "benchmark_names", "comparison", "cpu_seconds", "read_rows", "run", "save", "table",
+    "use_one_thread",
+]  # fmt: skip
 
 #: Campaigns of more than a few minutes: they run when they are named.
 CAMPAIGNS = (
@@ -236,6 +239,45 @@ def save(path: Path, report: Report) -> None:
     from visuohaptic.core.files.plain_json import plain
 
     write_text(path, json.dumps(plain(asdict(report)), indent=2) + "\n")
+
+
+def read_rows(path: Path) -> tuple[str, dict[str, tuple[float, str]]]:
+    """Commit of a saved report, and value and unit of each figure.
+
+    Parameters
+    ----------
+    path
+        File of :func:`save`.
+    """
+    report = json.loads(path.read_text(encoding="utf-8"))
+    rows = [row for row in report["rows"] if row["ours"] is not None]
+    return report["commit"], {
+        f"{row['benchmark']}: {row['name']}": (row["ours"], row["unit"]) for row in rows
+    }
+
+
+def comparison(reports: list[tuple[str, dict[str, tuple[float, str]]]]) -> str:
+    """Ratio of every figure after and before, with the range of its pairs.
+
+    Parameters
+    ----------
+    reports
+        As :func:`read_rows`, of two commits in turn: before, after, before, after, ...
+    """
+    pairs = list(zip(reports[::2], reports[1::2], strict=True))
+    for (before, _), (after, _) in pairs:
+        if (before, after) != (reports[0][0], reports[1][0]):
+            raise SystemExit(f"found {before} before {after}, expected {reports[0][0]} and {reports[1][0]}")
+    lines = [f"before {reports[0][0]}, after {reports[1][0]}, {len(pairs)} pairs"]
+    for name, (_, unit) in reports[0][1].items():
+        found = [(old[name][0], new[name][0]) for (_, old), (_, new) in pairs if name in old and name in new]
+        if not found or not all(old for old, _ in found):
+            continue
+        old_value, new_value = (median(values) for values in zip(*found, strict=True))
+        ratios = sorted(new / old for old, new in found)
+        text = f"{median(ratios):6.3f} ({ratios[0]:.3f} - {ratios[-1]:.3f})"
+        lines.append(f"{text}  {old_value:10.4g} -> {new_value:10.4g} {unit:10s} {name}")
+    return "\n".join(lines)
 
 
 def median(values: Iterable[float]) -> float:

@@ -87,3 +87,29 @@ def test_the_cold_start_is_among_the_benchmarks():
     assert "cold_start" in harness.benchmark_names()
     assert "harness" not in harness.benchmark_names()
     assert set(harness.CAMPAIGNS) <= set(harness.benchmark_names())
+
+
+def test_reports_of_two_commits_are_compared_pair_by_pair(tmp_path, report):
+    rows = []
+    for number, (commit, factor) in enumerate([("a", 1.0), ("b", 0.5), ("a", 2.0), ("b", 1.8)]):
+        changed = [harness.replace(row, ours=factor * row.ours) for row in report.rows]
+        path = tmp_path / f"{number}.json"
+        harness.save(path, harness.replace(report, commit=commit, rows=changed))
+        rows.append(harness.read_rows(path))
+    lines = harness.comparison(rows).splitlines()
+    assert lines[0] == "before a, after b, 2 pairs"
+    assert len(lines) == 6  # the one that failed has no figure
+    assert lines[4].split() == [
+        "0.700",
+        "(0.500",
+        "-",
+        "0.900)",
+        "4.5",
+        "->",
+        "3.45",
+        "ms",
+        "made_up:",
+        "plain",
+    ]
+    with pytest.raises(SystemExit, match="expected a and b"):
+        harness.comparison([rows[0], rows[1], rows[3], rows[2]])
