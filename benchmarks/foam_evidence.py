@@ -36,9 +36,9 @@ PHANTOM_N = 0.05
 COLUMNS = ("valid", "reason", "force_N", "sigma_N", "truth_N", "depth_m", "counted", "disturbed")
 
 
-def sensor_for(world: foam.World, folder: Path) -> FoamSensor:
+def sensor_for(world: foam.World, folder: Path, *, encoding_known: bool = False) -> FoamSensor:
     """A sensor configured and calibrated as its user would, with a narrow plate as well."""
-    path = world.write(folder)
+    path = world.write(folder, encoding_known=encoding_known)
     data = read_strain_stress(folder / "strain_stress.csv")
     material = calibrate_foam(data, width_m=world.foam.width_m, height_m=world.foam.height_m).material
     scale = world.foam.mu_Pa[0] / foam.Foam().mu_Pa[0]
@@ -47,11 +47,11 @@ def sensor_for(world: foam.World, folder: Path) -> FoamSensor:
     return FoamSensor.load(path)
 
 
-def run_sequence(sequence: foam.Sequence) -> dict:
+def run_sequence(sequence: foam.Sequence, *, encoding_known: bool = False) -> dict:
     """What the sensor makes of a sequence: ``frames`` by :data:`COLUMNS`, or why it refused."""
     row: dict = {"about": sequence.about, "frames": [], "refused": "", "ends": []}
     with tempfile.TemporaryDirectory() as name:
-        sensor = sensor_for(sequence.world, Path(name))
+        sensor = sensor_for(sequence.world, Path(name), encoding_known=encoding_known)
         try:
             sensor.zero([Frame(shot.image, shot.t_s, i) for i, shot in enumerate(sequence.zero())])
         except CalibrationError as error:
@@ -266,18 +266,20 @@ def campaign(
     first: int = 0,
     count: int = 20,
     only: str = "",
+    encoding_known: bool = False,
     report: Path | None = None,
     on_row: Callable[[str, dict], None] | None = None,
 ) -> list[dict]:
     """Rows of ``count`` seeds from the one numbered ``first`` whose keys begin with ``only``; those in ``report`` are not run again."""
     make, _ = CAMPAIGNS[name]
-    journal = Journal(report, {"campaign": f"foam_evidence {name}", "seeds": seeds})
+    header = {"campaign": f"foam_evidence {name}", "seeds": seeds, "encoding_known": encoding_known}
+    journal = Journal(report, header)
     rows = []
     for key, sequence in make([2 * i + (seeds == "closed") for i in range(first, first + count)]):
         if not key.startswith(only):
             continue
         if key not in journal:
-            journal.put(key, run_sequence(sequence()))
+            journal.put(key, run_sequence(sequence(), encoding_known=encoding_known))
             if on_row is not None:
                 on_row(key, journal.rows[key])
         rows.append(journal.rows[key])
@@ -302,6 +304,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=20, help="seeds")
     parser.add_argument(
         "--only", default="", help="what a key begins with, such as 'hand' of the disturbances"
+    )
+    parser.add_argument(
+        "--encoding-known", action="store_true", help="camera.yaml says whether grey levels are encoded"
     )
     parser.add_argument("--report", type=Path, help="JSON lines; a stopped campaign goes on where it was")
     args = parser.parse_args()

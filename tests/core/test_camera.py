@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -141,11 +142,12 @@ def test_rays_that_miss_the_plane_are_nan() -> None:
 
 @pytest.mark.parametrize("name", LENSES)
 def test_camera_info_goes_round(tmp_path: Path, name: str) -> None:
-    camera = lens(name)
+    camera = replace(lens(name), transfer_function="srgb")
     camera.save(tmp_path / "c.yaml")
     back = Camera.load(tmp_path / "c.yaml")
     assert (back.width, back.height, back.name) == (800, 600, name)
     assert back.row_delay_s == pytest.approx(2e-5)
+    assert back.transfer_function == "srgb"
     np.testing.assert_array_equal(back.matrix, camera.matrix)
     np.testing.assert_array_equal(back.distortion, camera.distortion)
     written = yaml.safe_load((tmp_path / "c.yaml").read_text())
@@ -163,6 +165,7 @@ def test_camera_info_goes_round(tmp_path: Path, name: str) -> None:
     ("change", "problem"),
     [
         ({"image_width": 0}, "image_width"),
+        ({"transfer_function": "gamma"}, "transfer_function"),
         ({"distortion_model": "equidistant"}, "found 'equidistant'"),
         (
             {"camera_matrix": {"rows": 3, "cols": 3, "data": [1, 2]}},

@@ -180,16 +180,21 @@ class World:
 
     # -- what the user knows ------------------------------------------------------------------------------
 
-    def write(self, folder: Path, stress_Pa=None) -> Path:
-        """Camera, calibration recording and ``sensor.yaml`` as a user would have them; the path of the last."""
+    def write(self, folder: Path, stress_Pa=None, *, encoding_known: bool = False) -> Path:
+        """Camera, calibration recording and ``sensor.yaml`` as a user would have them; the path of the last.
+
+        Few users know how their camera encodes light; ``encoding_known`` is one who does.
+        """
         distance, (du, dv, turned) = 0.3, self.pose_error
         focal = distance / self.px_m
         centre = ((self.columns - 1) / 2, (self.rows - 1) / 2)
+        known = "linear" if self.sensor.gamma == 1.0 else "srgb"
         (folder / "camera.yaml").write_text(
             f"image_width: {self.columns}\nimage_height: {self.rows}\ncamera_name: webcam\n"
             f"camera_matrix: {{rows: 3, cols: 3, data: [{focal!r}, 0, {centre[0]}, 0, {focal!r}, {centre[1]}, 0, 0, 1]}}\n"
             "distortion_model: plumb_bob\n"
-            "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",
+            "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
+            f"transfer_function: {known if encoding_known else 'unknown'}\n",
             encoding="utf-8",
         )
         strain = np.linspace(0, 0.6, 61)

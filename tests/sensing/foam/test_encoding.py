@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import erf
 
 import numpy as np
 import pytest
 from tests.worlds import foam_disturbances as disturbances
+from tests.worlds.foam import draw_world
+from tests.worlds.foam_scene import Moment
 
 from benchmarks import foam_evidence
 from visuohaptic.core.camera import Frame
-from visuohaptic.sensing.foam.strip.encoding import encoded_shift_px
+from visuohaptic.sensing.foam import FoamSensor
+from visuohaptic.sensing.foam.strip.encoding import edge_skew, encoded_shift_px, encoding_probability
 from visuohaptic.tracking import ConstraintLines, ContourTracker
 
 #: Place of the edge from the lines' origins [px].
@@ -18,7 +22,7 @@ PLACE = 20.3
 
 
 def tracked(behind: float, before: float, blur_px: float, exponent: float):
-    """Contour of an edge between two grey levels that a lens has blurred in linear light."""
+    """Image of an edge between two grey levels that a lens has blurred in linear light, and its contour."""
     rows = np.arange(60.0)[:, None] + (np.arange(10) + 0.5) / 10 - 0.5  # a pixel collects ten samples
     part = np.vectorize(erf)((rows - 10.0 - PLACE) / (np.sqrt(2.0) * blur_px)) * 0.5 + 0.5
     levels = (np.array([behind, before]) / 255.0) ** exponent
@@ -29,19 +33,19 @@ def tracked(behind: float, before: float, blur_px: float, exponent: float):
     start = np.stack([x, np.full(len(x), 10.0)], 1)
     down = np.tile([0.0, 1.0], (len(x), 1))
     lines = ConstraintLines(start, down, np.zeros(len(x)), np.full(len(x), 40.0))
-    return ContourTracker().track(image, lines)
+    return image, ContourTracker().track(image, lines)
 
 
 @pytest.mark.parametrize(("behind", "before"), [(180.0, 60.0), (180.0, 100.0), (50.0, 170.0)])
 @pytest.mark.parametrize("blur_px", [0.6, 1.0, 2.0])
 def test_the_bright_side_looks_larger_by_what_the_encoding_says(behind, before, blur_px):
-    contour = tracked(behind, before, blur_px, 2.2)
+    _, contour = tracked(behind, before, blur_px, 2.2)
     found = np.median(contour.position_px) - PLACE
     expected = float(np.median(encoded_shift_px(contour)))
     assert np.sign(expected) == np.sign(behind - before)
     # The blur that is fitted to the encoded edge is that of the light to a tenth.
     assert abs(found - expected) < 0.1 * abs(expected) + 0.01
-    linear = tracked(behind, before, blur_px, 1.0)
+    _, linear = tracked(behind, before, blur_px, 1.0)
     assert abs(np.median(linear.position_px) - PLACE) < 0.02
 
 
@@ -56,8 +60,48 @@ def test_a_strip_that_looks_too_wide_is_not_read_as_too_little_pressed(tmp_path)
     inside = (profile.s_m > first + 0.003) & (profile.s_m < last - 0.003)
     error = np.median((profile.delta_m - np.interp(profile.s_m, press.y_m, press.delta_m))[inside])
     assert shot.depth_m > 0.008
-    # Nothing tells whether a camera encodes: half of the shift is taken, the other half is declared.
-    assert abs(error) < 0.0125 * shot.depth_m
+    # Its zero tells that the camera encodes: a tenth of the shift is left, which is declared, and the error of the zero.
+    assert sensor.zero_reference is not None
+    assert sensor.zero_reference.encoding > 0.95
+    assert abs(error) < 0.005 * shot.depth_m
     # One frame of so deep a contact is not valid, as it has no history; its contour has been read.
     assert sensor.reading is not None
     assert abs(sensor.reading.force_N - shot.force_N) < 2.0 * sensor.reading.budget.total_N
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.2])
+@pytest.mark.parametrize(("behind", "before"), [(180.0, 40.0), (30.0, 170.0)])
+@pytest.mark.parametrize("blur_px", [1.0, 2.0])
+def test_the_blur_of_an_encoded_edge_is_skewed(behind, before, blur_px, exponent):
+    encoded = exponent > 1.0
+    q, error, *_ = skew = edge_skew(*tracked(behind, before, blur_px, exponent))
+    # The blur of the encoded edge is larger than that of the light by a tenth, which is in the skewed shape.
+    assert abs(q - encoded) < 0.1 + 3.0 * error
+    assert error < 0.1
+    assert abs(encoding_probability([skew] * 3) - encoded) < 0.05
+
+
+def test_edges_that_are_too_narrow_or_too_few_decide_nothing():
+    image, contour = tracked(180.0, 40.0, 0.3, 1.0)
+    # All pixels meet the edge at the same place: their shape is that of the pixel, not that of the lens.
+    assert 0.2 < encoding_probability([edge_skew(image, contour)]) < 0.8
+    few = replace(contour, valid=np.arange(len(contour.valid)) < 5)
+    assert encoding_probability([edge_skew(image, few)]) == 0.5
+
+
+@pytest.mark.parametrize(("seed", "encodes"), [(2, False), (88, False), (44, True), (114, True)])
+def test_zeroing_tells_whether_a_camera_encodes(seed, encodes, tmp_path):
+    """Another renderer's light, lens, texture, noise and sharpening; what the camera's file says goes before."""
+    world = draw_world(seed)
+    assert (world.sensor.gamma > 1.0) == encodes
+    sensor = foam_evidence.sensor_for(world, tmp_path)
+    zero = sensor.zero([Frame(world.image(Moment()), i / 30, i) for i in range(3)])
+    assert abs(zero.encoding - encodes) < 0.05
+    zero.save(sensor.setup.zero_path)
+    again = FoamSensor.load(tmp_path / "sensor.yaml").zero_reference
+    assert again is not None
+    assert again.encoding == pytest.approx(zero.encoding, rel=1e-5)
+    sensor.setup.camera = replace(sensor.camera, transfer_function="linear" if encodes else "srgb")
+    told = FoamSensor(sensor.setup, zero).zero_reference
+    assert told is not None
+    assert told.encoding == 1 - encodes

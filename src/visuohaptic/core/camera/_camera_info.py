@@ -39,3 +39,4 @@ class CameraInfoFile(BaseModel):
     distortion_model: Literal["plumb_bob", "rational_polynomial"] = "plumb_bob"
     distortion_coefficients: _Matrix | None = None
     row_delay_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    transfer_function: Literal["linear", "srgb", "unknown"] = "unknown"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +17,10 @@ from ..errors import InputError
 from ..files import MAX_PIXELS, load_yaml_model, save_yaml
 from .pose import Pose
 
-__all__ = ["Camera"]
+__all__ = ["Camera", "TransferFunction"]
+
+#: How a camera makes grey levels of light: in proportion, as its power of about 1 / 2.2, or nobody knows.
+TransferFunction = Literal["linear", "srgb", "unknown"]
 
 #: Allowed numbers of distortion coefficients and their ROS names.
 _DISTORTION_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
@@ -43,6 +46,9 @@ class Camera:
     distortion: Float[np.ndarray, "coefficients"] = field(default_factory=lambda: np.zeros(5))
     row_delay_s: float = 0.0  #: time between the exposure of two rows; 0 = global shutter
     name: str = "camera"
+    transfer_function: TransferFunction = (
+        "unknown"  #: from light to grey levels; srgb: any gamma of about 2.2
+    )
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=np.float64)
@@ -69,6 +75,12 @@ class Camera:
             )
         if not (np.isfinite(self.row_delay_s) and self.row_delay_s >= 0):
             raise InputError("Camera", f"found {self.row_delay_s}, expected >= 0", field="row_delay_s")
+        if self.transfer_function not in get_args(TransferFunction):
+            raise InputError(
+                "Camera",
+                f"found {self.transfer_function!r}, expected one of {', '.join(get_args(TransferFunction))}",
+                field="transfer_function",
+            )
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortion", distortion)
 
@@ -174,7 +186,7 @@ class Camera:
     def load(cls, path: Path | str) -> Camera:
         """Read a ROS ``camera_info`` YAML file (the format of ``camera_calibration``).
 
-        Our own optional field ``row_delay_s`` is read when present.
+        Our own optional fields ``row_delay_s`` and ``transfer_function`` are read when present.
 
         Parameters
         ----------
@@ -200,6 +212,7 @@ class Camera:
                 else coefficients.array("distortion_coefficients").ravel(),
                 info.row_delay_s,
                 info.camera_name,
+                info.transfer_function,
             )
         except InputError as error:
             raise InputError(path, error.problem, field=error.field) from error
@@ -225,6 +238,7 @@ class Camera:
                 "rectification_matrix": _matrix_dict(np.eye(3)),
                 "projection_matrix": _matrix_dict(np.hstack([self.matrix, np.zeros((3, 1))])),
                 "row_delay_s": float(self.row_delay_s),
+                "transfer_function": self.transfer_function,
             },
         )
 

@@ -32,8 +32,9 @@ _BRIDGED_POINTS = 2
 _RISES_ON = 0.3
 #: ... and where it does not fall by more than this factor: steeper than any foam, an edge lies between.
 _STEEPEST = 8.0
-#: Probability that the camera encodes its grey levels.
-_ENCODED = 0.5
+#: Error of the shift by an encoding that is there: the blur of an encoded edge is that of the light to a tenth, and so is
+#: the exponent of cameras.
+_SHIFT_ERROR = 0.1
 #: Error that a frame may have beside its standard deviations [N].
 NEGLIGIBLE_N = 0.05
 
@@ -119,15 +120,16 @@ def measure_deflection(
     edges
         What the edges were so far; takes this frame in.
     """
+    part = zero.encoding
     # A zero that does not say how much of it is encoding was made in a light like today's.
     encoded = np.where(np.isfinite(zero.encoded_m), zero.encoded_m, strip.encoded_m)
-    rest = zero.width_m - _ENCODED * encoded
+    rest = zero.width_m - part * encoded
     scale = geometry.width_m / rest
-    raw = scale * (rest - strip.width_m + _ENCODED * strip.encoded_m)
+    raw = scale * (rest - strip.width_m + part * strip.encoded_m)
     noise, kink = scale * strip.width_noise_m, edge_uncertainty_m(strip)
     # Derivative of the deflection by the part of the encoding's shift that is there.
     shift = scale * (strip.encoded_m - encoded * (1.0 - raw / geometry.width_m))
-    encoding = math.sqrt(_ENCODED * (1.0 - _ENCODED)) * np.nan_to_num(shift)
+    encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.nan_to_num(shift)
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
     light = strip.pixel_m * light_shift_px(strip, zero, rest_px, edges.moved_m(raw) / strip.pixel_m)

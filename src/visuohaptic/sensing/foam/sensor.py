@@ -23,6 +23,7 @@ from .material.hysteresis import HysteresisState
 from .posterior import FALSE_ALARM, EdgePosterior
 from .profile import ContactRegion, FoamReading, read_profile
 from .strip.config import FoamSensorConfig, FoamSetup
+from .strip.encoding import ENCODINGS, EdgeSkew, edge_skew, encoding_probability
 from .strip.optics import ObservedStrip, StripOptics
 from .strip.stripe_view import StripeView
 from .strip.zero import ZeroReference, ZeroWatch, check_width
@@ -70,7 +71,7 @@ class FoamSensor:
     def __init__(self, setup: FoamSetup, zero: ZeroReference | None = None) -> None:
         self.setup = setup
         self.optics = self._make_optics()
-        self._watch = ZeroWatch(zero) if zero is not None else None
+        self._watch = self._watching(zero) if zero is not None else None
         if zero is not None:
             self._check_width(float(np.median(zero.width_m)), setup.zero_path)
         self._images: deque[int] = deque(maxlen=_REMEMBERED_IMAGES)
@@ -146,12 +147,14 @@ class FoamSensor:
         self._watch = None
         self.optics.reset()
         seen: list[ObservedStrip] = []
+        skews: list[EdgeSkew] = []
         used = 0
         for used, frame in enumerate(frames, start=1):
             self._check_size(frame)
             strip = self.optics.observe(frame, self.zero_reference)
             if strip is not None:
                 seen.append(strip)
+                skews.append(edge_skew(frame.grey, strip.reference))
             if used >= limit:
                 break
         if len(seen) < max(1, used // 2):
@@ -175,14 +178,20 @@ class FoamSensor:
                 [np.nan_to_num(s.front.blur_px, nan=s.blur_px) / s.lens_px for s in seen], axis=0
             ),
             encoded_m=np.mean([np.nan_to_num(strip.encoded_m) for strip in seen], axis=0),
+            encoding=encoding_probability(skews),
         )
         self._check_width(float(np.median(zero.width_m)), "zero")
-        self._watch = ZeroWatch(zero)
+        self._watch = self._watching(zero)
         self._forget()
         self.optics.forget_motion()
         # Nothing touched it then: what is pressed in the next frame has come since.
         self._edges.start(zero.t_s)
         return zero
+
+    def _watching(self, zero: ZeroReference) -> ZeroWatch:
+        """The zero, with what the camera's file says of its encoding in place of what the zero showed."""
+        known = ENCODINGS.get(self.setup.camera.transfer_function, zero.encoding)
+        return ZeroWatch(replace(zero, encoding=known))
 
     def _check_width(self, measured_m: float, where: Path | str) -> None:
         geometry = self.setup.geometry

@@ -40,6 +40,7 @@ class SensorRig:
             self.focal_px,
             distortion=np.array(self.distortion),
             row_delay_s=self.row_delay_s,
+            transfer_function="linear",
         )
 
     @property

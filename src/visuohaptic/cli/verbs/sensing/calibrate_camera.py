@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 from typing import Any
 
 from ..._sensor_run import is_live
@@ -38,6 +39,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--max-rms-px", type=float, default=0.6, help="refuse above this (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--transfer-function",
+        choices=("linear", "srgb", "unknown"),
+        default="unknown",
+        help="from light to grey levels, if you know it: srgb is any gamma of about 2.2 (default: %(default)s)",
     )
     parser.add_argument("--name", default="camera", help="name of the camera (default: %(default)s)")
     parser.add_argument("--out", required=True, help="ROS camera_info YAML file to write")
@@ -70,5 +77,5 @@ def run(args: Namespace) -> dict[str, Any]:
     result = calibrate_camera(
         views, board, size, limits=CalibrationLimits(max_rms_px=args.max_rms_px), name=args.name
     )
-    result.camera.save(args.out)
+    replace(result.camera, transfer_function=args.transfer_function).save(args.out)
     return {"out": str(args.out), **result.summary()}

@@ -1,10 +1,14 @@
-"""What the encoding of grey levels shifts a blurred edge by.
+"""What the encoding of grey levels shifts a blurred edge by, and whether a camera encodes at all.
 
 Most cameras encode the light L as the grey level L^(1/2.2), some as L itself. A lens blurs light, so that with the first
 kind the bright side of an edge looks larger: where the grey level is half way between those on both sides, a and b, the
 light is at a part p = (((1 + r) / 2)^2.2 - r^2.2) / (1 - r^2.2) of its step, r = b / a, and a blur s shifts the edge by
 -s times the normal quantile of p. A strip then looks wider, and a front before a dark body is elsewhere than before a
 bright floor.
+
+The same makes the blur of an edge skewed, which light that a lens has spread evenly is not. With g(v) the encoded edge and
+Phi(v) that of a linear camera, the grey levels beside the straight base are Phi + q (g - Phi) plus symmetric terms, as
+lenses, sharpening and pixels are; q is 0 or 1.
 """
 
 from __future__ import annotations
@@ -12,14 +16,51 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, UInt8
+from scipy.special import ndtr, ndtri
 
 from ....tracking.contours.contour import PIXEL_PX, Contour
 
-__all__ = ["encoded_shift_px"]
+__all__ = [
+    "ENCODINGS",
+    "UNKNOWN_ENCODING",
+    "EdgeSkew",
+    "edge_skew",
+    "encoded_shift_px",
+    "encoding_probability",
+]
 
+#: Probability that a camera encodes its grey levels, of which nothing is known.
+UNKNOWN_ENCODING = 0.5
+#: What a camera is known to do, by its transfer function.
+ENCODINGS = {"linear": 0.0, "srgb": 1.0}
 #: Exponent of sRGB and of television's cameras, about.
 _EXPONENT = 2.2
+#: Pixels on both sides of an edge that tell of its skewness, in blurs: all of the edge.
+_REACH = 3.5
+#: Points to both sides with which the place of the edge is a parabola: noise and pixels shift a point alone.
+_SMOOTH_POINTS = 5
+#: The skewness that lenses and surfaces have of themselves, in q: over 34 open cameras that do not encode the rms of q is
+#: 0.10, of which two thirds is the error of the fit.
+_OWN_SKEW = 0.1
+#: An edge that is narrow for the pixels shows the shape of the lens and of the pixel, which q (g - Phi) takes from a Gaussian:
+#: as if a tenth of the Nyquist frequency's part of the edge were of another shape, by the height of g - Phi beside symmetric
+#: terms (0.014 of the contrast for r from 0.15 to 0.4).
+_SHAPE = 0.1 / 0.014
+
+
+def _encoded_quantile(dark: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+    """Normal quantile of the part of the light where grey is half way, of edges with grey levels 1 and ``dark``."""
+    lost = dark**_EXPONENT
+    result: Float[np.ndarray, "k"] = ndtri(((0.5 * (1.0 + dark)) ** _EXPONENT - lost) / (1.0 - lost))
+    return result
+
+
+def _dark(contour: Contour) -> Float[np.ndarray, "k"]:
+    """Dark grey level of each edge by its bright one."""
+    ends = np.maximum(contour.level, 1.0), np.maximum(contour.level - contour.contrast, 1.0)
+    result: Float[np.ndarray, "k"] = np.minimum(np.minimum(*ends) / np.maximum(*ends), 0.99)
+    return result
 
 
 def encoded_shift_px(contour: Contour) -> Float[np.ndarray, "k"]:
@@ -30,14 +71,96 @@ def encoded_shift_px(contour: Contour) -> Float[np.ndarray, "k"]:
     contour
         One contour in one frame.
     """
-    ends = np.maximum(contour.level, 1.0), np.maximum(contour.level - contour.contrast, 1.0)
-    dark = np.minimum(np.minimum(*ends) / np.maximum(*ends), 0.99)
-    lost = dark**_EXPONENT
-    part = ((0.5 * (1.0 + dark)) ** _EXPONENT - lost) / (1.0 - lost)
-    # Two terms of the normal quantile: to 1 % down to a part of 0.25.
-    quantile = math.sqrt(2.0 * math.pi) * (0.5 - part)
-    quantile *= 1.0 + quantile**2 / 6.0
-    shift: Float[np.ndarray, "k"] = (
-        -np.sign(contour.contrast) * np.hypot(contour.blur_px, PIXEL_PX) * quantile
-    )
+    blur = np.hypot(contour.blur_px, PIXEL_PX)
+    shift: Float[np.ndarray, "k"] = np.sign(contour.contrast) * blur * _encoded_quantile(_dark(contour))
     return shift
+
+
+#: q of a contour in one frame, its standard error, the blur, and the mean phase of the pixels on the edge.
+EdgeSkew = tuple[float, float, float, float]
+
+
+def edge_skew(grey: UInt8[np.ndarray, "rows columns"], contour: Contour) -> EdgeSkew:
+    """Part q of an encoding's skewness that the edges of a contour show; NaN where there are too few.
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    contour
+        A contour in it.
+    """
+    blur, dark = np.hypot(contour.blur_px, PIXEL_PX), _dark(contour)
+    known = np.flatnonzero(contour.valid & np.isfinite(blur))
+    if len(known) <= 2 * _SMOOTH_POINTS:
+        return math.nan, math.nan, math.nan, math.nan
+    blur_px = float(np.median(blur[known]))
+    offset, level, inside = _beside(grey, contour, known, _REACH * blur_px)
+    v = -np.sign(contour.contrast[known])[:, None] * offset / blur[known, None]
+    bright = np.maximum(contour.level, contour.level - contour.contrast)[known, None]
+    step, r = np.abs(contour.contrast[known])[:, None], dark[known, None]
+    # Linear in q: constant, step, shift, and two symmetric shapes beside.
+    light = r**_EXPONENT + (1.0 - r**_EXPONENT) * ndtr(v + _encoded_quantile(dark)[known, None])
+    skew = (light ** (1.0 / _EXPONENT) - r) / (1.0 - r) - ndtr(v)
+    bell = np.exp(-0.5 * v**2)
+    inside &= np.abs(v) < _REACH
+    terms = np.stack([np.ones_like(v), ndtr(v), bell, v * bell, v**3 * bell, skew], axis=-1)
+    terms *= inside[..., None]
+    y = np.where(inside, (level - bright + step) / step, 0.0)
+    inverse = np.linalg.pinv(np.einsum("kia,kib->ab", terms, terms), hermitian=True)
+    found = inverse @ np.einsum("kia,ki->a", terms, y)
+    # Texture is the same for all pixels of a point: its residuals count as one.
+    each = np.einsum("kia,ki->ka", terms, y - terms @ found) @ inverse[:, -1]
+    phase = abs(np.exp(2j * np.pi * offset[inside]).mean()) if inside.any() else 1.0
+    return float(found[-1]), float(np.linalg.norm(each)), blur_px, float(phase)
+
+
+def _beside(
+    grey: UInt8[np.ndarray, "rows columns"], contour: Contour, known: np.ndarray, reach_px: float
+) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n"], Bool[np.ndarray, "k n"]]:
+    """Distances of pixels beyond the smoothed edge of each known point [px], their grey levels, and which count."""
+    index = np.arange(len(contour.position_px))
+    place = np.interp(index, known, contour.position_px[known])
+    x = np.arange(-_SMOOTH_POINTS, _SMOOTH_POINTS + 1.0)
+    weight = np.linalg.pinv(np.stack([x**0, x, x**2], axis=1))[0]
+    padded = np.pad(place, _SMOOTH_POINTS, mode="reflect", reflect_type="odd")
+    place = np.convolve(padded, weight, mode="valid")
+    lines, direction = contour.lines, contour.lines.direction_px[known]
+    centre = lines.points_px(place)[known]
+    side = np.arange(-math.ceil(reach_px + 1.0), math.ceil(reach_px + 1.0) + 1.0)
+    around = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    pixel = np.rint(centre)[:, None] + around
+    away = pixel - centre[:, None]
+    across = away[..., 1] * direction[:, None, 0] - away[..., 0] * direction[:, None, 1]
+    along = np.einsum("kij,kj->ki", away, direction) - contour.slope[known, None] * across
+    column, row = (pixel[..., axis].astype(np.int64) for axis in (0, 1))
+    inside = np.abs(across) <= np.broadcast_to(lines.half_width_px, index.shape)[known, None]
+    inside &= (column >= 0) & (row >= 0) & (column < grey.shape[1]) & (row < grey.shape[0])
+    level = grey[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)]
+    return along, level.astype(np.float64), inside
+
+
+def encoding_probability(skews: list[EdgeSkew]) -> float:
+    """Probability that a camera encodes its grey levels, from the base of the strip in some frames.
+
+    Parameters
+    ----------
+    skews
+        Of :func:`edge_skew`, one for each frame.
+    """
+    seen = np.array(skews).reshape(-1, 4)
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    if len(seen) == 0:
+        return UNKNOWN_ENCODING
+    q, error, blur, phase = seen.mean(axis=0)
+    shape = _SHAPE * math.exp(-0.5 * (math.pi * blur) ** 2)
+    # Pixels that fall on all places of an edge alike show it as it is, symmetric if it was; others do not.
+    linear = math.hypot(error, _OWN_SKEW, shape * phase)
+    encoded = math.hypot(error, _OWN_SKEW, shape)
+    odds = _student(q - 1.0, encoded) / _student(q, linear)
+    return float(UNKNOWN_ENCODING * odds / (UNKNOWN_ENCODING * odds + 1.0 - UNKNOWN_ENCODING))
+
+
+def _student(x: float, scale: float) -> float:
+    """Density of Student's t with three degrees of freedom: an edge that is skewed of itself proves little."""
+    return 2.0 / (math.pi * math.sqrt(3.0) * scale * (1.0 + (x / scale) ** 2 / 3.0) ** 2)

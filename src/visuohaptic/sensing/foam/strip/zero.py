@@ -15,6 +15,7 @@ from pydantic import Field, FiniteFloat
 from ....core.errors import CalibrationError, InputError
 from ....core.files import decode_image, load_yaml_model, save_yaml
 from ...config_fields import Section
+from .encoding import UNKNOWN_ENCODING
 
 __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
 
@@ -44,6 +45,8 @@ class _ZeroFile(Section):
     blur_ratio: Numbers | None = None
     #: Absent in files of older versions, that do not say how much of the widths is encoding.
     encoded_m: Numbers | None = None
+    #: Absent in files of older versions: nothing is then known of it.
+    encoding: Annotated[float, Field(ge=0.0, le=1.0)] = UNKNOWN_ENCODING
     #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
     image_png: str | None = None
 
@@ -63,6 +66,7 @@ class ZeroReference:
     ]  #: what is too much of ``width_m`` if the camera encodes its grey levels; NaN: not known
     #: Mean image of the strip along the lines, parallels beside each point; samples reach beyond the front.
     image: UInt8[np.ndarray, "K parallels samples"]
+    encoding: float = UNKNOWN_ENCODING  #: probability that the camera encodes its grey levels
 
     @classmethod
     def from_samples(
@@ -75,6 +79,7 @@ class ZeroReference:
         uncertainty_m: Float[np.ndarray, "K"] | float = 0.0,
         blur_ratio: Float[np.ndarray, "K"] | float = 1.0,
         encoded_m: Float[np.ndarray, "K"] | float = 0.0,
+        encoding: float = UNKNOWN_ENCODING,
         where: str = "zero",
     ) -> ZeroReference:
         """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
@@ -95,6 +100,8 @@ class ZeroReference:
             Blur of the front by that of the base.
         encoded_m
             What is too much of the widths if the camera encodes its grey levels [m].
+        encoding
+            Probability that it does.
         where
             What error messages name.
 
@@ -142,6 +149,7 @@ class ZeroReference:
             np.broadcast_to(np.asarray(blur_ratio, dtype=np.float64), seen.shape),
             np.broadcast_to(np.asarray(encoded_m, dtype=np.float64), seen.shape),
             np.clip(np.rint(image), 0, 255).astype(np.uint8),
+            encoding,
         )
 
     def save(self, path: Path | str) -> None:
@@ -158,7 +166,7 @@ class ZeroReference:
         known = [name for name in _ARRAYS if np.isfinite(getattr(self, name)).all()]
         arrays = {name: [float(f"{value:.9g}") for value in getattr(self, name)] for name in known}
         image = base64.b64encode(coded.tobytes()).decode("ascii")
-        data = {"t_s": self.t_s, "frames": self.frames}
+        data = {"t_s": self.t_s, "frames": self.frames, "encoding": float(f"{self.encoding:.6g}")}
         save_yaml(path, data | arrays | {"image_png": image})
 
     @classmethod
@@ -190,7 +198,8 @@ class ZeroReference:
         except (ValueError, InputError) as error:
             problem = "found no image of the strip (an older version's file, or a damaged one)"
             raise InputError(path, problem, field="image_png", remedy=_ZERO_AGAIN) from error
-        return cls(data.t_s, data.frames, **arrays, image=image.reshape(count, PARALLELS, -1))
+        image = image.reshape(count, PARALLELS, -1)
+        return cls(data.t_s, data.frames, **arrays, image=image, encoding=data.encoding)
 
 
 def check_width(measured_m: float, declared_m: float, where: Path | str, *, stripe_m: float = 0.0) -> None:
