@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -192,8 +192,10 @@ def _missed(rollout: Rollout, samples: int, rng: np.random.Generator, *, opens: 
     """Fraction of simulated pushes that hit something or do not leave what they should."""
     path = drive_of(rollout.scene, rollout.direction, rollout.approach_at, rollout.length_m)
     failed = 0
-    for _ in range(samples):
-        model, place = PushUncertainty().sample(rollout.scene.model, (0.0, 0.0, 0.0), rng)
+    for friction, support, place in zip(
+        *PushUncertainty().samples(rollout.scene.model, (0.0, 0.0, 0.0), rng, samples), strict=True
+    ):
+        model = replace(rollout.scene.model, contact_friction=float(friction), support_m=support)
         try:
             trace = simulate_push(model, place, path, rollout.scene.radius_m)
         except InputError:

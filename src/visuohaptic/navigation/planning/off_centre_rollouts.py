@@ -108,7 +108,7 @@ def scene_of(
         *domain.immovable_outlines,
     ):
         fill_cells(blocked, outline)
-    model = PushModel.patch((body.outline - body.centre) * resolution_m)
+    model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
     model = model.with_centre_moved(*(body.friction * resolution_m))
     without = domain.clearance_with(np.zeros((len(domain.bodies), 2)), index)
     return OffCentreScene(

@@ -157,7 +157,9 @@ class SidewardCheck:
         self._scene = scene_of(domain, index, domain.bodies[index].centre)
         obj = domain.bodies[index].obj
         #: outline and supports about the centroid, along the map's axes
-        self.model = PushModel.patch(obj.footprint_m - obj.centre_m).with_centre_moved(*obj.friction_offset_m)
+        self.model = PushModel.of_footprint(obj.footprint_m - obj.centre_m).with_centre_moved(
+            *obj.friction_offset_m
+        )
         #: where the object stands: x, y [m], turn since now [rad]
         self.place_m = (float(obj.centre_m[0]), float(obj.centre_m[1]), 0.0)
 

@@ -100,7 +100,11 @@ def sideward_candidates(
 
     model, radius_m = scene.model, scene.radius_m
     # A millimetre off: a start that touches would be one that has begun.
-    ring = shapely.Polygon(model.outline_m).buffer(model.round_m + radius_m + 1e-3).exterior
+    ring = (
+        (shapely.Polygon if len(model.outline_m) > 2 else shapely.MultiPoint)(model.outline_m)
+        .buffer(model.round_m + radius_m + 1e-3)
+        .exterior
+    )
     ahead = leave_m - enter_m
     length = float(np.hypot(*ahead))
     if not length > 0:
@@ -224,8 +228,10 @@ def _sampled(
     heading = push.path_m[0, 2]
     back = push.path_m[:1] - BACK_M * np.array([np.cos(heading), np.sin(heading), 0.0])
     drive = np.concatenate([back, push.path_m])
-    for _ in range(SAMPLES):
-        model, place = PushUncertainty().sample(scene.model, (0.0, 0.0, 0.0), rng)
+    for friction, support, place in zip(
+        *PushUncertainty().samples(scene.model, (0.0, 0.0, 0.0), rng, SAMPLES), strict=True
+    ):
+        model = replace(scene.model, contact_friction=float(friction), support_m=support)
         try:
             trace = simulate_push(model, place, drive, scene.radius_m)
         except InputError:

@@ -1,8 +1,9 @@
-"""Where simulated pushes end that do not know friction, centre of friction and pose for certain."""
+"""Where simulated pushes end that do not know friction, load, centre of friction and pose for certain."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,21 +16,39 @@ __all__ = ["PushUncertainty", "sampled_pushes"]
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
 #: So deep the rim may begin in the outline (m).
 INSIDE_M = 1e-3
+#: Largest factor of the load's distance from its centre: the bottom of a disc stands on its rim.
+RIM = math.sqrt(2.0)
+#: Numbers of a sample: contact friction, load, centre of friction along x and y, place along x and y, yaw.
+NUMBERS = 7
 
 
 @dataclass(frozen=True, slots=True)
 class PushUncertainty:
-    """Standard deviations of what a simulated push does not know."""
+    """What a simulated push does not know; standard deviations but for the friction.
 
-    contact_friction: float = 0.1
-    centre_m: float = 0.015  #: of the centre of friction, along x and y
+    How the load spreads is not known either: from evenly over a flat bottom to all on its rim, or on feet there.
+    """
+
+    #: Half range of the contact's friction, all of which is as likely. By default from none to twice
+    #: :data:`~visuohaptic.navigation.pushing.push_model.CONTACT_FRICTION`: steel on aluminium, dry, slides like 0.45
+    #: (Zhou 2016), plastic that chatters on its feet like 0.1 (``benchmarks.plan_evidence push_ends``).
+    contact_friction: float = 0.25
+    #: of the centre of friction, along x and y: 1 to 1.5 cm, of things of 0.2 to 0.55 m
+    centre_m: float = 0.0125
     place_m: float = 0.01  #: of the object against the platform, along x and y
     yaw_rad: float = 0.05
 
-    def sample(
-        self, model: PushModel, object_m: tuple[float, float, float], rng: np.random.Generator
-    ) -> tuple[PushModel, Float[np.ndarray, "3"]]:
-        """Sample a model and a pose about the nominal ones.
+    def samples(
+        self,
+        model: PushModel,
+        object_m: tuple[float, float, float],
+        rng: np.random.Generator,
+        count: int,
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n k 2"], Float[np.ndarray, "n 3"]]:
+        """Contact frictions, supports [m] and poses about the nominal ones.
+
+        The samples are spread evenly over all numbers at once (a Kronecker sequence with a random beginning): moments
+        of 40 are as good as those of several hundred independent ones.
 
         Parameters
         ----------
@@ -38,13 +57,26 @@ class PushUncertainty:
         object_m
             Nominal pose: x, y [m], yaw [rad].
         rng
-            Source of the samples.
+            Source of the sequence's beginning.
+        count
+            Of the samples.
         """
-        friction = max(0.0, model.contact_friction + self.contact_friction * rng.standard_normal())
-        support = model.support_m + self.centre_m * rng.standard_normal(2)
+        from scipy.special import ndtri
+
+        # The generalised golden ratio: x^(d + 1) = x + 1.
+        ratio = 2.0
+        for _ in range(40):
+            ratio = (1.0 + ratio) ** (1.0 / (NUMBERS + 1))
+        steps = ratio ** -np.arange(1.0, NUMBERS + 1.0)
+        even = (rng.random(NUMBERS) + np.outer(np.arange(count), steps)) % 1.0
+        normal = ndtri(np.clip(even[:, 2:], 1e-9, 1.0 - 1e-9))
+        friction = model.contact_friction + self.contact_friction * (2.0 * even[:, 0] - 1.0)
+        spread = 1.0 + (RIM - 1.0) * even[:, 1, None, None]
+        away = (model.support_m - model.centre_m) * spread
+        support = model.centre_m + away + self.centre_m * normal[:, None, :2]
         sigma = np.array([self.place_m, self.place_m, self.yaw_rad])
-        sampled = replace(model, contact_friction=friction, support_m=support)
-        return sampled, np.asarray(object_m, dtype=np.float64) + sigma * rng.standard_normal(3)
+        poses = np.asarray(object_m, dtype=np.float64) + sigma * normal[:, 2:]
+        return np.maximum(0.0, friction), support, poses
 
 
 def sampled_pushes(
@@ -57,7 +89,7 @@ def sampled_pushes(
     uncertainty: PushUncertainty | None = None,
     samples: int = 40,
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n k 3"], Bool[np.ndarray, "n"]]:
-    """Poses of an object before a push and along it, for samples of contact friction, centre of friction and pose.
+    """Poses of an object before a push and along it, for samples of what is not known.
 
     The push begins earlier on its line where the object was sampled into the platform.
 
@@ -74,7 +106,7 @@ def sampled_pushes(
     rng
         Source of the samples.
     uncertainty
-        Standard deviations of friction, centre of friction and pose.
+        Of friction, load, centre of friction and pose.
     samples
         Number of simulated pushes.
 
@@ -90,16 +122,10 @@ def sampled_pushes(
     ahead = path[min(1, len(path) - 1), :2] - path[0, :2]
     ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
     paths = [path] + [np.vstack([path[:1] - np.array([*(back * ahead), 0.0]), path]) for back in BACK_M[1:]]
-    friction = np.maximum(
-        0.0, model.contact_friction + uncertainty.contact_friction * rng.standard_normal(samples)
-    )
-    shifts = uncertainty.centre_m * rng.standard_normal((samples, 2))
-    sigma = np.array([uncertainty.place_m, uncertainty.place_m, uncertainty.yaw_rad])
-    before = np.asarray(object_m, dtype=np.float64) + sigma * rng.standard_normal((samples, 3))
+    friction, supports, before = uncertainty.samples(model, object_m, rng, samples)
     along, blocked = before[:, None].repeat(len(path), axis=1), np.ones(samples, dtype=bool)
     trace = np.zeros((len(path) + 1, 8))
-    for k in range(samples):
-        support = model.support_m + shifts[k]
+    for k, support in enumerate(supports):
         gyration = max(float(np.sqrt(model.load @ (support**2).sum(axis=1))), 1e-3)
         for line in paths:
             push_object(

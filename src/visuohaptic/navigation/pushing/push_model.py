@@ -17,6 +17,9 @@ __all__ = ["PushModel", "load_of_feet", "patch_points"]
 CONTACT_FRICTION = 0.25
 #: Points of a flat bottom: enough for 1 % of its limit surface.
 PATCH_POINTS = 24
+#: A regular polygon of so many corners stands for a disc: its edges leave the circle by less than 2 % of the radius
+#: on either side, the centimetre to which outlines are drawn.
+DISC_CORNERS = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +121,23 @@ class PushModel:
         return cls(outline_m, points, load, contact_friction, **rest)
 
     @classmethod
+    def of_footprint(cls, outline_m: Float[np.ndarray, "m 2"]) -> PushModel:
+        """A flat bottom where nothing but the outline is known; a disc that was drawn with corners is round again.
+
+        Pushed by a rim, a round object turns several times as far as one with edges where its contact slips: a
+        turning edge takes the contact's normal along.
+
+        Parameters
+        ----------
+        outline_m
+            Corners about the reference point [m].
+        """
+        if not (radius_m := _drawn_radius(outline_m)):
+            return cls.patch(outline_m)
+        disc, middle = cls.disc(radius_m), np.mean(outline_m, axis=0)
+        return replace(disc, outline_m=middle[None], support_m=disc.support_m + middle)
+
+    @classmethod
     def disc(
         cls, radius_m: float, contact_friction: float = CONTACT_FRICTION, *, tip_m: float = 0.0
     ) -> PushModel:
@@ -169,6 +189,19 @@ class PushModel:
             The feet are on one line, or one would be lifted.
         """
         return cls(outline_m, feet_m, load_of_feet(feet_m, centre_m), contact_friction, **rest)
+
+
+def _drawn_radius(outline_m: Float[np.ndarray, "m 2"]) -> float:
+    """Radius of the disc [m] that a polygon was drawn around, of the same area; 0 where it is none."""
+    corners = np.asarray(outline_m, dtype=np.float64)
+    if len(corners) < DISC_CORNERS:
+        return 0.0
+    away = np.hypot(*(corners - corners.mean(axis=0)).T)
+    edges = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T)
+    # Corners as near to the circle as its edges come.
+    height = away.mean() * (1.0 - math.cos(math.pi / len(corners)))
+    even = float(np.ptp(away)) <= height and float(edges.max()) <= 2.0 * float(edges.mean())
+    return math.sqrt(abs(polygon_area(corners)) / math.pi) if even else 0.0
 
 
 def load_of_feet(

@@ -38,7 +38,7 @@ __all__ = [
 SWEEP_STEP = 0.5
 #: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
 TRACKING_M = 0.003
-#: Simulated pushes; the variance of their variance is 2 / so many.
+#: Simulated pushes.
 SAMPLES = 40
 #: Pushes are simulated so many times as far as they are asked for: their lengths are refined.
 BEYOND = 1.5
@@ -196,7 +196,7 @@ def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]
     if key not in domain.ends or domain.ends[key][0] < length_m:
         # Whole steps: however far it is simulated, the beginning is the same.
         reach_m = float(np.ceil(BEYOND * length_m / STEP_M)) * STEP_M
-        model = PushModel.patch((body.outline - body.centre) * resolution_m)
+        model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
         place_m, yaw_rad = body.obj.pose_sigma
         unknown = PushUncertainty(place_m=place_m, yaw_rad=yaw_rad)
         _, poses, _ = sampled_pushes(
