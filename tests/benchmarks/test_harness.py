@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 import types
 
@@ -87,3 +89,17 @@ def test_the_cold_start_is_among_the_benchmarks():
     assert "cold_start" in harness.benchmark_names()
     assert "harness" not in harness.benchmark_names()
     assert set(harness.CAMPAIGNS) <= set(harness.benchmark_names())
+
+
+def test_one_thread_holds_for_numba_that_was_imported_before():
+    # Numba looks at its variable when it compiles next, and refuses once its threads run: a kernel from the cache, then one
+    # that is not in it.
+    code = (
+        "import numba, sys; from benchmarks.harness import use_one_thread; use_one_thread(); "
+        "numba.set_num_threads(1); f = numba.njit(lambda x: x + 1); sys.exit(f(1) - 2)"
+    )
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "2", "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
