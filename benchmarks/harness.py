@@ -119,8 +119,11 @@ def use_one_thread() -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2
+    from numba import config
 
     cv2.setNumThreads(1)
+    # By itself numba looks at its variable when it compiles next: where its threads run by then, it refuses.
+    config.reload_config()
 
 
 def cpu_seconds(work: Callable[[], object], *, repeats: int = 7, min_s: float = 0.02, warm: int = 1) -> float:

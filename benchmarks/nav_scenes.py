@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -29,6 +28,7 @@ from visuohaptic.navigation.problem import PlanningProblem
 from visuohaptic.simulation.floor import FloorRobot, FloorSenses, FloorWorld
 from visuohaptic.tasks.mobile.travel import Travel, travel
 
+from .harness import use_one_thread
 from .nav_doors import data_folder
 
 __all__ = ["play", "run"]
@@ -170,8 +170,7 @@ if __name__ == "__main__":
     )
     parser.add_argument("--report", type=Path, help="JSON that is written after every scene")
     arguments = parser.parse_args()
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    use_one_thread()
     wanted = arguments.only or range(arguments.first, arguments.first + arguments.scenes)
     played = campaign(list(wanted), arguments.report, verbose=True, hopeless=not arguments.not_hopeless)
     for row in rows_of(played):
