@@ -9,15 +9,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
-from ..core.camera.frame import Frame
 from ..core.camera.pose import Pose
-from ..core.measurement import Reason, Wrench
 from ..io.depth.depth_sequence import DepthFrame
 from ..reconstruction.completion.outline import SLICE_M, axial_part, measured_outline
+from ..rigs.virtual_probe import VirtualProbe, probe_beam
+from ..sensing.beam.mechanics import compliance
 from ..simulation.tabletop.arm import SimulatedArm
 from ..simulation.tabletop.depth_camera import DepthCamera
 from ..simulation.tabletop.glass_scenes import disturb_pose
-from ..simulation.tabletop.probe_cell import ProbeCell
 from ..tasks.framework.path_clearance import Capsule, KnownObstacles
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
 
     from ..reconstruction.completion.surface_completion import Completion
     from ..reconstruction.pipeline import Reconstruction
+    from ..sensing.beam.tracked import TrackedBeam
 
 __all__ = ["complete_the_bottle", "find_the_glass", "set_the_table", "zero_the_beam"]
 
@@ -73,25 +73,19 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        Receives noise and compliance of the probe.
+        Receives the zeroed sensor and the noise of its force.
     """
-    from ..rigs.virtual_beam import VirtualBeam
-
-    rng = mission.rng(21)
-    virtual = VirtualBeam()
-    renderer = virtual.renderer()
-    rest, count = (8, 3) if mission.quick else (20, 12)
-    with virtual.sensor(mission.folder / "beam") as sensor:
-        sensor.zero(virtual.frames(np.zeros((rest, 6)), rng, start_s=-1.0, renderer=renderer))
-        loads = np.zeros((count, 6))
-        loads[:, :3] = rng.uniform(-1.0, 1.0, (count, 3)) * (2.0, 1.5, 1.5)
-        rows, sigmas, picture = [], [], None
-        for frame, load in zip(virtual.frames(loads, rng, renderer=renderer), loads, strict=True):
-            wrench = sensor.read(frame).reading.wrench
-            picture = frame.image
-            if wrench.valid:
-                rows.append((load[:3], wrench.force_N))
-                sigmas.append(np.sqrt(np.diag(wrench.covariance)[:3]))
+    sensor, count = _zeroed_probe(mission), 3 if mission.quick else 12
+    rng, virtual = mission.rng(25), probe_beam()
+    loads = np.zeros((count, 6))
+    loads[:, :3] = rng.uniform(-1.0, 1.0, (count, 3)) * (2.0, 1.5, 1.5)
+    rows, sigmas, picture = [], [], None
+    for frame, load in zip(virtual.frames(loads, rng), loads, strict=True):
+        wrench = sensor.read(frame).reading.wrench
+        picture = frame.image
+        if wrench.valid:
+            rows.append((load[:3], wrench.force_N))
+            sigmas.append(np.sqrt(np.diag(wrench.covariance)[:3]))
     if len(rows) < max(2, count // 2):
         return failed(f"{len(rows)} of {count} loads could be read")
     true, read = (np.array(part) for part in zip(*rows, strict=True))
@@ -101,7 +95,6 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     # with the declared variance as one more of them, what they were read with is its posterior mean (inverse gamma).
     spread = np.sqrt((np.mean(sigma**2, axis=0) + np.sum(error**2, axis=0)) / (1 + len(error)))
     mission.known.probe_sigma_N = float(spread.max())
-    mission.known.probe_compliance_m_per_N = 1.0 / virtual.beam.spring_N_per_m
     worst = float(np.max(np.abs(error) / sigma))
     rms = float(np.sqrt(np.mean(error**2)))
     parts = [
@@ -140,9 +133,18 @@ def _forces(true: np.ndarray, read: np.ndarray, sigma: np.ndarray) -> Figure:
     return draw_axes(1, 2, draw, size=(8.6, 3.6))
 
 
+def _zeroed_probe(mission: Mission) -> TrackedBeam:
+    """The probe's sensor as its files describe it, zeroed on pictures of the rod at rest."""
+    virtual, rest = probe_beam(), 8 if mission.quick else 20
+    mission.known.probe = sensor = virtual.sensor(mission.folder / "beam")
+    sensor.zero(virtual.frames(np.zeros((rest, 6)), mission.rng(21), start_s=-2.0))
+    return sensor
+
+
 def default_beam(mission: Mission) -> None:
-    """The noise and the spring of the data sheet."""
-    mission.known.probe_sigma_N, mission.known.probe_compliance_m_per_N = 0.03, 1.0 / 500.0
+    """A zeroed sensor, and the noise of its data sheet."""
+    _zeroed_probe(mission)
+    mission.known.probe_sigma_N = 0.03
 
 
 def find_the_glass(mission: Mission) -> ChapterResult:
@@ -318,39 +320,36 @@ def _visible(mission: Mission) -> Completion:
 
 
 def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touches: int) -> CompletionByTouch:
-    """Touch the true bottle with the noise of the beam sensor."""
-    sigma_N, compliance = mission.known.probe_sigma_N, mission.known.probe_compliance_m_per_N
+    """Touch the true bottle; the force is read from pictures of the rod."""
+    sensor, sigma_N = mission.known.probe, mission.known.probe_sigma_N
+    assert sensor is not None
     assert sigma_N is not None
-    assert compliance is not None
     rng = mission.rng(23)
     arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
-    cell = ProbeCell(
-        arm,
-        bottle.probed(),
-        rng,
-        T_base_bottle=bottle.T_base_bottle,
-        stiffness_N_per_m=1.0 / compliance,
-        force_sigma_N=sigma_N,
-    )
-
-    def feel(frame: Frame) -> Wrench:
-        return Wrench(frame.t_s, True, Reason.OK, cell.force(), np.zeros(3), np.eye(6) * sigma_N**2)
-
+    cell = VirtualProbe(arm, bottle.probed(), rng, T_base_bottle=bottle.T_base_bottle)
+    sensor.reset()
+    # What is touched at the side bends the rod.
+    across = float(compliance(sensor.sensor.setup.beam, 1.0)[1, 1])
     settings = CompleteSettings(
         bound_m=BOUND_M,
         touches=touches,
-        touch_N=max(0.4, 8 * sigma_N),
+        touch_N=8 * sigma_N,
         blocked_N=max(1.0, 16 * sigma_N),
         top_m=float(completion.visual.vertices_m[:, 2].max()),
-        compliance_m_per_N=compliance,
-        sigma_m=0.0005 + sigma_N * compliance,
+        compliance_m_per_N=across,
+        sigma_m=0.0005 + sigma_N * across,
     )
     guard, visible = Supervisor(clock=lambda: arm.t_s), completion.visual
     # The rod of the probe, against what the camera has seen.
     rod = Capsule((0.0, 0.0, 0.0), (0.0, 0.0, ROD_M), ROD_RADIUS_M)
     known_arm = guard.arm(arm, KnownObstacles((rod,), [PLACE.apply(visible.vertices_m)]))
     touched = complete_by_touch(
-        known_arm, guard.frames(cell), guard.force(feel), completion, settings, T_base_visual=PLACE
+        known_arm,
+        guard.frames(cell),
+        guard.force(lambda frame: sensor.read(frame).reading.wrench),
+        completion,
+        settings,
+        T_base_visual=PLACE,
     )
     mission.spent(arm.t_s, len(touched.touches))
     return touched

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..navigation.problem.planning_problem import MovableObject
     from ..recognition.data.readings import TouchReading
     from ..reconstruction.pipeline import Reconstruction
+    from ..sensing.beam.tracked import TrackedBeam
     from ..simulation.houses.led_platform import LedPlatform
     from ..simulation.tabletop.kitchen import KitchenTable
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
@@ -123,7 +124,7 @@ class Known:
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
     probe_sigma_N: float | None = None  #: of the beam sensor's force
-    probe_compliance_m_per_N: float | None = None
+    probe: TrackedBeam | None = None  #: the beam sensor, zeroed
     bottle_at_m: Float[np.ndarray, "2"] | None = None  #: foot of its axis on the table
     outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius

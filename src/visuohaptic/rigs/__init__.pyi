@@ -54,6 +54,9 @@ from .virtual_office import office as office
 from .virtual_office import rooms as rooms
 from .virtual_office import tag as tag
 from .virtual_office import with_objects as with_objects
+from .virtual_probe import T_TIP_SENSOR as T_TIP_SENSOR
+from .virtual_probe import VirtualProbe as VirtualProbe
+from .virtual_probe import probe_beam as probe_beam
 from .virtual_sensor import VirtualSensor as VirtualSensor
 from .virtual_sensor import calibrate_by_press as calibrate_by_press
 from .virtual_sensor import rest_scene as rest_scene

@@ -1,4 +1,4 @@
-"""Frames without an image: the clock of a simulated world that is felt and not drawn."""
+"""Frames of a simulated world whose time passes with each of them; blank unless the world says what its camera sees."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import UInt8
 
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
@@ -34,8 +35,18 @@ class BlankFrames(Closing):
 
     @property
     def camera(self) -> Camera | None:
-        """None: nothing is drawn."""
+        """The camera's model; None: nothing is drawn."""
         return None
+
+    def image(self, t_s: float) -> UInt8[np.ndarray, "rows columns"]:
+        """What the camera sees now; blank by default.
+
+        Parameters
+        ----------
+        t_s
+            The world's time [s].
+        """
+        return np.zeros((2, 2), np.uint8)
 
     @property
     def frame_count(self) -> int | None:
@@ -45,7 +56,7 @@ class BlankFrames(Closing):
     def __iter__(self) -> Iterator[Frame]:
         while self.frame_count is None or self._index < self.frame_count:
             t_s = self.advance(1.0 / self.frame_rate_Hz)
-            frame = Frame(np.zeros((2, 2), np.uint8), t_s, self._index)
+            frame = Frame(self.image(t_s), t_s, self._index)
             self._index += 1
             yield frame
 

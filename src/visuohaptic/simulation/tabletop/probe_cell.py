@@ -34,15 +34,16 @@ class ProbeCell(BlankFrames):
         self.arm.advance(dt_s)
         return self.arm.t_s
 
-    def force(self) -> Float[np.ndarray, "3"]:
-        """Force on the probe in the base [N]: outward by how far it is inside the wall, with noise."""
-        noise = self.force_sigma_N * self.rng.standard_normal(3)
+    def load_N(self) -> Float[np.ndarray, "3"]:
+        """True force on the probe in the base [N]: outward by how far it is inside the wall."""
         x, y, z = self.T_base_bottle.inverse().apply(self.arm.true_pose().translation_m)
-        if not 0.0 <= z <= self.bottle.height_m:
-            return noise
         radius = math.hypot(x, y)
         wall = float(np.asarray(self.bottle.radius_m(np.array(math.atan2(y, x)), np.array(z))))
-        if radius >= wall:
-            return noise
+        if not 0.0 <= z <= self.bottle.height_m or radius >= wall:
+            return np.zeros(3)
         outward = np.array([x, y, 0.0]) / max(radius, 1e-9)
-        return self.T_base_bottle.rotation @ outward * self.stiffness_N_per_m * (wall - radius) + noise
+        return self.T_base_bottle.rotation @ outward * self.stiffness_N_per_m * (wall - radius)
+
+    def force(self) -> Float[np.ndarray, "3"]:
+        """Force on the probe in the base [N], with noise: what a sensor would read that is not drawn."""
+        return self.load_N() + self.force_sigma_N * self.rng.standard_normal(3)
