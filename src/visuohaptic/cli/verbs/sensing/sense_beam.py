@@ -3,7 +3,7 @@
 reads
   --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; camera and
              templates_folder to read from images)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
   --poses    instead of --source, poses.csv: t_s, name, valid, reason, x_m, y_m, z_m, qx, qy, qz, qw and
              the covariance of each template in the camera, rows of a frame together
 writes

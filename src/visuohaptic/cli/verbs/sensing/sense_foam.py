@@ -2,7 +2,7 @@
 
 reads
   --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...;
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://..., realsense:;
              a camera's force is shown until Ctrl-C
 writes
   --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a

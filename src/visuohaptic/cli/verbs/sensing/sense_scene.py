@@ -3,7 +3,7 @@
 reads
   --config    scene.yaml: camera, its pose, height above the floor (docs: Scene); with a field sensor the
               foam's force is read, too, and the object that it touches is tracked
-  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
   --odometry  t_s, speed_m_s, turn_rate_rad_s of the platform, CSV; fused with the motion of the floor
 writes
   --out       run.mcap with the platform's pose and covariance (geometry_msgs/PoseWithCovarianceStamped),

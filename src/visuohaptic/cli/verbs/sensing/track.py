@@ -2,7 +2,7 @@
 
 reads
   --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
-  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
   --camera     camera.yaml, a ROS camera_info file
 writes
   --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
