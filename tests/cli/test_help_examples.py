@@ -500,6 +500,7 @@ def _sense_scene(folder: Path, results: list[Any]) -> None:
     for result in results:
         assert result["frames"] == 16
         assert result["pose"]["x_m"] == pytest.approx(0.06, abs=0.002)  # of a compressed video
+    assert (folder / "scene.png").stat().st_size > 5000
 
 
 def _sense_beam(folder: Path, results: list[Any]) -> None:
@@ -507,6 +508,7 @@ def _sense_beam(folder: Path, results: list[Any]) -> None:
     read = [float(row["fy_N"]) for row in rows(folder / "run.csv")]
     assert len(read) == len(truth)
     assert np.nanmax(np.abs(np.subtract(read, truth))) < 0.1 * np.max(np.abs(truth))
+    assert (folder / "run.png").stat().st_size > 5000
 
 
 def _example_files(axis: str) -> Check:

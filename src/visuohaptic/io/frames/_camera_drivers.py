@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ def _uvc() -> Any:
 def _realsense() -> list[FoundCamera]:
     """RealSense cameras, where their maker's package is installed."""
     try:
-        import pyrealsense2 as rs
+        rs: Any = import_module("pyrealsense2")
     except ImportError:
         return []
     key = rs.camera_info
