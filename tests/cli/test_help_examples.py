@@ -411,6 +411,10 @@ def _server() -> Iterator[None]:
         yield
 
 
+def _disc(folder: Path, world: World) -> None:
+    (folder / "robot.yaml").write_text("radius_m: 0.31\n")
+
+
 def _own_robot(folder: Path, world: World) -> None:
     """The example's parts, under the name in the help."""
     (folder / "my_robot.py").write_text(
@@ -649,6 +653,7 @@ def _demo(folder: Path, results: list[Any]) -> None:
 
 
 STORIES: dict[str, Story] = {
+    "defaults": Story(lambda f, r: _defaults(f, r), _disc),
     "cameras": Story(lambda f, r: _cameras(r)),
     "sense foam": Story(_sense_foam, _scaled),
     "compare": Story(_compare, _compared),
@@ -710,6 +715,11 @@ def _all_seen(results: list[Any]) -> None:
 
 def _cameras(results: list[Any]) -> None:
     assert isinstance(results[0]["cameras"], list)
+
+
+def _defaults(folder: Path, results: list[Any]) -> None:
+    assert (folder / "sensor.yaml").read_text().startswith("kind: foam")
+    assert (results[1]["settings"]["radius_m"], results[1]["settings"]["setup_time_s"]) == (0.31, 4.0)
 
 
 def _pdf(path: Path) -> None:
