@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field
 from itertools import islice
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -160,7 +161,8 @@ class Outputs(Generic[Measured]):
     #: keywords of :meth:`visuohaptic.viewer.LivePage.update` for a frame
     show: Callable[[Frame, Measured], Mapping[str, Any]] | None = None
     describe: Callable[[Measured], str] = lambda measured: ""  #: what is said beside an event
-    #: what --plot draws of a measurement: by the label of the axes and the name of the line, value and sigma
+    #: what --plot draws of a measurement: by the label of the axes and the name of the line, value and sigma,
+    #: NaN where they are not known
     chart: Callable[[Measured], Mapping[str, Mapping[str, tuple[float, float]]]] = lambda measured: {}
 
 
@@ -313,7 +315,9 @@ def force_outputs() -> Outputs[ForceProfile]:
         page_title="foam sensor",
         show=lambda frame, profile: {"frame_bgr": frame.image, "profile": profile},
         describe=lambda profile: force_text(profile).rstrip(),
-        chart=lambda profile: {"force [N]": {"force": (profile.force_N, profile.force_sigma_N)}},
+        chart=lambda profile: {
+            "force [N]": {"force": (profile.force_N if profile.valid else nan, profile.force_sigma_N)}
+        },
     )
 
 

@@ -183,7 +183,7 @@ def traces_over_time(
     events: Sequence[Event] = (),
     title: str = "",
 ) -> Figure:
-    """Quantities over time, each with its declared band of two sigma; crosses where a sample is not valid.
+    """Quantities over time, each with its declared band of two sigma, and why samples are not valid.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def traces_over_time(
     panels
         Traces of each pair of axes, by their label with the unit.
     reasons
-        ``ok``, or why a sample is not valid, one text per sample: of those nothing is drawn but a cross.
+        ``ok``, or why a sample is not valid, one text per sample: those are crosses.
     events
         Marked by name.
     title
@@ -212,11 +212,11 @@ def traces_over_time(
     figure, axes = new_figure(len(panels), 1, size=(8.6, 1.0 + 2.3 * len(panels)), sharex=True)
     good = np.array([str(reason) == "ok" for reason in reasons], dtype=bool)
     for place, (label, traces) in zip(axes, panels.items(), strict=True):
-        for trace, colour in zip(traces, CYCLE, strict=False):
+        for index, trace in enumerate(traces):
+            colour = CYCLE[index % len(CYCLE)]
             time_s, value, sigma = _same_length(f"trace {trace.name}", t_s, trace.value, trace.sigma)
-            shown = np.where(good, value, np.nan)
-            place.fill_between(time_s, shown - 2 * sigma, shown + 2 * sigma, color=colour, alpha=0.22, lw=0)
-            place.plot(time_s, shown, color=colour, label=trace.name)
+            place.fill_between(time_s, value - 2 * sigma, value + 2 * sigma, color=colour, alpha=0.22, lw=0)
+            place.plot(time_s, value, color=colour, label=trace.name)
         place.set(ylabel=label)
         if place is not axes[0]:
             place.legend(loc="upper left", ncols=6)

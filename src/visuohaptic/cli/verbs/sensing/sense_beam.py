@@ -24,6 +24,7 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from itertools import islice
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -193,10 +194,11 @@ def _measure(args: Any, reader: SensorReader[TrackedReading], frames: Iterator[A
 
 
 def _chart(wrench: Wrench) -> dict[str, dict[str, tuple[float, float]]]:
-    """Forces [N] and moments [mNm] by their axis, each with its sigma."""
+    """Forces [N] and moments [mNm] by their axis, each with its sigma; NaN when the frame is not valid."""
+    known = 1.0 if wrench.valid else nan
     sigma = wrench.covariance.diagonal() ** 0.5
-    force = zip(wrench.force_N, sigma[:3], strict=True)
-    moment = zip(1e3 * wrench.moment_Nm, 1e3 * sigma[3:], strict=True)
+    force = zip(known * wrench.force_N, sigma[:3], strict=True)
+    moment = zip(1e3 * known * wrench.moment_Nm, 1e3 * sigma[3:], strict=True)
     return {
         "force [N]": dict(zip(("F$_x$", "F$_y$", "F$_z$"), force, strict=True)),
         "moment [mNm]": dict(zip(("M$_x$", "M$_y$", "M$_z$"), moment, strict=True)),

@@ -109,7 +109,8 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
 
 def _chart(reading: SceneReading, touches: bool) -> dict[str, dict[str, tuple[float, float]]]:
     """Drive, obstacle and, with a sensor that touches, object: value and sigma; NaN where nothing is known."""
-    (x, y, heading), variance = reading.pose, reading.pose_covariance.diagonal()
+    x, y, heading = reading.pose if reading.valid else (nan, nan, nan)
+    variance = reading.pose_covariance.diagonal()
     obstacle, moved = reading.obstacle, reading.object_motion
     seen = obstacle.valid and isfinite(obstacle.proximity_m)
     near = (1e2 * obstacle.proximity_m, 1e2 * obstacle.proximity_sigma_m) if seen else (nan, nan)
