@@ -19,6 +19,8 @@ COMMANDS = (
     "demo --map BAD.yaml",
     "start --source BAD.mp4 --length 250 --width 20 --height 10",
     "start --source movie.mp4 --foam BAD.yaml --length 250 --width 20 --height 10",
+    "defaults foam --config BAD.yaml",
+    "defaults robot --config BAD.yaml",
     "sense foam --config BAD.yaml --source movie.mp4",
     "sense scene --config BAD.yaml --source movie.mp4",
     "sense beam --config BAD.yaml --poses poses.csv",

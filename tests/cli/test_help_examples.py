@@ -411,6 +411,10 @@ def _server() -> Iterator[None]:
         yield
 
 
+def _disc(folder: Path, world: World) -> None:
+    (folder / "robot.yaml").write_text("radius_m: 0.31\n")
+
+
 def _own_robot(folder: Path, world: World) -> None:
     """The example's parts, under the name in the help."""
     (folder / "my_robot.py").write_text(
@@ -500,6 +504,7 @@ def _sense_scene(folder: Path, results: list[Any]) -> None:
     for result in results:
         assert result["frames"] == 16
         assert result["pose"]["x_m"] == pytest.approx(0.06, abs=0.002)  # of a compressed video
+    assert (folder / "scene.png").stat().st_size > 5000
 
 
 def _sense_beam(folder: Path, results: list[Any]) -> None:
@@ -507,6 +512,7 @@ def _sense_beam(folder: Path, results: list[Any]) -> None:
     read = [float(row["fy_N"]) for row in rows(folder / "run.csv")]
     assert len(read) == len(truth)
     assert np.nanmax(np.abs(np.subtract(read, truth))) < 0.1 * np.max(np.abs(truth))
+    assert (folder / "run.png").stat().st_size > 5000
 
 
 def _example_files(axis: str) -> Check:
@@ -647,6 +653,7 @@ def _demo(folder: Path, results: list[Any]) -> None:
 
 
 STORIES: dict[str, Story] = {
+    "defaults": Story(lambda f, r: _defaults(f, r), _disc),
     "cameras": Story(lambda f, r: _cameras(r)),
     "sense foam": Story(_sense_foam, _scaled),
     "compare": Story(_compare, _compared),
@@ -708,6 +715,11 @@ def _all_seen(results: list[Any]) -> None:
 
 def _cameras(results: list[Any]) -> None:
     assert isinstance(results[0]["cameras"], list)
+
+
+def _defaults(folder: Path, results: list[Any]) -> None:
+    assert (folder / "sensor.yaml").read_text().startswith("kind: foam")
+    assert (results[1]["settings"]["radius_m"], results[1]["settings"]["setup_time_s"]) == (0.31, 4.0)
 
 
 def _pdf(path: Path) -> None:

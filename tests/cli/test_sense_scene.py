@@ -59,6 +59,7 @@ def test_a_drive_towards_a_box(folder, capsys, wheels) -> None:
 
     more = ["--odometry", folder / "wheels.csv"] if wheels else []
     out = ["--out", folder / "run.mcap", "--csv", folder / "run.csv", "--mask", "--json"]
+    out += ["--plot", folder / "run.svg"]
     assert main(words(folder, *out, *more)) == 0
     result = json.loads(capsys.readouterr().out)
     way = STEP_M * (FRAMES - 1)
@@ -77,6 +78,10 @@ def test_a_drive_towards_a_box(folder, capsys, wheels) -> None:
     assert math.isnan(float(rows[0]["proximity_m"]))
     assert float(rows[-1]["x_m"]) == pytest.approx(result["pose"]["x_m"])
     assert rows[-1]["object_reason"] == "not_zeroed"
+    drawn = (folder / "run.svg").read_text()  # matplotlib writes each text as a comment beside its outlines
+    for text in ("position [cm]", "heading [deg]", "obstacle ahead [cm]", "not valid: not_zeroed"):
+        assert f"<!-- {text} -->" in drawn
+    assert "object [deg]" not in drawn  # nothing touches
     told = [m.ros_msg for m in read_ros2_messages(str(folder / "run.mcap"), topics=["/scene/pose"])]
     assert len(told) == FRAMES
     assert told[-1].pose.pose.position.x == pytest.approx(result["pose"]["x_m"])
@@ -101,6 +106,7 @@ def test_help_has_an_example(capsys) -> None:
         ({}, ["--zero-frames", 3], "names no sensor"),
         ({}, ["--start", 99], "no frame"),
         ({}, ["--csv", "table.txt"], "expected .csv"),
+        ({}, ["--plot", "scene.txt"], "expected .png, .pdf or .svg"),
     ],
 )
 def test_bad_input_is_one_line(folder, capsys, change, more, text) -> None:

@@ -41,6 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_track_writes_poses(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["track", "--templates", folder / "templates", "--source", folder / "frames", "--rate-Hz", 30]
     words += ["--camera", folder / "camera.yaml", "--out", folder / "poses.mcap", "--csv", folder / "p.csv"]
+    words += ["--plot", folder / "p.svg"]
     assert main(["--json", *map(str, words)]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["frames"] == 5
@@ -53,6 +54,8 @@ def test_track_writes_poses(folder: Path, capsys: pytest.CaptureFixture[str]) ->
         assert float(row["x_m"]) == pytest.approx(0.002 * k, abs=2e-5)
         assert float(row["z_m"]) == pytest.approx(0.2, abs=5e-4)
         assert 0 < float(row["z_sigma_m"]) < 1e-3
+    drawn = (folder / "p.svg").read_text()  # matplotlib writes each text as a comment beside its outlines
+    assert all(f"<!-- {text} -->" in drawn for text in ("tool", "x [cm]", "distance z [cm]"))
     # An independent reader.
     from mcap_ros2.reader import read_ros2_messages
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import sys
+import time
 from types import SimpleNamespace as Box
 
 import numpy as np
 import pytest
 
+from visuohaptic.cli.main import main
 from visuohaptic.core import DeviceError, FrameSource, InputError, MissingExtraError
-from visuohaptic.core.camera import Pose
+from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.io.depth import OrbbecSource, RealSenseSource
+from visuohaptic.io.frames import open_source
 
 RAW = np.arange(12, dtype=np.uint16).reshape(3, 4)  # the first pixel is 0: not measured
 BGR = np.arange(36, dtype=np.uint8).reshape(3, 4, 3)
@@ -22,6 +25,7 @@ class Driver:
     def __init__(self):
         self.silent = self.lost = False
         self.stopped = 0
+        self.chosen = []  # serial numbers that were asked for
         self.number = 6
 
     def stop(self):
@@ -55,7 +59,11 @@ def realsense():
     driver.wait_for_frames, driver.start = wait, lambda _config: profile
     module = Box(
         pipeline=lambda: driver,
-        config=lambda: Box(enable_stream=lambda *_: None),
+        config=lambda: Box(enable_stream=lambda *_: None, enable_device=driver.chosen.append),
+        camera_info=Box(name="name", serial_number="serial"),
+        context=lambda: Box(
+            query_devices=lambda: [Box(get_info={"name": "D435", "serial": "0123"}.__getitem__)]
+        ),
         stream=Box(depth=1, color=2),
         format=Box(z16=1, bgr8=2),
         align=lambda _: Box(process=lambda frames: frames),
@@ -89,7 +97,8 @@ def orbbec():
     driver.enable_frame_sync = lambda: None
     driver.get_camera_param = lambda: Box(rgb_intrinsic=lens)
     module = Box(
-        Pipeline=lambda: driver,
+        Pipeline=lambda *_: driver,
+        Context=lambda: Box(query_devices=lambda: Box(get_device_by_serial_number=driver.chosen.append)),
         Config=lambda: Box(enable_stream=lambda _: None, set_frame_aggregate_output_mode=lambda _: None),
         OBSensorType=Box(DEPTH_SENSOR=1, COLOR_SENSOR=2),
         OBFormat=Box(Y16=1, RGB=2),
@@ -161,3 +170,32 @@ def test_a_missing_package_names_its_extra(make, extra, monkeypatch):
 def test_impossible_sizes_are_refused():
     with pytest.raises(InputError, match="expected numbers > 0"):
         RealSenseSource(width=0)
+
+
+def test_every_source_takes_a_depth_camera_by_its_maker(maker):
+    driver, make = maker
+    name = "realsense" if make is RealSenseSource else "orbbec"
+    with open_source(f"{name}:0123", camera=Camera.simple(4, 3, 5.0), grey=True) as source:
+        frame = next(iter(source))
+        assert frame.image.shape == (3, 4)
+        assert abs(frame.t_s - time.time()) < 60.0  # the camera's clock begins anywhere
+    assert driver.chosen == ["0123"]
+    with open_source(name) as source:  # the model is the maker's
+        assert source.camera.matrix[0, 0] == 5.0
+        np.testing.assert_array_equal(next(iter(source)).image, BGR)
+    assert driver.chosen == ["0123"]
+    assert driver.stopped == 2
+
+
+def test_a_connected_realsense_is_listed_by_the_command_line(monkeypatch, capsys):
+    _, name, module, _ = realsense()
+    monkeypatch.setitem(sys.modules, name, module)
+    assert main(["cameras"]) == 0
+    assert "realsense:0123" in capsys.readouterr().out
+
+
+def test_a_verb_names_the_makers_package_before_it_reads_anything(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    monkeypatch.setattr("visuohaptic.cli._extras._is_there", lambda module: False)
+    assert main(["sense", "foam", "--config", "none.yaml", "--source", "realsense:"]) == 2
+    assert "visuohaptic[realsense]" in capsys.readouterr().err

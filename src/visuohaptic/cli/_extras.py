@@ -103,12 +103,15 @@ BY_ENDING: Mapping[str, tuple[str, ...]] = {
     ".webm": ("av",),
 }
 
+#: Modules that a source needs by the maker of its camera.
+BY_MAKER: Mapping[str, str] = {"realsense": "pyrealsense2", "orbbec": "pyorbbecsdk"}
+
 
 def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
     """Optional modules that a verb imports on its way with these arguments.
 
     They are the verb's own ``NEEDS``, what its function ``needs(args)`` adds, and
-    what arguments of all verbs need by their name or, where they name files, by their ending. Meshes are not among them: they
+    what arguments of all verbs need by their name, by the maker of a camera or, where they name files, by their ending. Meshes are not among them: they
     are the first thing that is read, and say themselves what is missing.
 
     Parameters
@@ -125,6 +128,8 @@ def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
         if value:
             found.update(BY_ARGUMENT.get(name, ()))
         for text in map(str, value if isinstance(value, list) else [value]):
+            if name == "source" and text.partition(":")[0] in BY_MAKER and ":" in text:
+                found.add(BY_MAKER[text.partition(":")[0]])
             # A topic may follow the file, as in run.mcap:/camera.
             found.update(*(modules for ending, modules in BY_ENDING.items() if _ends(text, ending)))
     return frozenset(found)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field
 from itertools import islice
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -16,7 +17,7 @@ from ..core.errors import InputError
 if TYPE_CHECKING:
     from ..core.camera.frame import Frame
     from ..core.camera.model import Camera
-    from ..core.measurement import ForceProfile
+    from ..core.measurement import Event, ForceProfile
     from ..core.robots import FrameSource
     from ..sensing.readers.sensor_reader import SensorReader, SensorReading
 
@@ -55,7 +56,7 @@ def add_part(parser: argparse.ArgumentParser) -> None:
 
 
 def add_outputs(parser: argparse.ArgumentParser, parquet: str = "") -> None:
-    """``--out``, ``--csv`` and, with a text for its help, ``--parquet``.
+    """``--out``, ``--csv``, ``--plot`` and, with a text for its help, ``--parquet``.
 
     Parameters
     ----------
@@ -66,6 +67,7 @@ def add_outputs(parser: argparse.ArgumentParser, parquet: str = "") -> None:
     """
     parser.add_argument("--out", type=Path, help="MCAP recording to write")
     parser.add_argument("--csv", type=Path, help="table to write")
+    parser.add_argument("--plot", type=Path, help="plot over time to write: .png, .pdf or .svg")
     if parquet:
         parser.add_argument("--parquet", type=Path, help=parquet)
 
@@ -159,6 +161,9 @@ class Outputs(Generic[Measured]):
     #: keywords of :meth:`visuohaptic.viewer.LivePage.update` for a frame
     show: Callable[[Frame, Measured], Mapping[str, Any]] | None = None
     describe: Callable[[Measured], str] = lambda measured: ""  #: what is said beside an event
+    #: what --plot draws of a measurement: by the label of the axes and the name of the line, value and sigma,
+    #: NaN where they are not known
+    chart: Callable[[Measured], Mapping[str, Mapping[str, tuple[float, float]]]] = lambda measured: {}
 
 
 @dataclass(slots=True)
@@ -223,7 +228,12 @@ def run_sensor(
         reader.zero(islice(frames, count))
     reader.require_zero("give --zero-frames N")
     tables = [path for name in ("csv", "parquet") if (path := getattr(args, name, None))]
-    run = SensorRun(out=[str(path) for path in (args.out, *tables) if path])
+    plot: Path | None = getattr(args, "plot", None)
+    run = SensorRun(out=[str(path) for path in (args.out, *tables, plot) if path])
+    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(plot, f"found suffix {plot.suffix!r}, expected .png, .pdf or .svg")
+    drawn: list[tuple[float, Mapping[str, Any], str]] = []
+    events: list[Event] = []
     with ExitStack() as stack:
         recording, page = _opened(args, stack, outputs)
         writers = [stack.enter_context(outputs.open_table(path)) for path in tables]
@@ -247,6 +257,9 @@ def run_sensor(
                 line.show(f"{frame.t_s:10.1f} s  {outputs.describe(reading.measured)}")
             if page is not None and outputs.show is not None:
                 page.update(frame.t_s, **outputs.show(frame, reading.measured))
+            if plot is not None:
+                drawn.append((frame.t_s, outputs.chart(reading.measured), reading.reason.value))
+                events.extend(reading.events)
             on_reading(reading)
     if not run.frames:
         raise InputError(
@@ -254,7 +267,28 @@ def run_sensor(
             "no frames are left to measure",
             remedy="check --zero-frames, --start, --stop",
         )
+    if plot is not None:
+        _save_plot(plot, drawn, events, outputs.page_title)
     return run
+
+
+def _save_plot(
+    path: Path, drawn: Sequence[tuple[float, Mapping[str, Any], str]], events: Sequence[Event], title: str
+) -> None:
+    """Time, quantities and reason of each frame as a figure."""
+    import numpy as np
+
+    from ..core.files import atomic_path
+    from ..report.charts import Trace, traces_over_time
+
+    times_s, charts, reasons = zip(*drawn, strict=True)
+    panels = {
+        label: [Trace(name, *np.array([chart[label][name] for chart in charts]).T) for name in names]
+        for label, names in charts[0].items()
+    }
+    figure = traces_over_time(np.array(times_s), panels, reasons=reasons, events=events, title=title)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format=path.suffix[1:].lower(), dpi=150)
 
 
 def force_text(profile: ForceProfile) -> str:
@@ -278,8 +312,12 @@ def force_outputs() -> Outputs[ForceProfile]:
     return Outputs(
         TableWriter,
         rows=lambda profile: (profile,),
+        page_title="foam sensor",
         show=lambda frame, profile: {"frame_bgr": frame.image, "profile": profile},
         describe=lambda profile: force_text(profile).rstrip(),
+        chart=lambda profile: {
+            "force [N]": {"force": (profile.force_N if profile.valid else nan, profile.force_sigma_N)}
+        },
     )
 
 

@@ -38,6 +38,7 @@ _TABLE = (
     ("system", "demo", "run the end-to-end demo: a simulated robot looks, touches and remembers"),
     ("system", "start", "set up a foam sensor step by step, from a camera to live newtons"),
     ("system", "cameras", "list the cameras that are connected"),
+    ("system", "defaults", "write a configuration file with every setting, its default and what it means"),
     ("sensing", "sense foam", "measure force and shape with a strip of foam that a camera watches"),
     ("sensing", "compare", "hold a measured force against a scale, or against another run"),
     ("sensing", "sense scene", "track obstacles ahead, the motion of the floor and the pushed object"),

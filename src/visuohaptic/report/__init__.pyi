@@ -3,10 +3,12 @@ from .annotation import annotated_frame as annotated_frame
 from .annotation import gradient_image as gradient_image
 from .annotation import primitive_outline as primitive_outline
 from .charts import ForceRun as ForceRun
+from .charts import Trace as Trace
 from .charts import error_budget as error_budget
 from .charts import force_against_truth as force_against_truth
 from .charts import force_over_time as force_over_time
 from .charts import pressure_profile as pressure_profile
+from .charts import traces_over_time as traces_over_time
 from .comparison import ForceComparison as ForceComparison
 from .comparison import ForceRecord as ForceRecord
 from .comparison import compare_forces as compare_forces

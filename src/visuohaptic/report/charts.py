@@ -22,7 +22,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["ForceRun", "error_budget", "force_against_truth", "force_over_time", "pressure_profile"]
+__all__ = [
+    "ForceRun",
+    "Trace",
+    "error_budget",
+    "force_against_truth",
+    "force_over_time",
+    "pressure_profile",
+    "traces_over_time",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +41,15 @@ class ForceRun:
     truth_N: Float[np.ndarray, "n"]  #: what physics or a reference sensor says
     measured_N: Float[np.ndarray, "n"]
     valid: Bool[np.ndarray, "n"] | None = None  #: all valid when absent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """One quantity over time."""
+
+    name: str
+    value: Float[np.ndarray, "n"]  #: in the unit of its axis; NaN where it is not known
+    sigma: Float[np.ndarray, "n"]  #: declared standard deviation, in the same unit
 
 
 @styled
@@ -135,7 +152,7 @@ def force_over_time(
     good = np.ones(len(t_s), dtype=bool) if valid is None else np.asarray(valid, dtype=bool)
     shown_N = np.where(good, measured_N, np.nan)
     band_N = 2 * sigma_N
-    blue, orange = COLOURS["blue"], COLOURS["orange"]
+    blue = COLOURS["blue"]
     if truth_N is None:
         figure, (upper,) = new_figure(1, 1, size=(8.6, 3.6))
         bottom = upper
@@ -152,23 +169,80 @@ def force_over_time(
         t_s, shown_N - band_N, shown_N + band_N, color=blue, alpha=0.22, lw=0, label="± 2 sigma, declared"
     )
     upper.plot(t_s, shown_N, color=blue, label="measured")
-    for index, reason in enumerate(
-        dict.fromkeys(np.asarray(reasons, dtype=object)[~good]) if reasons else ()
-    ):
-        chosen = ~good & (np.asarray([str(text) for text in reasons]) == str(reason))
-        colour = (orange, COLOURS["pink"], COLOURS["yellow"], COLOURS["grey"])[index % 4]
-        upper.plot(t_s[chosen], np.zeros(chosen.sum()), "x", color=colour, ms=5, label=f"not valid: {reason}")
-    if not reasons and not good.all():
-        upper.plot(t_s[~good], np.zeros((~good).sum()), "x", color=orange, ms=5, label="not valid")
-    _mark_events(upper, events)
     upper.set(ylabel="force [N]")
+    _finish(figure, (upper, bottom), t_s, good, reasons, events, title)
+    return figure
+
+
+@styled
+def traces_over_time(
+    t_s: Float[np.ndarray, "n"],
+    panels: Mapping[str, Sequence[Trace]],
+    *,
+    reasons: Sequence[str],
+    events: Sequence[Event] = (),
+    title: str = "",
+) -> Figure:
+    """Quantities over time, each with its declared band of two sigma, and why samples are not valid.
+
+    Parameters
+    ----------
+    t_s
+        Times [s].
+    panels
+        Traces of each pair of axes, by their label with the unit.
+    reasons
+        ``ok``, or why a sample is not valid, one text per sample: those are crosses.
+    events
+        Marked by name.
+    title
+        Of the figure.
+
+    Raises
+    ------
+    InputError
+        Arrays have different lengths.
+
+    Examples
+    --------
+    >>> t_s = np.linspace(0.0, 1.0, 30)
+    >>> traces = [Trace(axis, k * t_s, np.full(30, 0.1)) for k, axis in enumerate("xyz")]
+    >>> figure = traces_over_time(t_s, {"force [N]": traces}, reasons=["ok"] * 30)
+    """
+    figure, axes = new_figure(len(panels), 1, size=(8.6, 1.0 + 2.3 * len(panels)), sharex=True)
+    good = np.array([str(reason) == "ok" for reason in reasons], dtype=bool)
+    for place, (label, traces) in zip(axes, panels.items(), strict=True):
+        for index, trace in enumerate(traces):
+            colour = CYCLE[index % len(CYCLE)]
+            time_s, value, sigma = _same_length(f"trace {trace.name}", t_s, trace.value, trace.sigma)
+            place.fill_between(time_s, value - 2 * sigma, value + 2 * sigma, color=colour, alpha=0.22, lw=0)
+            place.plot(time_s, value, color=colour, label=trace.name)
+        place.set(ylabel=label)
+        if place is not axes[0]:
+            place.legend(loc="upper left", ncols=6)
+    axes[0].fill_between([], [], [], color=COLOURS["grey"], alpha=0.3, lw=0, label="± 2 sigma, declared")
+    _finish(figure, axes, np.asarray(t_s, dtype=np.float64), good, reasons, events, title)
+    return figure
+
+
+def _finish(
+    figure: Figure, axes: Sequence[Axes], t_s: np.ndarray, good: np.ndarray, reasons: Sequence[str],
+    events: Sequence[Event], title: str,
+) -> None:  # fmt: skip
+    """What is not valid, events, legend, title and the axis of time."""
+    upper = axes[0]
+    texts = np.array([str(text) for text in reasons] if len(reasons) else [""] * len(t_s), dtype=object)
+    colours = [COLOURS[name] for name in ("orange", "pink", "yellow", "grey")]
+    for index, reason in enumerate(dict.fromkeys(texts[~good])):
+        chosen, said = ~good & (texts == reason), f"not valid: {reason}" if reason else "not valid"
+        upper.plot(t_s[chosen], np.zeros(chosen.sum()), "x", color=colours[index % 4], ms=5, label=said)
+    _mark_events(upper, events)
     figure.suptitle(title, x=0.02, ha="left", fontsize=10.5)
-    bottom.set(xlabel="time [s]")
+    axes[-1].set(xlabel="time [s]")
     if len(t_s) > 1:
         upper.set_xlim(float(t_s[0]), float(t_s[-1]))
     upper.margins(y=0.16)
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), ncols=5, borderaxespad=0.0)
-    return figure
 
 
 def _mark_events(axes: Axes, events: Sequence[Event]) -> None:

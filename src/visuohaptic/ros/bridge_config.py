@@ -28,12 +28,12 @@ class NodeSection(_Section):
     name: str = "visuohaptic"
     namespace: str = "/"
     transport: Transport = "zenoh"
-    domain: Annotated[int, Field(ge=0, le=232)] = 0
-    type_hashes: bool = True
-    connect: list[str] = [ROUTER]
-    listen: list[str] = ["tcp/127.0.0.1:0"]
-    zenoh_config: str | None = None
-    patience_s: Positive = 3.0
+    domain: Annotated[int, Field(ge=0, le=232)] = 0  #: ROS_DOMAIN_ID
+    type_hashes: bool = True  #: no for Humble, which has none
+    connect: list[str] = [ROUTER]  #: routers or peers; none: wait for others to connect
+    listen: list[str] = ["tcp/127.0.0.1:0"]  #: where peers may connect; port 0 is any free one
+    zenoh_config: str | None = None  #: a zenoh file (JSON5) instead of the two above
+    patience_s: Positive = 3.0  #: wait so long for a router
 
     @model_validator(mode="after")
     def _names(self) -> NodeSection:

@@ -58,6 +58,8 @@ class LiveDepthSource(Closing):
         Images per second.
     timeout_s
         An image is waited for this long [s].
+    serial
+        Serial number of the camera; the first one without.
 
     Raises
     ------
@@ -72,7 +74,13 @@ class LiveDepthSource(Closing):
     extra = ""
 
     def __init__(
-        self, *, width: int = 640, height: int = 480, rate_Hz: float = 30.0, timeout_s: float = 2.0
+        self,
+        *,
+        width: int = 640,
+        height: int = 480,
+        rate_Hz: float = 30.0,
+        timeout_s: float = 2.0,
+        serial: str = "",
     ) -> None:
         if min(width, height) < 1 or not rate_Hz > 0 or not timeout_s > 0:
             raise InputError(
@@ -83,7 +91,7 @@ class LiveDepthSource(Closing):
             self._driver: Any = import_module(self.module)
         except ImportError as error:
             raise MissingExtraError(self.module, self.extra, type(self).__name__) from error
-        self._timeout_ms = max(1, round(1e3 * timeout_s))
+        self._timeout_ms, self._serial = max(1, round(1e3 * timeout_s)), serial
         self._open = True
         try:
             self._camera = self._start(width, height, round(rate_Hz))
@@ -154,6 +162,8 @@ class RealSenseSource(LiveDepthSource):
     def _start(self, width: int, height: int, rate_Hz: int) -> Camera:
         rs = self._driver
         self._pipeline, config = rs.pipeline(), rs.config()
+        if self._serial:
+            config.enable_device(self._serial)
         config.enable_stream(rs.stream.depth, width, height, rs.format.z16, rate_Hz)
         config.enable_stream(rs.stream.color, width, height, rs.format.bgr8, rate_Hz)
         profile = self._pipeline.start(config)
@@ -185,7 +195,12 @@ class OrbbecSource(LiveDepthSource):
 
     def _start(self, width: int, height: int, rate_Hz: int) -> Camera:
         ob = self._driver
-        self._pipeline, config = ob.Pipeline(), ob.Config()
+        if self._serial:
+            devices = ob.Context().query_devices()
+            self._pipeline = ob.Pipeline(devices.get_device_by_serial_number(self._serial))
+        else:
+            self._pipeline = ob.Pipeline()
+        config = ob.Config()
         for sensor, kind in (
             (ob.OBSensorType.DEPTH_SENSOR, ob.OBFormat.Y16),
             (ob.OBSensorType.COLOR_SENSOR, ob.OBFormat.RGB),

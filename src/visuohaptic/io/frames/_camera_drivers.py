@@ -1,16 +1,18 @@
-"""Drivers of live cameras: pupil-labs-uvc, and OpenCV where that is not installed."""
+"""Drivers of live cameras: pupil-labs-uvc, OpenCV where that is not installed, and makers' of depth cameras."""
 
 from __future__ import annotations
 
 import logging
 import re
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
 
+from ...core.camera.model import Camera
 from ...core.errors import DeviceError
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
@@ -25,8 +27,23 @@ def _uvc() -> Any:
     return uvc
 
 
+def _realsense() -> list[FoundCamera]:
+    """RealSense cameras, where their maker's package is installed."""
+    try:
+        rs: Any = import_module("pyrealsense2")
+    except ImportError:
+        return []
+    key = rs.camera_info
+    found = [(d.get_info(key.serial_number), d.get_info(key.name)) for d in rs.context().query_devices()]
+    return [FoundCamera(f"realsense:{serial}", name, serial) for serial, name in found]
+
+
 def find() -> list[FoundCamera]:
-    """Cameras by UVC, or by the system's video devices."""
+    """Cameras by UVC or by the system's video devices, and depth cameras."""
+    return _video() + _realsense()
+
+
+def _video() -> list[FoundCamera]:
     uvc = _uvc()
     if uvc is not None:
         devices = uvc.device_list() or []
@@ -52,7 +69,10 @@ def _listed(found: Sequence[FoundCamera]) -> str:
 
 
 def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBackend:
-    """The best driver for a camera given by number, part of its name, device file or address of a stream."""
+    """The best driver for a camera given by number, part of its name, device file, address of a stream or maker."""
+    maker, depth, serial = which.partition(":")
+    if depth and maker in ("realsense", "orbbec"):
+        return DepthCameraBackend(maker, serial, settings)
     if which.startswith("/") or "://" in which:
         return OpenCvBackend(which, settings)
     uvc = _uvc()
@@ -144,6 +164,44 @@ class UvcBackend:
         if self._capture is not None:
             self._capture.close()
             self._capture = None
+
+
+class DepthCameraBackend:
+    """Colour images of a depth camera by its maker's package, which knows its model."""
+
+    def __init__(self, maker: str, serial: str, settings: CameraSettings) -> None:
+        self._maker, self._serial, self._settings = maker, serial, settings
+        self._source: Any = None
+        self._offset_s: float | None = None
+        self.camera: Camera | None = None  #: the maker's own model
+
+    def open(self) -> None:
+        from ..depth.depth_live import OrbbecSource, RealSenseSource
+
+        make = RealSenseSource if self._maker == "realsense" else OrbbecSource
+        given = {
+            name: value
+            for name in ("width", "height", "rate_Hz")
+            if (value := getattr(self._settings, name)) is not None
+        }
+        self._source, self._offset_s = make(serial=self._serial, **given), None
+        self.camera = self._source.camera
+
+    def read(self) -> tuple[UInt8[np.ndarray, "rows columns *colour"], float]:
+        import cv2
+
+        if self._source is None:
+            raise DeviceError(f"{self._maker}: is silent")
+        found = self._source.read()
+        if self._offset_s is None:
+            self._offset_s = time_s() - found.t_s
+        image = cv2.cvtColor(found.color, cv2.COLOR_BGR2GRAY) if self._settings.grey else found.color
+        return image, found.t_s + self._offset_s
+
+    def close(self) -> None:
+        if self._source is not None:
+            self._source.close()
+            self._source = None
 
 
 class OpenCvBackend:

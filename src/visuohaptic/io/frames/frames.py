@@ -39,6 +39,7 @@ def open_source(
         - ``0``, ``camera:0``, ``camera:NAME`` or ``/dev/video0``, a live camera by number, part of its
           name or device file; ``uvc:0`` warns where the precise driver is missing
         - ``rtsp://host/path`` and other addresses of streams
+        - ``realsense:`` or ``realsense:SERIAL``, ``orbbec:``: colour images of a depth camera by its maker's package
         - any other file: a video
     camera
         Model of the camera; the images must have its size.

@@ -21,7 +21,8 @@ __all__ = ["LiveSource", "camera_of", "find_cameras", "open_camera"]
 
 _log = logging.getLogger(__name__)
 
-#: ``camera:0`` and ``uvc:NAME``; a bare number; a device file; the address of a stream.
+#: ``realsense:`` or ``orbbec:SERIAL``; ``camera:0`` and ``uvc:NAME``; a bare number; a device file; the address of a stream.
+_DEPTH = re.compile(r"(?:realsense|orbbec)(?=:|$)")
 _LIVE = re.compile(r"(?:(?P<driver>uvc|camera):)?(?P<which>.+)")
 _BARE = re.compile(r"\d+|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
 
@@ -70,8 +71,8 @@ class LiveSource(Closing):
 
     @property
     def camera(self) -> Camera | None:
-        """The camera's model where it is known."""
-        return self._camera
+        """The camera's model where it is known: the one that was given, or the maker's own."""
+        return self._camera or getattr(self._backend, "camera", None)
 
     @property
     def frame_count(self) -> int | None:
@@ -217,7 +218,8 @@ def camera_of(source: str) -> tuple[str, bool] | None:
     Parameters
     ----------
     source
-        ``0``, ``camera:0``, ``camera:NAME``, ``uvc:0``, ``/dev/video0``, ``rtsp://host/path``, or a file.
+        ``0``, ``camera:0``, ``camera:NAME``, ``uvc:0``, ``/dev/video0``, ``rtsp://host/path``, ``realsense:``,
+        ``realsense:SERIAL``, ``orbbec:``, or a file.
 
     Returns
     -------
@@ -228,9 +230,13 @@ def camera_of(source: str) -> tuple[str, bool] | None:
     --------
     >>> camera_of("0"), camera_of("/dev/video2"), camera_of("uvc:Wide")
     (('0', False), ('/dev/video2', False), ('Wide', True))
+    >>> camera_of("realsense")[0], camera_of("realsense:0123")[0]
+    ('realsense:', 'realsense:0123')
     >>> camera_of("rtsp://robot/front")[0], camera_of("push.mp4")
     ('rtsp://robot/front', None)
     """
+    if maker := _DEPTH.match(source):
+        return f"{maker[0]}:{source[maker.end() + 1 :]}", False
     match = _LIVE.fullmatch(source)
     if match is None or not (match["driver"] or _BARE.fullmatch(source)):
         return None
@@ -266,7 +272,7 @@ def open_camera(
     Parameters
     ----------
     which
-        Number, part of the name, device file or address of a stream, see :func:`camera_of`.
+        Number, part of the name, device file, address of a stream or depth camera, see :func:`camera_of`.
     uvc_only
         Warn when the precise driver (pupil-labs-uvc), which fixes focus and exposure by their UVC
         controls, is not installed. OpenCV is the fallback.

@@ -21,7 +21,7 @@ class RobotModel:
     0.3
     """
 
-    radius_m: float = field(metadata=POSITIVE)  #: r_rob
+    radius_m: float = field(metadata=POSITIVE)  #: of the disc that drives, r_rob
     v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: far from obstacles, Eq. (4.1)
     v_min_m_s: float = field(default=0.05, metadata=POSITIVE)  #: where the clearance is the robot's radius
     v_push_m_s: float = field(default=0.05, metadata=POSITIVE)  #: while pushing what is easily pushed

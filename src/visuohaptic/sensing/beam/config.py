@@ -37,33 +37,33 @@ class _BeamFile(Section):
 
 
 class _TemplateSection(Section):
-    name: str
-    xi: Annotated[float, Field(ge=0.05, le=1)]
+    name: str  #: of its image
+    xi: Annotated[float, Field(ge=0.05, le=1)]  #: where it is fixed to the rod, x / L
 
 
 class _DriftSection(Section):
-    time_constant_s: Positive = 30.0
-    rest_s: Positive = 1.0
-    rest: Positive = 0.005
-    limit: Positive = 0.02
+    time_constant_s: Positive = 30.0  #: of the adaptation
+    rest_s: Positive = 1.0  #: how long the load must have been negligible before it adapts
+    rest: Positive = 0.005  #: a load below this fraction of full scale counts as none
+    limit: Positive = 0.02  #: fraction of full scale beyond which accumulated drift is not trusted
 
 
 class BeamSensorConfig(Section):
     """Fields of ``sensor.yaml``; file names are relative to its folder."""
 
     kind: Literal["beam"]
-    beam: str = "beam.yaml"
+    beam: str = "beam.yaml"  #: parts of the sensor, written by ``visuohaptic calibrate beam``
     camera: str | None = None  #: needed to track templates in images, not to read poses
     templates_folder: str | None = None  #: images of the templates, for the same
     reference: str = "reference"  #: name of the template on the base
-    templates: Annotated[list[_TemplateSection], Field(min_length=1, max_length=31)]
+    templates: Annotated[list[_TemplateSection], Field(min_length=1, max_length=31)]  #: on the rod
     T_reference_sensor: PoseSection  #: maps frame S (origin in the clamp, X along the rod) to it
-    view: Literal["moving", "steady"] = "moving"
-    model: Literal["auto", "linear", "exact"] = "auto"
-    zero: str = "zero.yaml"
-    drift: _DriftSection = _DriftSection()
-    stress_limit: Annotated[float, Field(gt=0, le=1)] = 0.9
-    max_age_s: Positive = 0.2
+    view: Literal["moving", "steady"] = "moving"  #: steady: camera and base are bolted together
+    model: Literal["auto", "linear", "exact"] = "auto"  #: of the rod; auto: exact where it bends far
+    zero: str = "zero.yaml"  #: written by ``visuohaptic sense beam --zero``
+    drift: _DriftSection = _DriftSection()  #: how the zero follows slow changes at rest
+    stress_limit: Annotated[float, Field(gt=0, le=1)] = 0.9  #: of the yield stress; beyond it is saturated
+    max_age_s: Positive = 0.2  #: an older frame is stale
 
     @classmethod
     def load(cls, path: Path | str) -> BeamSetup:

@@ -35,7 +35,7 @@ __all__ = ["Odometry", "SceneConfig", "SceneSensor", "SceneSetup", "read_odometr
 class StripSection(Section):
     """The foam as it hides the floor."""
 
-    length_m: Positive = 0.25
+    length_m: Positive = 0.25  #: along the robot
     front_m: Positive = 0.02  #: x of its front edge in frame F
 
 
@@ -47,10 +47,10 @@ class SceneConfig(Section):
     """
 
     kind: Literal["scene"] = "scene"
-    sensor: str | None = None
-    camera: str | None = None
-    T_camera_foam: PoseSection | None = None
-    strip: StripSection = StripSection()
+    sensor: str | None = None  #: sensor.yaml of the foam, in place of camera and T_camera_foam
+    camera: str | None = None  #: ROS camera_info
+    T_camera_foam: PoseSection | None = None  #: maps the strip's frame F to the camera
+    strip: StripSection = StripSection()  #: the foam as it hides the floor
     floor_below_m: Positive = 0.05  #: height of the foam's visible edge above the floor
     foam_ahead_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
         0.17  #: from the platform's centre to F

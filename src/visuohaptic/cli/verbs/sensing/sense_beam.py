@@ -3,7 +3,7 @@
 reads
   --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; camera and
              templates_folder to read from images)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
   --poses    instead of --source, poses.csv: t_s, name, valid, reason, x_m, y_m, z_m, qx, qy, qz, qw and
              the covariance of each template in the camera, rows of a frame together
 writes
@@ -11,11 +11,12 @@ writes
              geometry_msgs/PoseWithCovarianceStamped on /template/NAME
   --csv      t_s, valid, reason, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm and their sigmas, a row a frame
   --parquet  the same
+  --plot     forces and moments over time with their uncertainty, and why frames are not valid
   --zero     the resting poses that sensor.yaml names, from frames of a sensor that nothing touches
 
 examples
   visuohaptic sense beam --config sensor.yaml --source rest.mp4 --zero
-  visuohaptic sense beam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv
+  visuohaptic sense beam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv --plot run.png
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from itertools import islice
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -184,10 +186,23 @@ def _measure(args: Any, reader: SensorReader[TrackedReading], frames: Iterator[A
         TableWriter,
         rows=lambda found: (found.reading.wrench,),
         page_title="beam sensor",
+        chart=lambda found: _chart(found.reading.wrench),
         show=lambda frame, found: {"frame_bgr": _drawn(frame, found.reading.wrench, found.templates)},
     )
     done = run_sensor(args, reader, frames, outputs, note)
     return _summary(args, done, max_load, noise, exact)
+
+
+def _chart(wrench: Wrench) -> dict[str, dict[str, tuple[float, float]]]:
+    """Forces [N] and moments [mNm] by their axis, each with its sigma; NaN when the frame is not valid."""
+    known = 1.0 if wrench.valid else nan
+    sigma = wrench.covariance.diagonal() ** 0.5
+    force = zip(known * wrench.force_N, sigma[:3], strict=True)
+    moment = zip(1e3 * known * wrench.moment_Nm, 1e3 * sigma[3:], strict=True)
+    return {
+        "force [N]": dict(zip(("F$_x$", "F$_y$", "F$_z$"), force, strict=True)),
+        "moment [mNm]": dict(zip(("M$_x$", "M$_y$", "M$_z$"), moment, strict=True)),
+    }
 
 
 def _summary(

@@ -2,7 +2,7 @@
 
 reads
   --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...;
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://..., realsense:;
              a camera's force is shown until Ctrl-C
 writes
   --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
@@ -56,7 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
     parser.add_argument("--source", required=True, help="where the frames come from")
     add_outputs(parser, "table with profiles to write")
-    parser.add_argument("--plot", type=Path, help="plot of the force to write (PNG)")
     add_reference(parser, "--against")
     parser.add_argument("--zero", action="store_true", help="take and store the zero reference, then stop")
     add_zero_frames(parser, "zero on the first N frames of the source, then measure (nothing is stored)")
@@ -109,7 +108,7 @@ def _measure(
     reader = _reader(sensor, finger)
     if args.speed is not None:
         reader.odometry = lambda t_s: BaseState(t_s, 0.0, 0.0, 0.0, args.speed, 0.0)
-    readings: list[SensorReading[ForceProfile]] = []
+    profiles: list[ForceProfile] = []
     max_profile: ForceProfile | None = None
     positions: list[float] = []
 
@@ -120,47 +119,24 @@ def _measure(
             max_profile = profile
         if finger is not None and finger.finger.valid:
             positions.append(finger.finger.position_m)
-        if args.plot or reference is not None:
-            readings.append(reading)
+        if reference is not None:
+            profiles.append(profile)
 
     done = run_sensor(args, reader, shown_frames(args, source, "measuring"), force_outputs(), note)
-    if args.plot:
-        _plot(args.plot, readings)
-        done.out.append(str(args.plot))
     result = _summary(args, done, max_profile)
     if reference is not None:
-        result["against"] = reported(args, _record(args, readings), reference)
+        result["against"] = reported(args, _record(args, profiles), reference)
     if finger is not None:
         result["finger"] = _stroke(args, positions)
     return result
 
 
-def _plot(path: Path, readings: list[SensorReading[ForceProfile]]) -> None:
-    """Force over time."""
-    import numpy as np
-
-    from ....core.files import atomic_path
-    from ....report.charts import force_over_time
-
-    profiles = [reading.measured for reading in readings]
-    figure = force_over_time(
-        *np.array([(p.t_s, p.force_N, p.force_sigma_N) for p in profiles]).T,
-        valid=np.array([p.valid for p in profiles]),
-        reasons=[p.reason.value for p in profiles],
-        events=[event for reading in readings for event in reading.events],
-        title="force of the foam sensor",
-    )
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format=path.suffix[1:] or "png", dpi=150)
-
-
-def _record(args: Any, readings: list[SensorReading[ForceProfile]]) -> ForceRecord:
+def _record(args: Any, profiles: list[ForceProfile]) -> ForceRecord:
     """The forces that were read."""
     import numpy as np
 
     from ....report.comparison import ForceRecord
 
-    profiles = [reading.measured for reading in readings]
     t_s, force_N, sigma_N = np.array([(p.t_s, p.force_N, p.force_sigma_N) for p in profiles]).reshape(-1, 3).T
     return ForceRecord(
         Path(args.source).name,

@@ -3,7 +3,7 @@
 reads
   --config    scene.yaml: camera, its pose, height above the floor (docs: Scene); with a field sensor the
               foam's force is read, too, and the object that it touches is tracked
-  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
   --odometry  t_s, speed_m_s, turn_rate_rad_s of the platform, CSV; fused with the motion of the floor
 writes
   --out       run.mcap with the platform's pose and covariance (geometry_msgs/PoseWithCovarianceStamped),
@@ -11,16 +11,17 @@ writes
               sensor its geometry_msgs/WrenchStamped, too
   --csv       t_s, valid, reason, x_m, y_m, heading_rad and their sigmas, object turn, tilt and shift,
               proximity_m, events; a row a frame
+  --plot      the drive, the nearest obstacle ahead and the touched object over time, with their uncertainty
 
 examples
-  visuohaptic sense scene --config scene.yaml --source drive.mp4 --csv scene.csv
+  visuohaptic sense scene --config scene.yaml --source drive.mp4 --csv scene.csv --plot scene.png
   visuohaptic sense scene --config scene.yaml --source push.mp4 --odometry wheels.csv --out run.mcap
 """
 
 from __future__ import annotations
 
 import argparse
-from math import degrees
+from math import degrees, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,13 +93,39 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
             tracked += 1
             tilt_rad = max(tilt_rad, reading.object_motion.tilt_rad)
 
-    outputs: Outputs[SceneReading] = Outputs(SceneTable, rows=lambda reading: (reading,))
+    outputs: Outputs[SceneReading] = Outputs(
+        SceneTable,
+        rows=lambda reading: (reading,),
+        page_title="scene",
+        chart=lambda reading: _chart(reading, reader.foam is not None),
+    )
     done = run_sensor(args, reader, shown_frames(args, source, "tracking"), outputs, note)
     assert last is not None  # of a run with frames
     result = _summary(args, done, last, nearest_m)
     if reader.foam is not None:
         args.report(f"object tracked in {tracked} frames, maximum tilt {degrees(tilt_rad):.1f} deg")
     return {**result, "object_frames": tracked, "events": done.events, "out": done.out}
+
+
+def _chart(reading: SceneReading, touches: bool) -> dict[str, dict[str, tuple[float, float]]]:
+    """Drive, obstacle and, with a sensor that touches, object: value and sigma; NaN where nothing is known."""
+    x, y, heading = reading.pose if reading.valid else (nan, nan, nan)
+    variance = reading.pose_covariance.diagonal()
+    obstacle, moved = reading.obstacle, reading.object_motion
+    seen = obstacle.valid and isfinite(obstacle.proximity_m)
+    near = (1e2 * obstacle.proximity_m, 1e2 * obstacle.proximity_sigma_m) if seen else (nan, nan)
+    panels = {
+        "position [cm]": {"x": (1e2 * x, 1e2 * variance[0] ** 0.5), "y": (1e2 * y, 1e2 * variance[1] ** 0.5)},
+        "heading [deg]": {"heading": (degrees(heading), degrees(variance[2] ** 0.5))},
+        "obstacle ahead [cm]": {"nearest": near},
+    }
+    if touches:
+        turn = degrees(moved.turn_sigma_rad) if moved.valid else nan
+        panels["object [deg]"] = {
+            "turn": (degrees(reading.object_angle_rad), turn),
+            "tilt": (degrees(moved.tilt_rad) if moved.valid else nan, nan),
+        }
+    return panels
 
 
 def _summary(args: Any, done: SensorRun, last: SceneReading, nearest_m: float) -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 reads
   --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
-  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
   --camera     camera.yaml, a ROS camera_info file
 writes
   --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
   --csv        t_s, name, valid, reason, position [m], quaternion, standard deviations, correlation
+  --plot       position of each template over time with its uncertainty
 
 example: visuohaptic track --templates templates/ --source run.mp4 --camera camera.yaml --out poses.mcap
 """
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from contextlib import ExitStack
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +59,7 @@ def run(args: Any) -> dict[str, Any]:
         rows=lambda poses: poses,
         page_title="templates",
         show=lambda frame, poses: {"frame_bgr": _drawn(frame, poses)},
+        chart=_chart,
     )
     with ExitStack() as stack:
         source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
@@ -98,6 +101,18 @@ def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
     return annotated_frame(
         frame.image, FrameNotes(contacts_px=template_outlines(poses), lines=lines), split=False
     )
+
+
+def _chart(poses: Sequence[TemplatePose]) -> dict[str, dict[str, tuple[float, float]]]:
+    """Where each template is in the camera [cm]; NaN where it is not seen."""
+    found: dict[str, dict[str, tuple[float, float]]] = {"x [cm]": {}, "y [cm]": {}, "distance z [cm]": {}}
+    for pose in poses:
+        place = pose.T_camera_template
+        values = [nan] * 3 if place is None else (1e2 * place.translation_m).tolist()
+        sigmas = 1e2 * pose.covariance.diagonal() ** 0.5
+        for panel, value, sigma in zip(found.values(), values, sigmas, strict=False):
+            panel[pose.name] = (value, float(sigma))
+    return found
 
 
 class _Table:

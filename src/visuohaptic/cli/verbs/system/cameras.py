@@ -2,7 +2,7 @@
 
 reads   the devices of this machine; writes nothing
 prints  an address per camera, which every --source takes; a name in its place does, too: camera:NAME.
-        --source also takes /dev/video0, rtsp://host/path, and recordings
+        --source also takes /dev/video0, rtsp://host/path, realsense:, orbbec:, and recordings
 
 example: visuohaptic cameras
 """

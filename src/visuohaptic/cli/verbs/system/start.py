@@ -2,7 +2,7 @@
 
 asks for what it does not know: the camera, the size of the strip, and known loads from a kitchen scale
 reads
-  --source   a camera (0, /dev/video0, rtsp://...), or a recording of the same steps
+  --source   a camera (0, /dev/video0, rtsp://..., realsense:), or a recording of the same steps
 writes, into --out
   tag.pdf        to print: the tag that shows the camera where the strip is
   camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; later: visuohaptic sense foam --config sensor.yaml
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ....core.camera.model import Camera
     from ....core.camera.pose import Pose
     from ....core.measurement import ForceProfile
+    from ....core.robots import FrameSource
     from ....sensing.foam.material.foam_material import FoamMaterial
     from ....sensing.foam.material.records import PlateRecord
     from ....sensing.foam.sensor import FoamSensor
@@ -94,7 +95,7 @@ def run(args: Any) -> dict[str, Any]:
             "1/4  Lay the tag flat on the strip: in its middle, lower edge of the black border on the back edge.",
         )
         seen = _take(frames, TAG_FRAMES, args.source)
-        camera = _camera(args, seen[0])
+        camera = _camera(args, source, seen[0])
         pose = _pose_of_foam(seen, camera, 1e-3 * args.tag)
         config = _write_sensor(folder, camera, size_m["length"], pose)
         material.save(folder / "foam.yaml")
@@ -197,12 +198,14 @@ def _take(frames: Iterator[Frame], count: int, source: str) -> list[Frame]:
     return taken
 
 
-def _camera(args: Any, frame: Frame) -> Camera:
-    """The calibrated camera, or a webcam as most are: 53 degrees wide, without distortion."""
+def _camera(args: Any, source: FrameSource, frame: Frame) -> Camera:
+    """The calibrated camera, its maker's model, or a webcam as most are: 53 degrees wide, without distortion."""
     from ....core.camera.model import Camera
 
     if args.camera is not None:
         return Camera.load(args.camera)
+    if source.camera is not None:
+        return source.camera
     rows, columns = frame.image.shape[:2]
     args.report(
         "     no --camera: a view of 53 degrees is assumed. The tag sets the scale in its own plane; with a "

@@ -24,10 +24,10 @@ Point2 = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 class StripSection(Section):
     """Shape of the back contour: straight, bent around a radius, or through points."""
 
-    length_m: Positive | None = None
-    radius_m: Positive | None = None
-    points_m: Annotated[list[Point2], Field(min_length=4, max_length=2000)] | None = None
-    spacing_m: Positive = 0.003
+    length_m: Positive | None = None  #: of the back contour
+    radius_m: Positive | None = None  #: bends the strip around the robot
+    points_m: Annotated[list[Point2], Field(min_length=4, max_length=2000)] | None = None  #: instead
+    spacing_m: Positive = 0.003  #: between the points along the strip that are read
 
     @model_validator(mode="after")
     def _one_shape(self) -> StripSection:
@@ -58,7 +58,7 @@ class TrackingSection(Section):
 
     foam_is: Literal["brighter", "darker", "either"] = "either"  #: than what is in front of it
     base_is: Literal["brighter", "darker", "either"] = "either"  #: the robot, compared with the foam
-    reference_search_px: Positive = 12.0
+    reference_search_px: Positive = 12.0  #: around where the back contour is expected
     bump_px: Positive = 3.0  #: a reference contour that moved further makes frames invalid
 
 
@@ -93,15 +93,15 @@ class FoamSensorConfig(Section):
     """Fields of ``sensor.yaml``; file names are relative to its folder."""
 
     kind: Literal["foam"] = "foam"
-    camera: str
-    foam: str
-    strip: StripSection
-    T_camera_foam: PoseSection
-    boundary: Literal["tension", "enlarged", "local"] = "tension"
-    tracking: TrackingSection = TrackingSection()
+    camera: str  #: ROS camera_info, written by ``visuohaptic calibrate camera``
+    foam: str  #: written by ``visuohaptic calibrate foam``
+    strip: StripSection  #: straight by length_m, bent by length_m and radius_m, or points_m
+    T_camera_foam: PoseSection  #: maps the strip's frame F to the camera
+    boundary: Literal["tension", "enlarged", "local"] = "tension"  #: law at the ends of a contact
+    tracking: TrackingSection = TrackingSection()  #: how the contours look
     zero: str = "zero.yaml"  #: written by ``visuohaptic sense foam --zero``
-    stripe: StripeSection | None = None
-    finger: FingerSection | None = None
+    stripe: StripeSection | None = None  #: a colour stripe along the front edge
+    finger: FingerSection | None = None  #: the sensor rides on a gripper's finger
     max_contact_speed_m_s: Positive = 0.1  #: a front that is pushed in faster is taken for an occluder
     max_gap_s: Positive = 0.5  #: a longer pause between two frames forgets the motion
 

@@ -1,0 +1,101 @@
+"""``defaults`` writes files that the verbs accept, with every setting; what is optional is there, behind #."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import BaseModel
+
+from visuohaptic.cli.main import main
+from visuohaptic.core.files import load_yaml_model
+from visuohaptic.navigation.problem import RobotModel, load_robot
+from visuohaptic.ros.bridge_config import BridgeConfig
+from visuohaptic.sensing.beam.config import BeamSensorConfig
+from visuohaptic.sensing.foam.strip import FoamSensorConfig
+from visuohaptic.sensing.scene.scene_file import SceneConfig
+
+MODELS: dict[str, type[BaseModel]] = {
+    "foam": FoamSensorConfig,
+    "beam": BeamSensorConfig,
+    "scene": SceneConfig,
+    "bridge": BridgeConfig,
+}
+
+
+def names(model) -> set[str]:
+    """Names of all fields, by pydantic's own schema."""
+    schema = model.model_json_schema()
+    parts = [schema, *schema.get("$defs", {}).values()]
+    return {name for part in parts for name in part.get("properties", {})}
+
+
+def written(tmp_path: Path, *words: str) -> Path:
+    out = tmp_path / "new.yaml"
+    assert main(["defaults", *words, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_setting_is_there_with_its_default(tmp_path, kind):
+    model, path = MODELS[kind], written(tmp_path, kind)
+    text = path.read_text()
+    assert names(model) <= set(re.findall(r"(\w+):", text))
+    found = load_yaml_model(path, model)
+    given = {
+        name: value for name, value in yaml.safe_load(text).items() if model.model_fields[name].is_required()
+    }
+    for name, field in model.model_fields.items():
+        if not field.is_required() and not (kind == "beam" and name in ("camera", "templates_folder")):
+            expected = field.get_default(call_default_factory=True)
+            if kind != "scene" or name not in ("camera", "T_camera_foam"):
+                assert getattr(found, name) == expected, name
+    assert all(value not in (None, "?") for value in given.values())
+    without = [line for line in text.splitlines() if not re.search(r"#|: .*kind|name", line)]
+    assert len(without) < 0.3 * len(text.splitlines()), without  # what a setting means is said
+
+
+def test_optional_sections_are_accepted_when_their_marks_are_taken_away(tmp_path):
+    path = written(tmp_path, "foam")
+    lines = path.read_text().splitlines()
+    start, end = lines.index(next(line for line in lines if line.startswith("# stripe:"))), len(lines)
+    end = next(i for i in range(start, end) if not lines[i].startswith("#"))
+    shown = [re.sub(r"^# ", "", line) for line in lines[start:end]]
+    shown = [re.sub(r"^  # ", "  ", line) for line in shown]  # T_foam_tag, an option of an option
+    path.write_text("\n".join([*lines[:start], *shown, *lines[end:]]))
+    found = load_yaml_model(path, FoamSensorConfig)
+    assert found.stripe is not None
+    assert found.finger is not None
+    assert found.finger.T_foam_tag is not None
+    assert found.finger.tag_every == 30
+
+
+def test_values_of_a_file_are_kept_and_a_wrong_file_is_named(tmp_path, capsys):
+    path = written(tmp_path, "foam")
+    data = yaml.safe_load(path.read_text())
+    data["max_gap_s"], data["finger"] = 0.25, {"tag_id": 5}
+    del data["tracking"], data["zero"]
+    own = tmp_path / "own.yaml"
+    own.write_text(yaml.safe_dump(data))
+    found = load_yaml_model(written(tmp_path, "foam", "--config", str(own)), FoamSensorConfig)
+    assert found == load_yaml_model(own, FoamSensorConfig)
+    assert (found.max_gap_s, found.finger.tag_id) == (0.25, 5)
+    assert "base_is: either" in path.read_text()  # the defaults stand beside them
+    capsys.readouterr()
+    own.write_text(yaml.safe_dump(data | {"max_gap": 1}))
+    assert main(["defaults", "foam", "--config", str(own)]) == 2
+    assert "did you mean max_gap_s?" in capsys.readouterr().err
+
+
+def test_a_robot_and_a_file_that_is_there(tmp_path, capsys):
+    path = written(tmp_path, "robot")
+    assert load_robot(path) == RobotModel(load_robot(path).radius_m)
+    assert main(["defaults", "robot", "--out", str(path)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    path.write_text("radius_m: 0.31\nv_push_m_s: 0.02\n")
+    assert main(["defaults", "robot", "--config", str(path), "--json"]) == 0
+    settings = json.loads(capsys.readouterr().out)["settings"]
+    assert (settings["radius_m"], settings["v_push_m_s"], settings["v_max_m_s"]) == (0.31, 0.02, 0.3)
