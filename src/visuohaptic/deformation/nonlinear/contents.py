@@ -179,7 +179,7 @@ def contained_curve(
     container, model
         As of :func:`closed_compliance`.
     tips
-        Pairs of contacts.
+        Of which one is pinched.
     which
         Number of the pair that is pinched.
     deformation_m

@@ -208,7 +208,7 @@ def flip_edges(
     Parameters
     ----------
     vertices
-        In any unit.
+        As of :func:`largest_angles`.
     faces
         Triangles that look to one side.
     tolerance

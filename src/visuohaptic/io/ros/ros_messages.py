@@ -343,12 +343,8 @@ def compressed_image(
 
     Parameters
     ----------
-    t_s
-        Time of the image, seconds since the epoch.
-    pixels
-        Grey or BGR image, shape (rows, columns[, 3]).
-    frame
-        Name of the camera's frame of coordinates.
+    t_s, pixels, frame
+        As of :func:`image`.
     quality
         Quality of the JPEG; ``None`` for PNG.
     """

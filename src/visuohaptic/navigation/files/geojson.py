@@ -189,12 +189,12 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     Parameters
     ----------
     path
-        File name.
+        As of :func:`load_route_graph`.
 
     Raises
     ------
     InputError
-        Names the file and the feature, with what was found and what was expected.
+        As of :func:`load_route_graph`; or it has no grid.
     """
     from ..graph.tracing._prune_kernels import label_components
 

@@ -198,10 +198,8 @@ def doubted(model: HapticModel, readings: Sequence[TouchReading]) -> str:
 
     Parameters
     ----------
-    model
-        Of the candidates.
-    readings
-        Touches of one object.
+    model, readings
+        As of :func:`update_belief`, of one object.
     """
     place, value, noise = evidence(model, readings)
     if not len(place):

@@ -154,7 +154,7 @@ class SparseTsdfVolume:
         Parameters
         ----------
         min_weight
-            Minimum weight of the voxels between which it is extracted.
+            As of :meth:`.TsdfVolume.mesh`.
 
         Raises
         ------

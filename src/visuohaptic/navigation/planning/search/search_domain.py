@@ -316,7 +316,7 @@ class SearchDomain:
         Parameters
         ----------
         block
-            Edge of a block [cells].
+            As of :meth:`labels`.
         """
         from ._travel_kernels import UNITS
 
