@@ -787,7 +787,7 @@ def test_every_verb_shows_an_example(verb: str) -> None:
     shown = examples(verb)
     assert shown
     assert all(
-        " ".join(words).startswith(("example", verb, "calibrate", "sense", "reconstruct", "complete"))
+        " ".join(words).startswith(("example", verb, "calibrate", "sense", "reconstruct", "complete", "plan"))
         for words in shown
     )
 

@@ -262,10 +262,8 @@ def damped_iteration(
 
     Parameters
     ----------
-    container
-        Parametric or imported container.
-    model
-        Its shell model.
+    container, model
+        As of :func:`enclosed_gradient`.
     load
         Forces and moments at the vertices [N], [N m].
     contents

@@ -207,10 +207,8 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
 
     Parameters
     ----------
-    profile
-        Measurement of the sensor.
-    frame
-        Name of the sensor's frame of coordinates.
+    profile, frame
+        As of :func:`force_wrench`.
     """
     contacts = profile.contacts
     points = np.concatenate(
@@ -245,10 +243,8 @@ def profile_cloud(profile: ForceProfile, frame: str) -> Message:
 
     Parameters
     ----------
-    profile
-        Measurement of the sensor.
-    frame
-        Name of the sensor's frame of coordinates.
+    profile, frame
+        As of :func:`force_wrench`.
     """
     return cloud(
         profile.t_s,

@@ -141,10 +141,8 @@ def condition(
 
     Parameters
     ----------
-    model
-        Of the candidates.
-    place, value, noise
-        Of :func:`evidence`.
+    model, place, value, noise
+        As of :func:`log_likelihood`.
     """
     root, white = _whitened(model, place, value, noise)
     gain = np.linalg.solve(root, model.covariance[:, place]).transpose(0, 2, 1)

@@ -288,10 +288,8 @@ class RclpyNode(RclpyTopics):
 
     Parameters
     ----------
-    name
-        Of the node.
-    options
-        Domain and namespace; the other fields are of zenoh.
+    name, options
+        As of :class:`.CycloneNode`.
 
     Raises
     ------

@@ -233,10 +233,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 
     Parameters
     ----------
-    grey
-        Grey image.
-    origin, direction
-        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    grey, origin, direction
+        As of :func:`start_on_edge`.
     half
         Half width of each window along the edge [px], (n,).
     state

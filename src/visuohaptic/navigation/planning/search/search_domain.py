@@ -219,10 +219,8 @@ class SearchDomain:
 
         Parameters
         ----------
-        index
-            Of the body.
-        shift
-            From where the map has it [cells].
+        index, shift
+            As of :meth:`lattice_of`.
         block
             Edge of a block [cells].
         """

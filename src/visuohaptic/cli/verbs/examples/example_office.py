@@ -10,7 +10,6 @@ writes, into --out
 example
   visuohaptic example office --out try
   visuohaptic plan try/office.yaml --objects try/objects.yaml --robot try/robot.yaml --start 1.5 0.9 --goal 2.45 1.5 --plot try/plan.png
-  visuohaptic map inspect try/office.yaml
 """
 
 from __future__ import annotations
@@ -30,6 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from ....rigs.virtual_office import write_office_example
-    from ..sensing.example_foam import report_files
+    from .example_foam import report_files
 
     return report_files(args, write_office_example(args.out), "example office")
