@@ -15,6 +15,7 @@ import argparse
 import ast
 import io
 import json
+import re
 import tokenize
 from collections import Counter, defaultdict
 from collections.abc import Iterator
@@ -30,6 +31,7 @@ from ._mutant import find_constants
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src"
 USED_NAMES = Path(__file__).with_name("used_names.txt")
+_TARGET = re.compile(r"\b(\w+(?:\.\w+)+):[a-z_]\w*")
 MAX_MODULES, MAX_LINES, MAX_FUNCTION_LINES, MAX_ARGUMENTS = 14, 400, 60, 8
 
 
@@ -88,9 +90,14 @@ def code_lines(module: Module) -> int:
 
 
 def imported_modules(module: Module, modules: dict[str, Module]) -> Iterator[str]:
-    """Modules of the package that one imports, names of a package followed to where they are defined."""
+    """Modules of the package that one imports, names of a package followed to where they are defined.
+
+    A text ``package.module:function`` names what is started in a process of its own, as in the commands of a verb's help.
+    """
     for node in ast.walk(module.tree):
-        if isinstance(node, ast.Import):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield from (name for name in _TARGET.findall(node.value) if name in modules)
+        elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in modules)
         elif isinstance(node, ast.ImportFrom):
             base = module.name.split(".")

@@ -90,6 +90,8 @@ NO_FILE = {
     "example foam",
     "example beam",
     "example glass",
+    "example gripper",
+    "example office",
     "reproduce",
     "warmup",
     "doctor",

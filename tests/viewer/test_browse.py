@@ -164,7 +164,7 @@ def test_files_become_views(tmp_path, cup):
 @pytest.mark.parametrize(
     ("name", "content", "text"),
     [
-        ("a.json", "{", "is not JSON"),
+        ("a.json", "{", "is not valid JSON"),
         ("a.json", "[1]", "found neither tasks of a plan nor steps"),
         ("a.json", '{"steps": [["a", 1]]}', r"expected a list of \[question, answer\]"),
         ("a.txt", "", "found suffix '.txt'"),

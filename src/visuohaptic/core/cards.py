@@ -27,7 +27,7 @@ def encode(obj: VisuoHapticObject) -> tuple[dict[str, Any], Arrays]:
     Parameters
     ----------
     obj
-        The object.
+        With all that is known of it.
 
     Returns
     -------

@@ -87,10 +87,8 @@ class ObjectDatabase(Closing):
 
     Parameters
     ----------
-    location
-        Folder, or URL such as ``postgresql://host/name``.
-    create
-        Whether it is created when it is not there.
+    location, create
+        As of :func:`open_database`.
 
     Examples
     --------
@@ -248,7 +246,7 @@ class ObjectDatabase(Closing):
         Parameters
         ----------
         obj
-            The object.
+            Object with an id.
 
         Returns
         -------

@@ -65,10 +65,8 @@ def predicted_shape(
 
     Parameters
     ----------
-    container
-        Parametric or imported container.
-    vertex
-        Of the first finger.
+    container, vertex
+        As of :func:`.pinch_at`.
     force_N
         Of each finger [N].
     contents

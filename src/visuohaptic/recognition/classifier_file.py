@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import InputError
-from ..core.files import write_text
+from ..core.files import load_json, write_text
 from .data.curve_file import SqueezedObject
 from .data.data_set import FeatureSet, load_feature_set, save_feature_set
 from .data.protocol import TouchProtocol
@@ -113,31 +113,29 @@ def load_classifier(path: Path | str) -> Classifier:
         A file is missing or damaged, or the two do not belong together.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        squeezed = tuple(_squeezed(one) for one in content.get("squeezed", ()))
-        groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
+
+    def parsed(content: Any) -> tuple[Classifier, bool]:
         # Files of earlier versions were calibrated for another model.
         wide, plain = (
             (float(warm), float(odds)) for warm, odds in content.get("calibration", ((1, 0), (1, 0)))
         )
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(
-            path, f"is not a classifier ({error})", remedy="create one with classify train"
-        ) from error
-    for warm, odds in (wide, plain):
+        squeezed = tuple(_squeezed(one) for one in content.get("squeezed", ()))
+        groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
+        found = Classifier(groups, squeezed=squeezed, calibration=(wide, plain))
+        return found, bool(squeezed and not content.get("objects"))
+
+    found, whole = load_json(path, "a classifier", parsed, remedy="create one with classify train")
+    for warm, odds in found.calibration:
         if not (0 < warm < 1e3 and abs(odds) < 1e3):
             raise InputError(path, f"found temperature {warm} and log odds {odds}", field="calibration")
-    if squeezed and not content.get("objects"):
-        return Classifier(groups, squeezed=squeezed, calibration=(wide, plain))
+    if whole:
+        return found
     tree = load_tree(path)
     data = load_feature_set(path.with_suffix(".npz"))
-    named = {member: name for name, members in groups.items() for member in members}
+    named = {member: name for name, members in found.groups.items() for member in members}
     if not set(tree.classes) <= {named.get(label, label) for label in data.classes}:
         raise InputError(path.with_suffix(".npz"), "has other classes than the tree beside it")
-    return Classifier(groups, tree, data, squeezed, (wide, plain))
+    return replace(found, tree=tree, data=data)
 
 
 def _plain(value: Any) -> Any:

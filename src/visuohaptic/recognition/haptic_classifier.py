@@ -202,10 +202,8 @@ class HapticClassifier:
 
         Parameters
         ----------
-        use_width
-            Widths of the object count as evidence.
-        prior
-            Of vision, by class; uniform by default.
+        use_width, prior
+            As of :meth:`.Classifier.model`.
         """
         return self.fitted().model(use_width=use_width, prior=prior)
 

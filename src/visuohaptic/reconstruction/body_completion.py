@@ -145,10 +145,8 @@ class BodyCompletion:
 
         Parameters
         ----------
-        theta
-            Angles (n) around the axis [rad].
-        z_m
-            Heights (n) [m].
+        theta, z_m
+            Angles (n) around the axis [rad] and heights (n) [m].
         """
         mean_m, here = self._cone_m(z_m), (theta, z_m)
         variance = np.diag(self._covariance(here, here)).copy()

@@ -86,12 +86,12 @@ def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
     found
         Surface and transparent parts.
     path
-        .png, .pdf or .svg.
+        As of :func:`plot_completion`.
 
     Raises
     ------
     InputError
-        Another suffix, or the file cannot be written.
+        As of :func:`plot_completion`.
     """
     path = _checked(path)
     figure, views = _figure()

@@ -20,10 +20,8 @@ def figure_3d(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Fi
 
     Parameters
     ----------
-    rows, columns
-        Of axes.
-    size
-        Width and height [in].
+    rows, columns, size
+        As of :func:`.new_figure`.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

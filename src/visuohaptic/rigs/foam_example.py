@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import write_calibration_csv
 from .virtual_sensor import VirtualSensor, rest_scene
 
-__all__ = ["write_example", "write_video"]
+__all__ = ["write_example", "write_truth", "write_video"]
 
 #: The 12 cm cylinder goes 8 mm deep and back within this many frames each way.
 _DEEPEST_M, _FRAMES = 0.008, 40
@@ -64,11 +64,26 @@ def write_example(
 
     say("rendering push.mp4")
     write_video(folder / "push.mp4", frames())
+    write_truth(folder, ("t_s", "force_N", "depth_m"), truth)
+    return folder
+
+
+def write_truth(folder: Path, columns: Sequence[str], rows: Iterable[Iterable[float]]) -> None:
+    """Write ``truth.csv``: what the physics says of each frame.
+
+    Parameters
+    ----------
+    folder
+        Existing folder.
+    columns
+        Names with units.
+    rows
+        One for each frame.
+    """
     with atomic_path(folder / "truth.csv") as temporary, temporary.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["t_s", "force_N", "depth_m"])
-        writer.writerows([[f"{value:.6f}" for value in row] for row in truth])
-    return folder
+        writer.writerow(columns)
+        writer.writerows([f"{value:.6f}" for value in row] for row in rows)
 
 
 def write_video(

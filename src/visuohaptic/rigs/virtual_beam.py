@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from jaxtyping import Float, UInt8
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
-from ..core.files import atomic_path, save_yaml, write_image
+from ..core.files import save_yaml, write_image
 from ..sensing.beam.config import BeamSensorConfig, save_beam
 from ..sensing.beam.mechanics import Beam
 from ..sensing.beam.tracked import TrackedBeam
@@ -23,7 +22,7 @@ from ..simulation.beam.rod_rig import RodRig
 from ..simulation.beam.rod_view import RodRenderer, hand_held
 from ..simulation.rendering.effects import CameraEffects
 from ..tracking.templates.template import Template
-from .foam_example import write_video
+from .foam_example import write_truth, write_video
 
 __all__ = ["VirtualBeam", "write_beam_example"]
 
@@ -204,10 +203,5 @@ def write_beam_example(
     write_video(folder / "rest.mp4", images(np.zeros((30, 6)), -1.0), crf=_CRF)
     say("rendering push.mp4")
     write_video(folder / "push.mp4", images(loads, 0.0), crf=_CRF)
-    with atomic_path(folder / "truth.csv") as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(WRENCH_COLUMNS)
-        writer.writerows(
-            [f"{value:.6f}" for value in (k / virtual.frame_rate_Hz, *load)] for k, load in enumerate(loads)
-        )
+    write_truth(folder, WRENCH_COLUMNS, ((k / virtual.frame_rate_Hz, *load) for k, load in enumerate(loads)))
     return folder

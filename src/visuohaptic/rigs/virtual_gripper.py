@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import UInt8
 
 from ..core.camera.plane import PlaneView
 from ..sensing.foam.finger import FingerSensor
 from ..sensing.foam.strip.config import FoamSensorConfig
 from ..sensing.foam.strip.stripe_view import train_stripe
+from ..simulation.foam.outline import Outline
 from ..simulation.foam.rig import SensorRig
 from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import StripLaw
@@ -29,9 +31,17 @@ from ..simulation.tabletop.gripper_setup import (
     GraspObject,
     gripper_look,
 )
+from .foam_example import write_truth, write_video
 from .virtual_sensor import calibrate_by_press
 
-__all__ = ["GripperSensor"]
+__all__ = ["GripperSensor", "write_gripper_example"]
+
+#: The example: a bottle of 7 cm, 20 N/mm stiff; the speed of closing [m/s], and when it is filmed, before the contact [s].
+_BOTTLE = GraspObject(Outline.disc((0.065, 0.0), 0.035), stiffness_N_per_m=2e4)
+_CLOSE_M_S, _BEGIN_S = 0.03, 0.9
+#: Its light and the rate factor of its videos: a few megabytes each.
+_DAYLIGHT, _CRF = CameraEffects(1.0, 1.5, vignetting=0.2), 18
+_CLOSING, _OPENING = 20, 20  #: frames each way
 
 
 @dataclass
@@ -58,10 +68,8 @@ class GripperSensor:
 
         Parameters
         ----------
-        objects
-            Objects between the fingers.
-        rng
-            Source of the camera's noise.
+        objects, rng
+            As of :class:`.VirtualGripper`.
         occluders
             Objects in front of the scene.
         tag
@@ -76,26 +84,13 @@ class GripperSensor:
         )
         return VirtualGripper(objects, rng=rng, view=view, geometry=self.geometry, law=self.law)
 
-    def build(
-        self,
-        folder: Path | str,
-        rng: np.random.Generator,
-        *,
-        zero_frames: int = 20,
-        **config: Any,
-    ) -> FingerSensor:
-        """Write all files to a folder and return the zeroed sensor.
+    def write(self, folder: Path | str, rng: np.random.Generator, **config: Any) -> Path:
+        """Press the foam, calibrate it and write all files but the zero reference; returns ``sensor.yaml``.
 
         Parameters
         ----------
-        folder
-            Existing folder that receives the files.
-        rng
-            Source of the noise of press and camera.
-        zero_frames
-            Number of frames of the zero reference.
-        config
-            Further sections of ``sensor.yaml``.
+        folder, rng, config
+            As of :meth:`.VirtualSensor.build`.
         """
         folder, rod = Path(folder), self.geometry
         calibrate_by_press(folder, rod, self.law, self.press_sigma_N, rng)
@@ -115,12 +110,64 @@ class GripperSensor:
             sections["stripe"] = {"model": "stripe.npz", "width_m": STRIPE_M}
         strip = {"length_m": rod.length_m, "spacing_m": self.spacing_m}
         path = self.rig.write(folder, length_m=rod.length_m, **(sections | {"strip": strip} | config))
-        frames = self.gripper(rng=rng)
         if self.stripe:
             setup = FoamSensorConfig.load(path)
             plane = PlaneView(setup.camera, setup.T_camera_foam)
-            train_stripe(setup, frames.frame().image, plane, rng=rng).save(folder / "stripe.npz")
-        sensor = FingerSensor.load(path)
+            image = self.gripper(rng=rng).frame().image
+            train_stripe(setup, image, plane, rng=rng).save(folder / "stripe.npz")
+        return path
+
+    def build(
+        self, folder: Path | str, rng: np.random.Generator, *, zero_frames: int = 20, **config: Any
+    ) -> FingerSensor:
+        """Write all files and return the zeroed sensor.
+
+        Parameters
+        ----------
+        folder, rng, zero_frames, config
+            As of :meth:`.VirtualSensor.build`.
+        """
+        sensor = FingerSensor.load(self.write(folder, rng, **config))
+        frames = self.gripper(rng=rng)
         zero = sensor.zero((frames.frame() for _ in range(zero_frames)), limit=zero_frames)
         zero.save(sensor.setup.zero_path)
         return sensor
+
+
+def write_gripper_example(
+    folder: Path | str, *, seed: int = 1, say: Callable[[str], None] = lambda text: None
+) -> Path:
+    """Write sensor files, two videos and the truth of a finger with foam and an AprilTag.
+
+    ``rest.mp4`` shows the open gripper, ``grip.mp4`` how it closes on a bottle and opens again;
+    ``truth.csv`` has time, force and position of the finger (t_s, force_N, position_m).
+
+    Parameters
+    ----------
+    folder, seed, say
+        As of :func:`~visuohaptic.rigs.foam_example.write_example`.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rng, maker = np.random.default_rng(seed), GripperSensor(stripe=False, effects=_DAYLIGHT)
+    maker.write(folder, rng)
+    say("rendering rest.mp4")
+    still = maker.gripper(rng=rng)
+    write_video(folder / "rest.mp4", (still.frame().image for _ in range(20)), crf=_CRF)
+    gripper, truth = maker.gripper(_BOTTLE, rng=rng), []
+    gripper.move(0.0, _CLOSE_M_S)
+    gripper.skip_to(_BEGIN_S)
+
+    def images() -> Iterator[UInt8[np.ndarray, "rows columns"]]:
+        for index in range(_CLOSING + _OPENING):
+            if index == _CLOSING:
+                gripper.move(gripper.drive.open_m, _CLOSE_M_S)
+            frame = gripper.frame()
+            now = gripper.truth(frame.t_s)
+            truth.append((frame.t_s - _BEGIN_S, now.force_N, now.position_m))
+            yield frame.image
+
+    say("rendering grip.mp4")
+    write_video(folder / "grip.mp4", images(), crf=_CRF)
+    write_truth(folder, ("t_s", "force_N", "position_m"), truth)
+    return folder

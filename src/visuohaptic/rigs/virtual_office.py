@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..core.codec import to_dict
+from ..core.files import save_yaml
 from ..core.objects import Estimate, HapticTag
 from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
@@ -23,6 +26,7 @@ __all__ = [
     "rooms",
     "tag",
     "with_objects",
+    "write_office_example",
 ]
 
 ROBOT = RobotModel(0.17)
@@ -140,3 +144,29 @@ def office(goal_m: tuple[float, float] = (2.45, 1.5)) -> PlanningProblem:
     return PlanningProblem(
         with_objects(grid, objects), ROBOT, np.array([1.5, 0.9]), np.array(goal_m), tuple(objects)
     )
+
+
+def write_office_example(folder: Path | str) -> Path:
+    """Write the office as files of the plan verb: map, objects with their tags, robot.
+
+    Parameters
+    ----------
+    folder
+        Folder to write.
+    """
+    folder, problem = Path(folder), office()
+    folder.mkdir(parents=True, exist_ok=True)
+    problem.map.save(folder / "office.yaml")
+    objects = [
+        {
+            "id": item.id,
+            "footprint_m": item.footprint_m.tolist(),
+            "haptic_tag": {}
+            if item.tag is None
+            else {k: v for k, v in to_dict(item.tag).items() if v is not None},
+        }
+        for item in problem.objects
+    ]
+    save_yaml(folder / "objects.yaml", {"objects": objects})
+    save_yaml(folder / "robot.yaml", to_dict(problem.robot))
+    return folder

@@ -100,7 +100,7 @@ class BridgeConfig(_Section):
         Parameters
         ----------
         path
-            ``bridge.yaml``.
+            File of a bridge, as ``bridge.yaml``.
 
         Raises
         ------

@@ -111,7 +111,7 @@ class TopicFrames(Closing):
         Parameters
         ----------
         timeout_s
-            At most so long [s].
+            How long ``CameraInfo`` is waited for [s].
 
         Raises
         ------
@@ -150,7 +150,7 @@ class TopicFrames(Closing):
         Parameters
         ----------
         timeout_s
-            At most so long [s].
+            How long an image is waited for [s].
 
         Raises
         ------

@@ -105,14 +105,8 @@ def text_marker(
 
     Parameters
     ----------
-    t_s
-        Stamp [s].
-    frame
-        Frame of coordinates of the place.
-    name
-        Namespace of the marker.
-    number
-        Its number in the namespace.
+    t_s, frame, name, number
+        As of :func:`arrow`.
     place_m
         Middle of the text [m].
     text

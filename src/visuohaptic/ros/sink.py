@@ -58,10 +58,8 @@ class RosSink(MeasurementSink):
 
         Parameters
         ----------
-        topic
-            As ``/foam/wrench``, in the node's namespace.
-        datatype
-            As ``geometry_msgs/msg/WrenchStamped``.
+        topic, datatype
+            As of :meth:`advertise`.
         t_s
             Time of the measurement [s]; the message has it in its header.
         message

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..core.errors import InputError
-from ..core.files import read_text
+from ..core.files import load_json, read_text
 from ..deformation.maps.map_file import load_map
 from ..deformation.shapes.container import class_names
 from ..deformation.shapes.load_shell import load_object
@@ -92,10 +91,7 @@ def _is_map(path: Path) -> bool:
 
 
 def _json_view(path: Path) -> View:
-    try:
-        data: Any = json.loads(read_text(path, _MAX_BYTES))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise InputError(path, f"is not JSON ({error})") from error
+    data = load_json(path, "a plan or steps", lambda data: data)
     if isinstance(data, Mapping) and "steps" in data:
         return _steps(path, data)
     if isinstance(data, Mapping) and "tasks" in data:

@@ -154,13 +154,7 @@ class ObjectView:
     # -- What is drawn -------------------------------------------------------------------------
 
     def draw(self, stage: Stage) -> None:
-        """Mesh, sliders, and places for what a click says.
-
-        Parameters
-        ----------
-        stage
-            Empty stage.
-        """
+        """Mesh, sliders, and places for what a click says."""
         self._stage = stage
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))
@@ -236,10 +230,8 @@ class ObjectView:
 
         Parameters
         ----------
-        vertex
-            Of the surface.
-        nonlinear
-            Simulate the large deformation, which takes seconds.
+        vertex, nonlinear
+            As of :meth:`pick`.
         """
         stage = self._stage
         assert stage is not None

@@ -121,12 +121,8 @@ class LivePage(Page):
 
         Parameters
         ----------
-        cells
-            -1 unknown, 0 free, 100 occupied.
-        resolution_m
-            Edge of a cell [m].
-        origin_world_m
-            Lower left corner (x, y) [m], and its yaw [rad] if it is turned.
+        cells, resolution_m, origin_world_m
+            As of :func:`.draw_map`.
         """
         _, centre_m, reach_m = draw_map(self._server.scene, cells, resolution_m, origin_world_m)
         self._server.initial_camera.look_at = centre_m

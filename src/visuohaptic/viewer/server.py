@@ -38,7 +38,7 @@ class Page(Closing):
     MissingExtraError
         viser is not installed.
     DeviceError
-        No port could be opened.
+        No port from the given one on could be opened.
     """
 
     def __init__(self, port: int, title: str) -> None:

@@ -77,13 +77,7 @@ class StepsView:
             self._refresh()
 
     def draw(self, stage: Stage) -> None:
-        """The walk as a list that grows.
-
-        Parameters
-        ----------
-        stage
-            Empty stage.
-        """
+        """The walk as a list that grows."""
         self._stage = stage
         stage.keep("steps", stage.gui.add_markdown(self.text(), order=10))
 

@@ -191,7 +191,7 @@ class Camera:
         Parameters
         ----------
         path
-            The file.
+            ``camera.yaml`` or any camera_info file.
 
         Raises
         ------

@@ -31,7 +31,7 @@ class PlaneView:
         Parameters
         ----------
         pixels
-            Pixels (x, y), shape (..., 2) [px].
+            Where the camera looks, as of :meth:`.Camera.rays`.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class PlaneView:
         Parameters
         ----------
         pixels
-            Pixels (x, y), shape (..., 2) [px].
+            As of :meth:`cast`.
 
         Returns
         -------

@@ -11,6 +11,7 @@ from .arrays import MAX_ARRAY_BYTES, read_npy, read_npz
 from .atomic import atomic_path, write_text
 from .image_header import MAX_PIXELS, image_size
 from .images import MAX_IMAGE_BYTES, ImageMode, decode_image, encode_image, read_image, write_image
+from .json_file import MAX_JSON_BYTES, load_json
 from .part_file import PartFile, check_unlocked, csv_line, lock, whole_lines
 from .problems import field_problems
 from .regular import file_size, read_bytes, read_head, read_text
@@ -19,6 +20,7 @@ from .yaml_text import checked_model, load_yaml, load_yaml_model, parse_yaml, sa
 __all__ = [
     "MAX_ARRAY_BYTES",
     "MAX_IMAGE_BYTES",
+    "MAX_JSON_BYTES",
     "MAX_PIXELS",
     "ImageMode",
     "PartFile",
@@ -31,6 +33,7 @@ __all__ = [
     "field_problems",
     "file_size",
     "image_size",
+    "load_json",
     "load_yaml",
     "load_yaml_model",
     "lock",

@@ -125,7 +125,7 @@ def check_unlocked(path: Path) -> None:
     Parameters
     ----------
     path
-        The file.
+        File that may be in use.
 
     Raises
     ------

@@ -165,10 +165,8 @@ def explore_line(
 
     Parameters
     ----------
-    container
-        Parametric or imported container.
-    side
-        One of ``x+``, ``x-``, ``y+``, ``y-``.
+    container, side
+        As of :func:`.side_vertex`.
     force_N
         Forces of the two passes, the smaller first [N].
     noise_m

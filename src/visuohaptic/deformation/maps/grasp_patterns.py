@@ -64,10 +64,8 @@ def contact_loads(
 
     Parameters
     ----------
-    model
-        Shell model of the object.
-    tips
-        The m pairs.
+    model, tips
+        As of :func:`.dual_tip_compliance`.
     tip_radius_m
         Radius of a finger tip [m]; 0 is a point.
 

@@ -179,7 +179,7 @@ def contained_curve(
     container, model
         As of :func:`closed_compliance`.
     tips
-        Pairs of contacts.
+        Of which one is pinched.
     which
         Number of the pair that is pinched.
     deformation_m
@@ -262,10 +262,8 @@ def damped_iteration(
 
     Parameters
     ----------
-    container
-        Parametric or imported container.
-    model
-        Its shell model.
+    container, model
+        As of :func:`enclosed_gradient`.
     load
         Forces and moments at the vertices [N], [N m].
     contents

@@ -77,10 +77,8 @@ def follow_displacement(
 
     Parameters
     ----------
-    shell
-        Wall and contents.
-    load
-        Reference load; directions don't follow the wall.
+    shell, load
+        As of :func:`follow_load`.
     targets_m
         Displacements of the control.
     control
@@ -111,16 +109,8 @@ def reach_loads(
 
     Parameters
     ----------
-    shell
-        Wall and contents.
-    load
-        Reference load at the vertices [N], [N m]; directions do not follow the wall.
-    factors
-        Load factors, in the order in which they are reached.
-    control
-        Weights of the control displacement, see :func:`follow_displacement`.
-    tolerance
-        Of the residual force, relative to the larger of load and reactions.
+    shell, load, factors, control, tolerance
+        As of :func:`follow_load`.
     max_iterations
         Newton iterations of the whole path, which ends where they are used up.
     """

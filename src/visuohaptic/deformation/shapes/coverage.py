@@ -218,10 +218,8 @@ def has_top(state: MeshState, wall: Wall) -> bool:
 
     Parameters
     ----------
-    state
-        The imported mesh.
-    wall
-        The wall found in it.
+    state, wall
+        As of :func:`check_represented`.
     """
     corners = state.vertices[state.faces] - np.array([*wall.axis_point_m, 0.0])
     reach = 0.35 * float(np.ptp(state.vertices[:, :2], axis=0).min()) / 2

@@ -106,12 +106,12 @@ class Factor:
         Parameters
         ----------
         loads
-            The m sparse loads F, one a column.
+            As of :meth:`compliance`.
 
         Raises
         ------
         InputError
-            The matrix is not positive definite.
+            As of :meth:`compliance`.
         """
         return self._half(loads, coupled=True)
 

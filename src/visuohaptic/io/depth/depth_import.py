@@ -15,7 +15,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 import shutil
@@ -25,12 +24,12 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, image_size, load_yaml_model, read_bytes, save_yaml
+from ...core.files import MAX_IMAGE_BYTES, image_size, load_json, load_yaml_model, read_bytes, save_yaml
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth, write_depth
 from .depth_sequence import _image_files, _matched
 from .poses import StampedPose, read_poses, write_poses
@@ -170,12 +169,7 @@ def _layout_of(source: Path, camera: Path | str | None) -> str:
 
 def _arm(source: Path) -> _Layout:
     path = source / "camera.json"
-    try:
-        info = _CameraJson.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (ValueError, ValidationError, RecursionError) as error:
-        raise InputError(path, f"is not a valid camera.json: {str(error).splitlines()[0]}") from error
+    info = load_json(path, "a valid camera.json", _CameraJson.model_validate)
     table = source / "base_T_cam.txt"
     poses = read_poses(table)
     numbers = np.loadtxt(table, usecols=0, dtype=np.float64, ndmin=1)

@@ -192,10 +192,8 @@ def camera_from_message(message: Any, where: str) -> Camera:
 
     Parameters
     ----------
-    message
-        Decoded message.
-    where
-        File and topic, for messages.
+    message, where
+        As of :func:`.decode_raw`.
 
     Raises
     ------

@@ -40,7 +40,7 @@ def read_map_image(path: Path) -> MapImage:
     Parameters
     ----------
     path
-        The file.
+        Image of a map.
 
     Raises
     ------

@@ -141,7 +141,7 @@ class OccupancyMap:
         Parameters
         ----------
         points_m
-            Points (x, y) in the map frame, shape (..., 2) [m].
+            As of :meth:`cell_from_world`.
 
         Returns
         -------

@@ -208,7 +208,7 @@ def flip_edges(
     Parameters
     ----------
     vertices
-        In any unit.
+        As of :func:`largest_angles`.
     faces
         Triangles that look to one side.
     tolerance
@@ -279,10 +279,8 @@ def collapse_edges(
 
     Parameters
     ----------
-    vertices
-        In any unit.
-    faces
-        Triangles that look to one side.
+    vertices, faces
+        As of :func:`split_edges`.
     length
         Edges below it are contracted; none becomes longer than 4/3 of it, in the unit of the vertices.
     tolerance

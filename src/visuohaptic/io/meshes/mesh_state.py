@@ -55,7 +55,7 @@ def inspect_mesh(
     vertices
         Of the imported mesh, scaled to metres.
     faces
-        Triangles, of any quality and orientation.
+        Its triangles, of any quality and orientation.
     where
         Name of the mesh in messages.
 

@@ -50,7 +50,7 @@ def read_ply(path: Path | str) -> PlyMesh:
     Parameters
     ----------
     path
-        The file.
+        PLY file.
 
     Raises
     ------

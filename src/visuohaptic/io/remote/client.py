@@ -20,6 +20,7 @@ from ...core.errors import DeviceError, InputError
 from ...core.measurement import Wrench
 from ...core.resources import Closing
 from ...core.robots import ROBOT_CONTRACT, Gripper, MapPose, MobileBase, ProbeArm
+from . import server
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, unpack
 
 __all__ = ["RemoteRobot", "start_robot"]
@@ -208,7 +209,7 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
     """
     key = secrets.token_bytes(32)
     process = subprocess.Popen(
-        [sys.executable, "-m", "visuohaptic.io.remote.server", target, json.dumps(dict(arguments or {}))],
+        [sys.executable, "-m", server.__name__, target, json.dumps(dict(arguments or {}))],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

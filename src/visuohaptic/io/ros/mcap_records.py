@@ -98,7 +98,7 @@ class McapFile:
     Parameters
     ----------
     path
-        The file.
+        MCAP file.
 
     Raises
     ------

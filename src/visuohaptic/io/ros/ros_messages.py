@@ -207,10 +207,8 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
 
     Parameters
     ----------
-    profile
-        Measurement of the sensor.
-    frame
-        Name of the sensor's frame of coordinates.
+    profile, frame
+        As of :func:`force_wrench`.
     """
     contacts = profile.contacts
     points = np.concatenate(
@@ -245,10 +243,8 @@ def profile_cloud(profile: ForceProfile, frame: str) -> Message:
 
     Parameters
     ----------
-    profile
-        Measurement of the sensor.
-    frame
-        Name of the sensor's frame of coordinates.
+    profile, frame
+        As of :func:`force_wrench`.
     """
     return cloud(
         profile.t_s,
@@ -343,12 +339,8 @@ def compressed_image(
 
     Parameters
     ----------
-    t_s
-        Time of the image, seconds since the epoch.
-    pixels
-        Grey or BGR image, shape (rows, columns[, 3]).
-    frame
-        Name of the camera's frame of coordinates.
+    t_s, pixels, frame
+        As of :func:`image`.
     quality
         Quality of the JPEG; ``None`` for PNG.
     """

@@ -98,13 +98,7 @@ class SqliteBag(McapFile):
                 raise InputError(part, f"begins with {head!r}, expected a bag in SQLite")
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
-        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost.
-
-        Parameters
-        ----------
-        topics
-            Topics whose messages are given; all by default.
-        """
+        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost."""
         self.damage = McapDamage()
         for number, part in enumerate(self.parts):
             try:

@@ -83,12 +83,12 @@ def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
     Parameters
     ----------
     path
-        CSV or Parquet file.
+        As of :func:`read_force_table`.
 
     Raises
     ------
     InputError
-        With the line of the first bad field.
+        As of :func:`read_force_table`.
     """
     columns = read_columns(Path(path), WRENCH_COLUMNS)
     values = np.array([columns[name] for name in WRENCH_COLUMNS[3:]], dtype=np.float64).T.reshape(-1, 12)

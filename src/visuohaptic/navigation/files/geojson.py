@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
-from ...core.files import write_text
+from ...core.files import load_json, write_text
 from ...io.maps.occupancy_map import OccupancyMap
 from ..graph.navigation_graph import NavigationGraph
 from ..grid.cost_grid import GridLayers
@@ -27,9 +27,6 @@ from .route_edges import route_pieces
 __all__ = ["RouteGraph", "load_graph", "load_route_graph", "save_graph", "save_route_graph"]
 
 _log = logging.getLogger(__name__)
-
-#: Files larger than this are refused before they are parsed (bytes).
-MAX_BYTES = 256 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,12 +189,12 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     Parameters
     ----------
     path
-        File name.
+        As of :func:`load_route_graph`.
 
     Raises
     ------
     InputError
-        Names the file and the feature, with what was found and what was expected.
+        As of :func:`load_route_graph`; or it has no grid.
     """
     from ..graph.tracing._prune_kernels import label_components
 
@@ -255,16 +252,7 @@ def _number(path: Path | str, edge: dict[str, Any], name: str, default: float | 
 
 def _read(path: Path | str) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any]]:
     """Nodes and edges of a file, each with id, points and properties, all references checked."""
-    path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(path, f"has {size} bytes, expected at most {MAX_BYTES}")
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"is not valid JSON: {error}") from error
+    data: Any = load_json(path, "a GeoJSON FeatureCollection", lambda data: data)
     features = data.get("features") if isinstance(data, dict) else None
     if not isinstance(features, list):
         raise InputError(path, "found no list of features, expected a GeoJSON FeatureCollection")

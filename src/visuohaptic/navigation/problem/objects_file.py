@@ -58,7 +58,7 @@ def load_robot(path: Path | str) -> RobotModel:
     Parameters
     ----------
     path
-        The file.
+        ``robot.yaml``.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def load_objects(path: Path | str) -> tuple[MovableObject, ...]:
     Parameters
     ----------
     path
-        The file.
+        ``objects.yaml``.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def load_passages(path: Path | str) -> tuple[Passage, ...]:
     Parameters
     ----------
     path
-        The file.
+        As of :func:`load_objects`; entries without a type are left out.
 
     Raises
     ------

@@ -5,7 +5,6 @@ Made from a folder of ``visuohaptic objects build``; kept as one small NPZ file.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
-from ...core.files import atomic_path, read_npz
+from ...core.files import atomic_path, load_json, read_npz
 from .places import HEIGHTS, SIDES
 from .pose_error import pose_error_changes
 
@@ -327,15 +326,12 @@ def load_feature_set(source: Path | str) -> FeatureSet:
 
 def _manifest(folder: Path) -> list[dict[str, str]]:
     path = folder / "manifest.json"
-    try:
-        listed = json.loads(path.read_text(encoding="utf-8"))["objects"]
-        found = [{"file": str(entry["file"]), "class": str(entry["class"])} for entry in listed]
-    except OSError as error:
-        raise InputError(
-            path, f"cannot be read ({error.strerror})", remedy="run visuohaptic objects build first"
-        ) from error
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(path, f"is not a manifest of objects build ({error})") from error
+    found = load_json(
+        path,
+        "a manifest of objects build",
+        lambda data: [{key: str(entry[key]) for key in ("file", "class")} for entry in data["objects"]],
+        remedy="run visuohaptic objects build first",
+    )
     if not found:
         raise InputError(path, "lists no objects")
     for entry in found:

@@ -146,10 +146,8 @@ def stiffness_scatter(
 
     Parameters
     ----------
-    outline_m
-        (radius, height) from the bottom up [m].
-    wall_m
-        Thickness [m].
+    outline_m, wall_m
+        As of :func:`round_body`.
     sigma_m
         Standard deviation of the radius [m].
     """

@@ -141,10 +141,8 @@ def condition(
 
     Parameters
     ----------
-    model
-        Of the candidates.
-    place, value, noise
-        Of :func:`evidence`.
+    model, place, value, noise
+        As of :func:`log_likelihood`.
     """
     root, white = _whitened(model, place, value, noise)
     gain = np.linalg.solve(root, model.covariance[:, place]).transpose(0, 2, 1)
@@ -198,10 +196,8 @@ def doubted(model: HapticModel, readings: Sequence[TouchReading]) -> str:
 
     Parameters
     ----------
-    model
-        Of the candidates.
-    readings
-        Touches of one object.
+    model, readings
+        As of :func:`update_belief`, of one object.
     """
     place, value, noise = evidence(model, readings)
     if not len(place):

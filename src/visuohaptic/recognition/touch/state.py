@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError, VisuohapticError
-from ...core.files import write_text
+from ...core.files import load_json, write_text
 from ...core.map_tasks import map_tasks
 from ...deformation.maps.grasp_curves import PinchPlane, side_vertex
 from ...deformation.nonlinear.contents import Contents
@@ -285,28 +285,19 @@ def load_state_model(path: Path | str) -> HapticStateModel:
     Parameters
     ----------
     path
-        JSON file.
+        Its JSON file.
 
     Raises
     ------
     InputError
         There is no such file, or it is not a state model.
     """
-    path = Path(path)
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found["format"] != _FORMAT:
-            raise InputError(path, f"found format {found['format']!r}, expected {_FORMAT}")
-        states, places = tuple(map(str, found["states"])), tuple(map(str, found["places"]))
-        mean, covariance, accuracy = (
-            np.array(found[key], dtype=float) for key in ("mean", "covariance", "accuracy")
-        )
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(path, f"is not a state model ({error})") from error
+
+    def parsed(found: Any) -> tuple[tuple[str, ...], tuple[str, ...], list[np.ndarray]]:
+        arrays = [np.array(found[key], dtype=float) for key in ("mean", "covariance", "accuracy")]
+        return tuple(map(str, found["states"])), tuple(map(str, found["places"])), arrays
+
+    states, places, (mean, covariance, accuracy) = load_json(path, "a state model", parsed, version=_FORMAT)
     count = len(places)
     good = count > 0 and len(states) > 1 and mean.shape == (count, len(states), 3)
     good = good and covariance.shape == (count, 3, 3) and accuracy.shape == (count,)

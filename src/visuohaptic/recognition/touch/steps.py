@@ -90,10 +90,8 @@ def planner_steps(
 
     Parameters
     ----------
-    model
-        Of the candidates.
-    readings
-        Touches so far.
+    model, readings
+        As of :func:`.touch_gains`.
     wanted
         Touch that is planned, or None at the end.
     """

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.files import write_text
+from ...core.files import load_json, write_text
 from ..data.places import HEIGHTS, Touch
 from .tree_nodes import SCHEMES, ClassificationTree, feature_name, scaling_touches, touch_of
 
@@ -98,44 +98,31 @@ def load_tree(path: Path | str) -> ClassificationTree:
     InputError
         Missing, not JSON, or not a tree: each node has two later children or none.
     """
-    path = Path(path)
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if found["format"] != _FORMAT:
-            raise InputError(path, f"found format {found['format']!r}, expected {_FORMAT}")
-        classes = tuple(str(name) for name in found["classes"])
-        integers = {key: np.array(found[key], dtype=np.int64) for key in ("feature", "left", "right")}
-        threshold = np.array(found["threshold"], dtype=float)
-        counts = np.array(found["counts"], dtype=float)
-        alpha = float(found["alpha"])
-        losses = [float("nan") if found[key] is None else float(found[key]) for key in _LOSSES]
-        scheme = str(found["scheme"])
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise InputError(path, f"is not a classification tree ({error})") from error
-    nodes = threshold.size if threshold.ndim == 1 else 0
-    place = np.arange(nodes)
-    inner = integers["feature"] >= 0 if integers["feature"].ndim == 1 else np.zeros(0, dtype=bool)
+    tree = load_json(path, "a classification tree", _parsed, version=_FORMAT)
+    nodes = tree.threshold.size if tree.threshold.ndim == 1 else 0
+    place, children = np.arange(nodes), (tree.left, tree.right)
+    inner = tree.feature >= 0 if tree.feature.ndim == 1 else np.zeros(0, dtype=bool)
     good = (
-        scheme in SCHEMES
-        and len(classes) > 0
-        and counts.shape == (nodes, len(classes))
+        tree.scheme in SCHEMES
+        and len(tree.classes) > 0
+        and tree.counts.shape == (nodes, len(tree.classes))
         and nodes > 0
-        and all(array.shape == (nodes,) for array in integers.values())
-        and bool((counts >= 0).all() and (counts.sum(axis=1) > 0).all())
-        and bool(np.isfinite(threshold[inner]).all() and (integers["feature"] < HEIGHTS * 4).all())
+        and all(array.shape == (nodes,) for array in (tree.feature, *children))
+        and bool((tree.counts >= 0).all() and (tree.counts.sum(axis=1) > 0).all())
+        and bool(np.isfinite(tree.threshold[inner]).all() and (tree.feature < HEIGHTS * 4).all())
+        and all(bool(((child > place) & (child < nodes))[inner].all()) for child in children)
     )
-    for key in ("left", "right"):
-        good = good and bool(((integers[key] > place) & (integers[key] < nodes))[inner].all())
     if not good:
         raise InputError(path, "is not a classification tree: its arrays do not fit together")
-    index = integers
-    return ClassificationTree(
-        classes, scheme, index["feature"], threshold, index["left"], index["right"], counts, alpha, *losses
-    )
+    return tree
+
+
+def _parsed(found: Any) -> ClassificationTree:
+    feature, left, right = (np.array(found[key], dtype=np.int64) for key in ("feature", "left", "right"))
+    threshold, counts = (np.array(found[key], dtype=float) for key in ("threshold", "counts"))
+    losses = [float("nan") if found[key] is None else float(found[key]) for key in _LOSSES]
+    names, scheme, alpha = tuple(map(str, found["classes"])), str(found["scheme"]), float(found["alpha"])
+    return ClassificationTree(names, scheme, feature, threshold, left, right, counts, alpha, *losses)
 
 
 def plan_rows(tree: ClassificationTree) -> list[dict[str, Any]]:

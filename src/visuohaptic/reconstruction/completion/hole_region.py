@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,12 +19,10 @@ from pydantic import (
 )
 
 from ...core.errors import InputError
-from ...core.files import field_problems
+from ...core.files import field_problems, load_json
 from ..transparency.outline_fit import UprightBody
 
 __all__ = ["HoleRegion", "load_hole_regions"]
-
-_MAX_FILE_BYTES = 1 << 26
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,21 +187,15 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     InputError
         The file is missing, no JSON, or has no usable cluster.
     """
-    path = Path(path)
-    try:
-        if path.stat().st_size > _MAX_FILE_BYTES:
-            raise InputError(path, f"is larger than {_MAX_FILE_BYTES} bytes")
-        data = json.loads(path.read_text(encoding="utf-8"))
-        found = _RegionsFile.model_validate(data if isinstance(data, dict) else {"clusters": data})
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except ValidationError as error:
-        place, said = field_problems(error, _RegionsFile)[0]
-        raise InputError(path, said, field=place, remedy="expected clusters with hull") from error
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, f"is not valid JSON ({error})") from error
+
+    def parsed(data: Any) -> _RegionsFile:
+        try:
+            return _RegionsFile.model_validate(data if isinstance(data, dict) else {"clusters": data})
+        except ValidationError as error:
+            place, said = field_problems(error, _RegionsFile)[0]
+            raise InputError(path, said, field=place, remedy="expected clusters with hull") from error
+
+    found = load_json(path, "a file of regions", parsed)
     regions = []
     for number, cluster in enumerate(found.clusters):
         try:

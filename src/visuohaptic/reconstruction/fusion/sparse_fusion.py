@@ -60,10 +60,8 @@ class SparseTsdfVolume:
 
         Parameters
         ----------
-        frame
-            Depth image with the pose of its camera.
-        weight
-            Weight of the view in the average; a view counts 1 by default.
+        frame, weight
+            As of :meth:`.TsdfVolume.integrate`.
 
         Raises
         ------
@@ -154,7 +152,7 @@ class SparseTsdfVolume:
         Parameters
         ----------
         min_weight
-            Minimum weight of the voxels between which it is extracted.
+            As of :meth:`.TsdfVolume.mesh`.
 
         Raises
         ------

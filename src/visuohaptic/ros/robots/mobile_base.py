@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
 import time
 
-from ...core.errors import DeviceError, InputError
-from ...core.resources import Closing
-from ...core.robots import BaseState, MobileBase
+from ...core.robots import BaseState
 from ...io.ros.ros_messages import header
-from ...tasks.robots.repeater import Repeater, finite
+from ...tasks.robots.repeater import RepeatedBase, Repeater
 from ..frames import message_time_s, planar
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
@@ -18,7 +14,7 @@ from ..transports.topic_node import Received, TopicNode
 __all__ = ["RosBase"]
 
 
-class RosBase(Closing, MobileBase):
+class RosBase(RepeatedBase):
     """Implements :class:`visuohaptic.core.robots.MobileBase`.
 
     Parameters
@@ -51,41 +47,15 @@ class RosBase(Closing, MobileBase):
         max_age_s: float = 0.5,
     ) -> None:
         datatype = "geometry_msgs/msg/" + ("Twist" if stamped_frame is None else "TwistStamped")
-        self._limits = (max_speed_m_s, max_turn_rad_s)
+        super().__init__(max_speed_m_s, max_turn_rad_s)
         self._frame = stamped_frame
-        self._lock = threading.Lock()
-        self._command: tuple[float, float] | None = None
         self._publisher = node.advertise(command, datatype)
         self._odometry = LatestMessage(node, odometry, "nav_msgs/msg/Odometry", max_age_s)
         self._repeater = Repeater(self._send, rate_Hz, f"commands to {self._publisher.topic}")
 
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
-
-        Raises
-        ------
-        InputError
-            A velocity is not finite or larger than allowed.
-        DeviceError
-            Nobody listens.
-        """
-        finite("RosBase.drive", speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
-        for name, value, limit in zip(
-            ("speed_m_s", "turn_rate_rad_s"), (speed_m_s, turn_rate_rad_s), self._limits, strict=True
-        ):
-            if abs(value) > limit:
-                raise InputError("RosBase.drive", f"found {value:g}, allowed are {limit:g}", field=name)
-        self._repeater.check()
+    def _check(self) -> None:
+        super()._check()
         self._publisher.wait_until_heard()
-        with self._lock:
-            self._command = (float(speed_m_s), float(turn_rate_rad_s))
-        self._send()
-
-    def stop(self) -> None:
-        """Stand still."""
-        with self._lock:
-            self._command = (0.0, 0.0)
-        self._send()
 
     def _send(self) -> None:
         with self._lock:
@@ -115,13 +85,8 @@ class RosBase(Closing, MobileBase):
 
     def close(self) -> None:
         """Stop, and give the platform back; harmless when repeated."""
-        if self._command is not None:
-            with contextlib.suppress(DeviceError):  # the session may be gone; the robot's watchdog is left
-                self.stop()
-        self._repeater.close()
+        super().close()
         self._odometry.close()
-        with self._lock:
-            self._command = None
 
 
 def base_state(received: Received) -> BaseState:

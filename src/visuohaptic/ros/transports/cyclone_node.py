@@ -78,8 +78,8 @@ def _raw_type(kind: MessageType) -> Any:
 
 
 class _CycloneOutlet:
-    def __init__(self, topic: str, kind: Any, writer: Any) -> None:
-        self._topic, self._kind = topic, kind
+    def __init__(self, kind: Any, writer: Any) -> None:
+        self._kind = kind
         self.writer = writer  #: ``None`` once the node is closed: DDS deletes what nobody refers to
 
     @property
@@ -87,10 +87,7 @@ class _CycloneOutlet:
         return bool(self.writer.get_matched_subscriptions())
 
     def send(self, data: bytes, number: int) -> None:
-        try:
-            self.writer.write(self._kind.deserialize(data))
-        except Exception as error:
-            raise DeviceError(f"{self._topic}: cannot be published ({shown_error(error)})") from error
+        self.writer.write(self._kind.deserialize(data))
 
 
 class CycloneNode(TopicNode):
@@ -143,7 +140,7 @@ class CycloneNode(TopicNode):
         kind, topic = self._topic(discovery, _DISCOVERY)
         self._nodes = self._reader(topic, _DISCOVERY, Qos(latched=True, depth=_MAX_TOLD))
         writer = self._writer(topic, _DISCOVERY, LATCHED)
-        self._discovery = _CycloneOutlet(discovery, kind, writer)
+        self._discovery = _CycloneOutlet(kind, writer)
         self._outlets = [self._discovery]
         self._announce()
 
@@ -194,14 +191,17 @@ class CycloneNode(TopicNode):
             "writer_gid_seq": gids(EntityKind.PUBLISHER),
         }
         message = {"gid": {"data": self._participant.guid.bytes}, "node_entities_info_seq": [info]}
-        self._discovery.send(encode(message, _DISCOVERY), 0)
+        try:
+            self._discovery.send(encode(message, _DISCOVERY), 0)
+        except Exception as error:  # the binding's classes are not ours
+            raise DeviceError(f"{self.name}: cannot be announced ({shown_error(error)})") from error
 
     def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> _CycloneOutlet:
         data_type, place = self._topic("rt" + topic, kind)
         writer = self._writer(place, kind, qos, wait=wait)
         self._endpoints[EntityKind.PUBLISHER].append(writer)
         self._announce()
-        self._outlets.append(_CycloneOutlet(topic, data_type, writer))
+        self._outlets.append(_CycloneOutlet(data_type, writer))
         return self._outlets[-1]
 
     def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:

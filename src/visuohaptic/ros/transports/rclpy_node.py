@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import DeviceError, InputError, MissingExtraError, VisuohapticError
+from ...core.errors import InputError, MissingExtraError, VisuohapticError
 from ...core.resources import Closing
 from ..wire.attachment import Attachment
 from ..wire.graph import Entity, EntityKind, Qos, check_node
@@ -73,18 +73,15 @@ def interface(name: str) -> Any:
 
 
 class _RclpyOutlet:
-    def __init__(self, topic: str, publisher: Any) -> None:
-        self._topic, self._publisher = topic, publisher
+    def __init__(self, publisher: Any) -> None:
+        self._publisher = publisher
 
     @property
     def heard(self) -> bool:
         return bool(self._publisher.get_subscription_count())
 
     def send(self, data: bytes, number: int) -> None:
-        try:
-            self._publisher.publish(data)
-        except Exception as error:
-            raise DeviceError(f"{self._topic}: cannot be published ({shown_error(error)})") from error
+        self._publisher.publish(data)
 
 
 class RclpyTopics(TopicNode):
@@ -169,7 +166,7 @@ class RclpyTopics(TopicNode):
         profile = self._qos(qos, keep_all=wait)
         publisher = self.inner.create_publisher(interface(kind.name), topic, profile)
         self._closing.append(lambda: self.inner.destroy_publisher(publisher))
-        return _RclpyOutlet(topic, publisher)
+        return _RclpyOutlet(publisher)
 
     def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:
         def take(data: bytes, info: dict[str, int | None]) -> None:
@@ -291,10 +288,8 @@ class RclpyNode(RclpyTopics):
 
     Parameters
     ----------
-    name
-        Of the node.
-    options
-        Domain and namespace; the other fields are of zenoh.
+    name, options
+        As of :class:`.CycloneNode`.
 
     Raises
     ------

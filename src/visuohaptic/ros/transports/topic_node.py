@@ -19,7 +19,7 @@ from ..wire.attachment import Attachment
 from ..wire.cdr import decode, encode
 from ..wire.graph import Entity, EntityKind, Qos, check_node, resolve_name
 from ..wire.message_types import MessageType, message_type
-from .session import RosOptions
+from .session import RosOptions, shown_error
 
 __all__ = ["Execute", "Outlet", "Received", "RosPublisher", "RosSubscription", "TopicNode"]
 
@@ -46,7 +46,7 @@ class Outlet(Protocol):
         """Whether anybody subscribes now."""
 
     def send(self, data: bytes, number: int) -> None:
-        """Send CDR bytes; raises DeviceError where the transport is closed.
+        """Send CDR bytes; raises an error of its own where the transport is closed.
 
         Parameters
         ----------
@@ -111,7 +111,10 @@ class RosPublisher:
         with self._lock:
             if self._closed():
                 raise DeviceError(f"{self.topic}: cannot be published, its node is closed")
-            self._outlet.send(data, self._sequence + 1)
+            try:
+                self._outlet.send(data, self._sequence + 1)
+            except Exception as error:  # of the transport: its classes are not ours
+                raise DeviceError(f"{self.topic}: cannot be published ({shown_error(error)})") from error
             self._sequence += 1
 
     @property
@@ -125,7 +128,7 @@ class RosPublisher:
         Parameters
         ----------
         timeout_s
-            At most so long [s].
+            How long a subscriber is waited for [s].
 
         Raises
         ------
@@ -152,10 +155,8 @@ class RosSubscription:
 
     Parameters
     ----------
-    topic
-        Absolute name.
-    kind
-        Type of its messages.
+    topic, kind
+        As of :class:`RosPublisher`.
     receive
         Called with each message.
     """

@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ...core.errors import DeviceError, InputError
+from ...core.errors import InputError
 from ..wire._gid import publisher_gid
 from ..wire.attachment import Attachment
 from ..wire.graph import Entity, EntityKind, Qos, all_tokens, topic_key
 from ..wire.message_types import NO_HASH, MessageType
-from .session import RosOptions, open_session, shown_error
+from .session import RosOptions, open_session
 from .topic_node import RosSubscription, TopicNode
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class _ZenohOutlet:
     """A publisher of zenoh with what rmw_zenoh sends beside each message."""
 
     def __init__(self, entity: Entity, publisher: Any) -> None:
-        self._topic, self._publisher = entity.topic, publisher
+        self._publisher = publisher
         self._gid = publisher_gid(entity.token())
 
     @property
@@ -38,10 +38,7 @@ class _ZenohOutlet:
 
     def send(self, data: bytes, number: int) -> None:
         beside = Attachment(number, time.time_ns(), self._gid).pack()
-        try:
-            self._publisher.put(data, attachment=beside)
-        except Exception as error:
-            raise DeviceError(f"{self._topic}: cannot be published ({shown_error(error)})") from error
+        self._publisher.put(data, attachment=beside)
 
 
 class RosNode(TopicNode):

@@ -158,7 +158,7 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
     Parameters
     ----------
     path
-        The file.
+        CSV file of :func:`write_template_poses`.
 
     Raises
     ------

@@ -41,7 +41,7 @@ def light_shift_px(
     strip, zero
         What this image shows, and the strip at rest.
     rest_px
-        Place of the resting front along each line [px].
+        Place of the front at rest along each line [px].
     moved_px
         How far each edge has moved since the last frame [px].
     """

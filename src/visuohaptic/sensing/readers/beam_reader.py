@@ -17,7 +17,6 @@ from .sensor_reader import DIAGNOSTICS, WRENCH, SensorReader, SensorReading
 if TYPE_CHECKING:
     from ...tracking.templates.template_tracker import TemplatePose
     from ..beam.tracked import TrackedBeam, TrackedReading
-    from ..beam.zero import BeamZero
 
 __all__ = ["BeamReader", "write_templates"]
 
@@ -36,39 +35,26 @@ class BeamReader(SensorReader["TrackedReading"]):
     """
 
     kind = "beam"
+    sensor: TrackedBeam
 
     def __init__(self, beam: TrackedBeam, name: str = "beam", *, templates: bool = False) -> None:
         super().__init__(name)
-        self.beam, self._templates = beam, templates
+        self.sensor, self._templates = beam, templates
         self.topics = {f"/{name}/wrench": WRENCH, f"/{name}/diagnostics": DIAGNOSTICS}
-
-    @property
-    def camera(self) -> Camera:
-        """Model of the camera."""
-        return self.beam.camera
-
-    @property
-    def zeroed(self) -> bool:
-        """Whether there are resting poses."""
-        return self.beam.zeroed
 
     @property
     def zero_path(self) -> Path | None:
         """File of the resting poses, which may not exist yet."""
-        return self.beam.sensor.setup.zero_path
-
-    def zero(self, frames: Iterable[Frame]) -> BeamZero:
-        """Take the resting poses from frames of an untouched rod."""
-        return self.beam.zero(frames)
+        return self.sensor.sensor.setup.zero_path
 
     def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[TrackedReading]:
         """Wrench and template poses of a frame; writes wrench and diagnostics."""
-        found = self.beam.read(frame)
+        found = self.sensor.read(frame)
         wrench = found.reading.wrench
         if sink is not None:
             sink.write_wrench(wrench, self.name)
             if self._templates:
-                write_templates(sink, found.templates, self.camera)
+                write_templates(sink, found.templates, self.sensor.camera)
         return SensorReading(found, wrench.reason)
 
     def blank(self, t_s: float, sink: MeasurementSink) -> None:
@@ -80,7 +66,7 @@ class BeamReader(SensorReader["TrackedReading"]):
 
     def close(self) -> None:
         """End the detector's thread; harmless when repeated."""
-        self.beam.close()
+        self.sensor.close()
 
 
 def write_templates(sink: MeasurementSink, poses: Iterable[TemplatePose], camera: Camera) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
 from ...core.measurement import EventKind, ForceProfile, Reason
 from ...io.sinks.measurement_sink import MeasurementSink
 from ..push.events import ContactEvents
@@ -15,7 +13,6 @@ from .sensor_reader import DIAGNOSTICS, WRENCH, SensorReader, SensorReading
 
 if TYPE_CHECKING:
     from ..foam.sensor import FoamSensor
-    from ..foam.strip.zero import ZeroReference
 
 __all__ = ["FoamReader"]
 
@@ -32,6 +29,7 @@ class FoamReader(SensorReader[ForceProfile]):
     """
 
     kind = "foam"
+    sensor: FoamSensor
 
     def __init__(self, sensor: FoamSensor, name: str = "foam") -> None:
         super().__init__(name)
@@ -39,23 +37,9 @@ class FoamReader(SensorReader[ForceProfile]):
         self.topics = {f"/{name}/wrench": WRENCH, f"/{name}/diagnostics": DIAGNOSTICS}
 
     @property
-    def camera(self) -> Camera:
-        """Model of the camera."""
-        return self.sensor.camera
-
-    @property
-    def zeroed(self) -> bool:
-        """Whether there is a zero reference."""
-        return self.sensor.zeroed
-
-    @property
     def zero_path(self) -> Path:
         """File of the zero reference, which may not exist yet."""
         return self.sensor.setup.zero_path
-
-    def zero(self, frames: Iterable[Frame]) -> ZeroReference:
-        """Take the zero reference from frames of an untouched strip."""
-        return self.sensor.zero(frames)
 
     def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[ForceProfile]:
         """Force profile of a frame; writes wrench, diagnostics, profile, contact contour and events."""

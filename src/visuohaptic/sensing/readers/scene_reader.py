@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
 from ...core.measurement import Reason
 from ...io.ros import ros_messages as ros
 from ...io.sinks.measurement_sink import MeasurementSink
 from .sensor_reader import DIAGNOSTICS, SensorReader, SensorReading
 
 if TYPE_CHECKING:
-    from ..foam.strip.zero import ZeroReference
     from ..scene.scene_file import SceneSensor
     from ..scene.scene_tracker import SceneReading
 
@@ -37,6 +34,7 @@ class SceneReader(SensorReader["SceneReading"]):
     """
 
     kind = "scene"
+    sensor: SceneSensor
 
     def __init__(
         self,
@@ -58,23 +56,9 @@ class SceneReader(SensorReader["SceneReading"]):
         }
 
     @property
-    def camera(self) -> Camera:
-        """Model of the camera."""
-        return self.sensor.camera
-
-    @property
-    def zeroed(self) -> bool:
-        """Whether its foam sensor, if it has one, has a zero reference."""
-        return self.sensor.zeroed
-
-    @property
     def zero_path(self) -> Path | None:
         """File of its foam sensor's zero reference."""
         return None if self.foam is None else self.foam.setup.zero_path
-
-    def zero(self, frames: Iterable[Frame]) -> ZeroReference | None:
-        """Take the zero reference of its foam sensor."""
-        return self.sensor.zero(frames)
 
     def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[SceneReading]:
         """Everything around the foam in a frame; writes pose, diagnostics and events."""

@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
@@ -47,6 +47,7 @@ class SensorReader(Closing, Generic[Measured]):
     """
 
     kind: ClassVar[str]  #: ``foam``, ``beam`` or ``scene``, as in its file
+    sensor: Any = None  #: what measures; its camera and zero reference are the reader's
     topics: dict[str, str]  #: topics that are written for every frame, and their types
 
     def __init__(self, name: str) -> None:
@@ -55,14 +56,14 @@ class SensorReader(Closing, Generic[Measured]):
         self.odometry: Callable[[float], BaseState | None] = lambda t_s: None
 
     @property
-    @abstractmethod
     def camera(self) -> Camera | None:
         """Model of the camera; ``None`` of a sensor that does not read images."""
+        return cast("Camera | None", getattr(self.sensor, "camera", None))
 
     @property
     def zeroed(self) -> bool:
         """Whether it can measure; a sensor without a zero reference always can."""
-        return True
+        return bool(getattr(self.sensor, "zeroed", True))
 
     @property
     def zero_path(self) -> Path | None:
@@ -82,6 +83,7 @@ class SensorReader(Closing, Generic[Measured]):
         ZeroReference or BeamZero
             With the method ``save``; ``None`` from a sensor that needs no zero.
         """
+        return self.sensor.zero(frames) if hasattr(self.sensor, "zero") else None
 
     @abstractmethod
     def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[Measured]:

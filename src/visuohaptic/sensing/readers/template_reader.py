@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
 from ...core.measurement import Reason
 from ...io.sinks.measurement_sink import MeasurementSink
 from .beam_reader import write_templates
@@ -34,6 +33,7 @@ class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
     """
 
     kind = "template"
+    sensor: TemplateTracker
 
     def __init__(
         self,
@@ -42,13 +42,8 @@ class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
         follow: Callable[[tuple[TemplatePose, ...]], None] = lambda poses: None,
     ) -> None:
         super().__init__("template")
-        self._tracker, self._follow = tracker, follow
+        self.sensor, self._follow = tracker, follow
         self.topics = {f"/template/{name}": _POSE for name in names}
-
-    @property
-    def camera(self) -> Camera:
-        """Model of the camera."""
-        return self._tracker.camera
 
     def read(
         self, frame: Frame, sink: MeasurementSink | None = None
@@ -62,23 +57,15 @@ class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
         sink
             Where the poses are written.
         """
-        poses = self._tracker.update(frame)
+        poses = self.sensor.update(frame)
         if sink is not None:
-            write_templates(sink, poses, self.camera)
+            write_templates(sink, poses, self.sensor.camera)
         self._follow(poses)
         return SensorReading(poses, next((pose.reason for pose in poses if not pose.valid), Reason.OK))
 
     def blank(self, t_s: float, sink: MeasurementSink) -> None:
-        """A template that is not seen has no pose, and its topic falls silent.
-
-        Parameters
-        ----------
-        t_s
-            Time [s].
-        sink
-            Where nothing is written.
-        """
+        """A template that is not seen has no pose, and its topic falls silent."""
 
     def close(self) -> None:
         """End the detector's thread."""
-        self._tracker.close()
+        self.sensor.close()

@@ -257,7 +257,7 @@ def read_odometry(path: Path | str) -> Odometry:
     Parameters
     ----------
     path
-        The CSV file.
+        CSV file, a row for each time.
 
     Raises
     ------

@@ -102,10 +102,8 @@ class RodRenderer:
 
         Parameters
         ----------
-        state
-            Shape of the rod.
-        T_camera_sensor
-            Pose of the sensor in the camera frame; that of the rig by default.
+        state, T_camera_sensor
+            As of :meth:`.RodRig.poses`.
         """
         view = self.rig.T_camera_sensor if T_camera_sensor is None else T_camera_sensor
         image = self._table(view)

@@ -164,14 +164,10 @@ def cylinder(
 
     Parameters
     ----------
-    name
-        Unique name.
-    x_m, y_m
-        Position in the world [m].
+    name, x_m, y_m, rest
+        As of :func:`box`.
     radius_m, height_m
         Size [m].
-    rest
-        Further fields of :class:`SimulatedObstacle`.
     """
     return _standing(ObstacleKind.CYLINDER, name, x_m, y_m, (2 * radius_m, 2 * radius_m, height_m), **rest)
 
@@ -196,14 +192,10 @@ def wall(
 
     Parameters
     ----------
-    name
-        Unique name.
-    x_m, y_m
-        Position of its centre in the world [m].
+    name, x_m, y_m, rest
+        As of :func:`box`; the position is that of its centre.
     length_m, thickness_m
         Size [m].
-    rest
-        Further fields of :class:`SimulatedObstacle`.
     """
     return _standing(ObstacleKind.WALL, name, x_m, y_m, (length_m, thickness_m, 1.0), fixed=True, **rest)
 
@@ -215,16 +207,14 @@ def door(
 
     Parameters
     ----------
-    name
-        Unique name.
+    name, rest
+        As of :func:`box`.
     hinge_x_m, hinge_y_m
         Position of the hinge in the world [m].
     length_m
         Width of the leaf [m].
     mass_kg
         Mass [kg].
-    rest
-        Further fields of :class:`SimulatedObstacle`.
     """
     size_m = (length_m, 0.04, 1.0)
     return _standing(ObstacleKind.DOOR, name, hinge_x_m, hinge_y_m, size_m, mass_kg=mass_kg, **rest)

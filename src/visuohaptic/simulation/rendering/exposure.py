@@ -72,10 +72,8 @@ def observe(
 
     Parameters
     ----------
-    camera
-        Lens, size and row timing.
-    T_camera_foam
-        Maps frame F of the sensor to the resting camera.
+    camera, T_camera_foam
+        As of :class:`.SceneRenderer`.
     scene
         A scene, or a function of time that gives one.
     t_s

@@ -101,12 +101,8 @@ class GlassScene:
         ----------
         folder
             New folder.
-        sensor
-            Depth camera.
-        rng
-            Source of the noise.
-        pose_sigma_m, pose_sigma_rad
-            Standard deviation of the reported poses, per axis [m] and [rad].
+        sensor, rng, pose_sigma_m, pose_sigma_rad
+            As of :meth:`render`.
         """
         from ...io.depth.depth_sequence import DepthFrame
         from ...io.depth.depth_sequence_out import write_sequence

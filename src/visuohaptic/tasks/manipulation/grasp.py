@@ -9,9 +9,9 @@ from enum import StrEnum
 import numpy as np
 
 from ...core.ranges import POSITIVE, check_ranges
-from ..framework.machine import Machine, Rule
+from ..framework.machine import Rule
 from ..framework.trace import Ending, Trace
-from .hand import Hand, HandCommand, HandObservation, Place, run_hand
+from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
 __all__ = ["GraspAndLift", "GraspAndLiftTask", "GraspOutcome", "GraspState", "LiftPlan", "grasp_and_lift"]
 
@@ -79,7 +79,7 @@ class GraspAndLift:
         return self.load_N / GRAVITY_M_S2, self.load_sigma_N / GRAVITY_M_S2
 
 
-class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
+class GraspAndLiftTask(HandTask[GraspState]):
     """Open, reach, close to the force, lift, check.
 
     Parameters
@@ -107,20 +107,14 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
         super().__init__({"plan": plan, "others": others} if others else plan)
         self.force_N, self.deformation_m = 0.0, math.nan
         self._first_m = math.nan
-        self._blind = self._weak = 0
+        self._weak = 0
         self._unloaded_N: list[float] = []  #: on the table
         self._loaded_N: list[float] = []
-
-    def halt(self) -> HandCommand:
-        """Arm and fingers hold: what is in the hand stays there."""
-        return HandCommand()
 
     def decide(self, seen: HandObservation) -> HandCommand:
         """Motion of arm and gripper after one frame."""
         p = self.plan
-        self._blind = 0 if seen.felt else self._blind + 1
-        if self._blind >= p.blind_frames:
-            self.end(False, GraspOutcome.SENSOR_FAILED, f"{self._blind} frames in a row cannot be trusted")
+        if self.unread(seen, GraspOutcome.SENSOR_FAILED, p.blind_frames):
             return self.halt()
         x, y, z = p.object_m
         grasp = (x, y, z + p.place.height_m)

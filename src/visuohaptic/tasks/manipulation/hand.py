@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,10 @@ from jaxtyping import Float
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.robots import FingerTouch, FrameSource, Gripper, ProbeArm, require_members
-from ..framework.machine import Machine
+from ..framework.machine import Machine, StateT
 from ..framework.run import run_machine
 
-__all__ = ["Hand", "HandCommand", "HandObservation", "Place", "as_vector", "run_hand"]
+__all__ = ["Hand", "HandCommand", "HandObservation", "HandTask", "Place", "as_vector", "run_hand"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,33 @@ class HandCommand:
     speed_m_s: float = 0.0
     opening_m: float = math.nan  #: of the gripper; NaN: it holds
     finger_m_s: float = 0.0
+
+
+class HandTask(Machine[StateT, HandObservation, HandCommand]):
+    """A task of the hand: arm and fingers hold where nothing else is said, and a finger must be read."""
+
+    _blind = 0  #: frames in a row that cannot be trusted
+
+    def halt(self) -> HandCommand:
+        """Arm and fingers hold: what is in the hand stays there."""
+        return HandCommand()
+
+    def unread(self, seen: HandObservation, outcome: StrEnum, max_frames: int) -> bool:
+        """End where too many frames in a row cannot be trusted.
+
+        Parameters
+        ----------
+        seen
+            Newest observation.
+        outcome
+            Of the ending.
+        max_frames
+            So many frames are too many.
+        """
+        self._blind = 0 if seen.felt else self._blind + 1
+        if self._blind >= max_frames:
+            self.end(False, outcome, f"{self._blind} frames in a row cannot be trusted")
+        return self._blind >= max_frames
 
 
 def as_vector(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:

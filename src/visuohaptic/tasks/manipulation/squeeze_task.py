@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges
-from ..framework.machine import Machine, Rule
+from ..framework.machine import Rule
 from ..framework.trace import Ending, Trace
-from .hand import Hand, HandCommand, HandObservation, Place, run_hand
+from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
 __all__ = [
     "SqueezeCurve",
@@ -101,7 +101,7 @@ class Squeezing:
     trace: Trace
 
 
-class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
+class SqueezeTask(HandTask[SqueezeState]):
     """Place after place, level after level.
 
     Parameters
@@ -131,20 +131,14 @@ class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
         }
         super().__init__(self.settings)
         self.curves: list[SqueezeCurve] = []
-        self._level = self._blind = 0
+        self._level = 0
         self._readings: list[tuple[float, float]] = []
         self._points: list[tuple[float, float, float]] = []
-
-    def halt(self) -> HandCommand:
-        """Arm and fingers hold."""
-        return HandCommand()
 
     def decide(self, seen: HandObservation) -> HandCommand:
         """Motion of arm and gripper after one frame."""
         s = self.settings
-        self._blind = 0 if seen.felt else self._blind + 1
-        if self._blind >= s.blind_frames:
-            self.end(False, SqueezeOutcome.SENSOR_FAILED, f"{self._blind} frames in a row cannot be trusted")
+        if self.unread(seen, SqueezeOutcome.SENSOR_FAILED, s.blind_frames):
             return self.halt()
         if self.state is SqueezeState.OPEN:
             if seen.opening_m >= s.open_m - 1e-3:

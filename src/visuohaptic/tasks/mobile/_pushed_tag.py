@@ -49,10 +49,8 @@ class PushRecording:
 
         Parameters
         ----------
-        profile
-            Of the foam.
-        state
-            Odometry at the same time.
+        profile, state
+            As of :meth:`add`.
         """
         if abs(state.speed_m_s) < 1e-3 and profile.contacts:
             self._halted.append((profile, state))

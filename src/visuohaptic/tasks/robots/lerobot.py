@@ -20,9 +20,9 @@ from jaxtyping import UInt8
 
 from ...core.errors import DeviceError, InputError
 from ...core.resources import Closing
-from ...core.robots import BaseState, Gripper, GripperState, MobileBase
+from ...core.robots import BaseState, Gripper, GripperState
 from ...io.frames.camera_backend import CameraBackend, time_s
-from .repeater import Repeater, finite
+from .repeater import RepeatedBase, Repeater, finite
 
 __all__ = ["LeRobotBase", "LeRobotCamera", "LeRobotGripper", "LeRobotLink"]
 
@@ -121,7 +121,7 @@ class LeRobotLink:
                 raise DeviceError(f"LeRobot: {type(error).__name__}: {error}; is it connected?") from error
 
 
-class LeRobotBase(Closing, MobileBase):
+class LeRobotBase(RepeatedBase):
     """A base with the actions ``x.vel`` [m/s], ``y.vel`` [m/s] and ``theta.vel`` [deg/s], as LeKiwi's.
 
     It observes velocities only: the pose is integrated from them, and drifts as any wheel odometry.
@@ -145,9 +145,8 @@ class LeRobotBase(Closing, MobileBase):
         max_turn_rad_s: float = 1.5,
         rate_Hz: float | None = 20.0,
     ) -> None:
-        self._link, self._limits = link, (max_speed_m_s, max_turn_rad_s)
-        self._lock = threading.Lock()
-        self._command: tuple[float, float] | None = None
+        super().__init__(max_speed_m_s, max_turn_rad_s)
+        self._link = link
         self._state = BaseState(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.step()
         self._repeater = None if rate_Hz is None else Repeater(self.step, rate_Hz, "LeRobotBase")
@@ -168,31 +167,7 @@ class LeRobotBase(Closing, MobileBase):
                 turn_deg_s = math.degrees(turn_rate)
                 self._link.command({"x.vel": speed, "y.vel": 0.0, "theta.vel": turn_deg_s})
 
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
-
-        Raises
-        ------
-        InputError
-            A velocity is not finite or larger than allowed.
-        DeviceError
-            The robot does not answer.
-        """
-        finite("LeRobotBase.drive", speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
-        for name, value, limit in zip(
-            ("speed_m_s", "turn_rate_rad_s"), (speed_m_s, turn_rate_rad_s), self._limits, strict=True
-        ):
-            if abs(value) > limit:
-                raise InputError("LeRobotBase.drive", f"found {value:g}, allowed are {limit:g}", field=name)
-        self._check()
-        with self._lock:
-            self._command = (float(speed_m_s), float(turn_rate_rad_s))
-        self.step()
-
-    def stop(self) -> None:
-        """Stand still."""
-        with self._lock:
-            self._command = (0.0, 0.0)
+    def _send(self) -> None:
         self.step()
 
     def state(self) -> BaseState:
@@ -200,19 +175,6 @@ class LeRobotBase(Closing, MobileBase):
         self._check()
         with self._lock:
             return self._state
-
-    def _check(self) -> None:
-        if self._repeater is not None:
-            self._repeater.check()
-
-    def close(self) -> None:
-        """Stop, and give the base back; harmless when repeated."""
-        if self._command is not None:
-            with contextlib.suppress(DeviceError):  # the link may be gone; the robot's watchdog is left
-                self.stop()
-        if self._repeater is not None:
-            self._repeater.close()
-        self._command = None
 
 
 class LeRobotGripper(Closing, Gripper):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 from collections.abc import Callable
 from typing import Any
 
 from ...core.errors import DeviceError, InputError, VisuohapticError
+from ...core.resources import Closing
+from ...core.robots import MobileBase
 
-__all__ = ["Repeater", "finite"]
+__all__ = ["RepeatedBase", "Repeater", "finite"]
 
 _log = logging.getLogger(__name__)
 
@@ -72,3 +75,63 @@ def finite(where: str, **values: float) -> None:
     for name, value in values.items():
         if not abs(value) < float("inf"):
             raise InputError(where, f"found {value}, expected a finite number", field=name)
+
+
+class RepeatedBase(Closing, MobileBase):
+    """A base whose velocities are sent again and again until the next ones, and zeros when it is closed.
+
+    Parameters
+    ----------
+    max_speed_m_s, max_turn_rad_s
+        Larger commands are refused.
+    """
+
+    _repeater: Repeater | None = None
+
+    def __init__(self, max_speed_m_s: float, max_turn_rad_s: float) -> None:
+        self._limits = {"speed_m_s": max_speed_m_s, "turn_rate_rad_s": max_turn_rad_s}
+        self._lock = threading.Lock()
+        self._command: tuple[float, float] | None = None
+
+    def _send(self) -> None:
+        """Send the velocities once."""
+        raise NotImplementedError
+
+    def _check(self) -> None:
+        if self._repeater is not None:
+            self._repeater.check()
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
+
+        Raises
+        ------
+        InputError
+            A velocity is not finite or larger than allowed.
+        DeviceError
+            Nobody listens, or the robot does not answer.
+        """
+        where = f"{type(self).__name__}.drive"
+        finite(where, speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
+        for (name, limit), value in zip(self._limits.items(), (speed_m_s, turn_rate_rad_s), strict=True):
+            if abs(value) > limit:
+                raise InputError(where, f"found {value:g}, allowed are {limit:g}", field=name)
+        self._check()
+        with self._lock:
+            self._command = (float(speed_m_s), float(turn_rate_rad_s))
+        self._send()
+
+    def stop(self) -> None:
+        """Stand still."""
+        with self._lock:
+            self._command = (0.0, 0.0)
+        self._send()
+
+    def close(self) -> None:
+        """Stop, and give the base back; harmless when repeated."""
+        if self._command is not None:
+            with contextlib.suppress(DeviceError):  # the link may be gone; the robot's watchdog is left
+                self.stop()
+        if self._repeater is not None:
+            self._repeater.close()
+        self._command = None

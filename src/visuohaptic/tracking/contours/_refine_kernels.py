@@ -213,6 +213,17 @@ def _levels(measured, state, use, noise_var, prior):
                 prior[k, 2 + side] = noise_var / max(var, 1e-6 * noise_var)
 
 
+@kernel
+def _residual_noise(state, use, noise_var, value, work):
+    """Median of the residual variances of the points in use; what it was where three or fewer are left."""
+    count = 0
+    for k in range(state.shape[0]):
+        if use[k]:
+            value[count] = state[k, CHI2]
+            count += 1
+    return max(median(value, count, work), 0.1) if count > 3 else noise_var
+
+
 @kernel(nogil=True)
 def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast, plateau_px):
     """Fit all points; ``state`` holds start values of T and BLUR and receives the result.
@@ -222,10 +233,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 
     Parameters
     ----------
-    grey
-        Grey image.
-    origin, direction
-        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    grey, origin, direction
+        As of :func:`start_on_edge`.
     half
         Half width of each window along the edge [px], (n,).
     state
@@ -301,13 +310,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 value[k] = min(measured[k, 0, 5], measured[k, 1, 5])
             noise_var = max(median(value, n, work), 0.1)
         elif not given:
-            count = 0
-            for k in range(n):
-                if use[k]:
-                    value[count] = state[k, CHI2]
-                    count += 1
-            if count > 3:
-                noise_var = max(median(value, count, work), 0.1)
+            noise_var = _residual_noise(state, use, noise_var, value, work)
         _levels(measured, state, use, noise_var, prior)
         for k in range(n):
             if state[k, STATUS] == BORDER or not going[k]:
@@ -346,12 +349,4 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
         for k in range(n):
             curve_then[k] = state[k, CURVE]
         curvatures(origin, direction, state, trust, noise_var, CURVATURE_LIMIT)
-    if not given:
-        count = 0
-        for k in range(n):
-            if use[k]:
-                value[count] = state[k, CHI2]
-                count += 1
-        if count > 3:
-            noise_var = max(median(value, count, work), 0.1)
-    return noise_var
+    return noise_var if given else _residual_noise(state, use, noise_var, value, work)

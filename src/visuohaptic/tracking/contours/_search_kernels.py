@@ -259,10 +259,8 @@ def search(
 
     Parameters
     ----------
-    grey
-        Grey image.
-    origin, direction
-        Origins (x, y) [px] and unit directions of K lines, (K, 2).
+    grey, origin, direction
+        As of :func:`edge_strength`.
     start, stop
         Allowed range of each line [px], (K,).
     first, n, stride

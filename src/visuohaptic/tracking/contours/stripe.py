@@ -153,10 +153,8 @@ class StripeModel:
 
         Parameters
         ----------
-        image_bgr
-            Colour image (blue, green, red).
-        lines
-            Constraint lines of the contour.
+        image_bgr, lines
+            As of :meth:`edge_image`.
         position_px
             Position of the points along the lines [px].
         """

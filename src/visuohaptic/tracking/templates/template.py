@@ -169,10 +169,8 @@ class Template:
 
         Parameters
         ----------
-        tag_id
-            Number of the tag, 0 to 586.
-        size_m
-            Side of its black border [m].
+        tag_id, size_m
+            Number of the tag, 0 to 586, and the side of its black border [m].
         name
             Name of the template; made from the number without.
         """

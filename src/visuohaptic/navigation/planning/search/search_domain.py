@@ -219,10 +219,8 @@ class SearchDomain:
 
         Parameters
         ----------
-        index
-            Of the body.
-        shift
-            From where the map has it [cells].
+        index, shift
+            As of :meth:`lattice_of`.
         block
             Edge of a block [cells].
         """
@@ -316,7 +314,7 @@ class SearchDomain:
         Parameters
         ----------
         block
-            Edge of a block [cells].
+            As of :meth:`labels`.
         """
         from ._travel_kernels import UNITS
 

@@ -166,7 +166,7 @@ class FoamMaterial:
         Parameters
         ----------
         path
-            The file.
+            ``foam.yaml``, as :meth:`save` writes it.
 
         Raises
         ------

@@ -95,7 +95,7 @@ def read_strain_stress(path: Path | str) -> StrainStress:
     Parameters
     ----------
     path
-        The CSV file.
+        CSV file of a press.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def read_plate(path: Path | str) -> tuple[PlateRecord, ...]:
     Parameters
     ----------
     path
-        The CSV file.
+        CSV file, a row for each point of a contour.
 
     Raises
     ------

@@ -245,7 +245,7 @@ class EsmTemplate:
         Parameters
         ----------
         chain
-            Index of the chain of levels.
+            As of :meth:`variance`.
         variance
             Blur against the whole template [template px^2].
         """
@@ -267,10 +267,8 @@ class EsmTemplate:
 
         Parameters
         ----------
-        chain
-            Index of the chain of levels.
-        blur
-            Index of ``BLUR_VARIANCES``.
+        chain, blur
+            As of :meth:`variance`.
         """
         if blur <= 0:
             return self.chains[chain][0]

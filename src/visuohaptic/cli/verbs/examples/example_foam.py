@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["NEEDS", "add_arguments", "run", "written"]
+__all__ = ["NEEDS", "add_arguments", "report_files", "run", "written"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("av",)
@@ -52,7 +52,21 @@ def written(args: Any, write: Callable[..., Path], verb: str) -> dict[str, Any]:
     verb
         Its words.
     """
-    folder = write(args.out, seed=args.seed, say=args.report)
+    return report_files(args, write(args.out, seed=args.seed, say=args.report), verb)
+
+
+def report_files(args: Any, folder: Path, verb: str) -> dict[str, Any]:
+    """Say what an example has written.
+
+    Parameters
+    ----------
+    args
+        With where to report.
+    folder
+        Of the files.
+    verb
+        Its words.
+    """
     files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     args.report(f"written to {folder}: {', '.join(files)}")
     args.report(f"next: visuohaptic {verb} --help shows what to do with them")

@@ -1,0 +1,1 @@
+"""Verbs that write simulated data to try the others on."""

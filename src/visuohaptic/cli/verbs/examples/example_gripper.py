@@ -1,0 +1,31 @@
+"""``visuohaptic example gripper``: a recording to try the sensor of a finger on.
+
+reads
+  nothing
+writes, into --out
+  camera.yaml, sensor.yaml   the camera above the gripper, and the foam on its finger
+  strain_stress.csv          what a press recorded of the foam
+  foam.yaml                  its calibration
+  rest.mp4, grip.mp4         the open gripper; it closes on a bottle and opens again
+  truth.csv                  t_s, force_N, position_m of the physics, to compare with
+
+example
+  visuohaptic example gripper --out try
+  visuohaptic sense foam --config try/sensor.yaml --source try/rest.mp4 --zero
+  visuohaptic sense foam --config try/sensor.yaml --source try/grip.mp4 --csv try/run.csv --out try/run.mcap
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .example_foam import NEEDS, add_arguments, written
+
+__all__ = ["NEEDS", "add_arguments", "run"]
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....rigs.virtual_gripper import write_gripper_example
+
+    return written(args, write_gripper_example, "example gripper")

@@ -1,0 +1,34 @@
+"""``visuohaptic example office``: a map with tagged objects to plan on.
+
+reads
+  nothing
+writes, into --out
+  office.yaml, office.pgm    rooms with a gap and a door (Alt 2016, Fig. 4.6)
+  objects.yaml               a stool in the gap, a table before the door, a fixed tower and two bins, with haptic tags
+  robot.yaml                 radius, speeds and force of the robot
+
+example
+  visuohaptic example office --out try
+  visuohaptic plan try/office.yaml --objects try/objects.yaml --robot try/robot.yaml --start 1.5 0.9 --goal 2.45 1.5 --plot try/plan.png
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_arguments", "run"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--out", type=Path, required=True, help="folder")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....rigs.virtual_office import write_office_example
+    from .example_foam import report_files
+
+    return report_files(args, write_office_example(args.out), "example office")
