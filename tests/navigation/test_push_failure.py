@@ -131,7 +131,7 @@ def test_a_push_goes_farther_where_its_end_might_close_the_way(seed):
 
 
 def test_a_footprint_of_many_corners_is_a_disc():
-    model = PushModel.of_footprint(disc(0.2) + (0.1, 0.0))
+    model = PushModel.of_footprint(disc(0.2) + np.array([0.1, 0.0]))
     assert len(model.outline_m) == 1
     # Of the same area: between the circles in and around a polygon of 24 corners.
     assert 0.2 < model.round_m < 0.2 / np.cos(np.pi / 24)

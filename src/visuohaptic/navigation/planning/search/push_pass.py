@@ -134,8 +134,7 @@ class PushPass:
         self.queue = queue = _Queue(known, [(0.0, 0, first)])
         expanded, bound, exhausted = 0, 0.0, True
         while queue.entries:
-            # The first configuration is looked at whatever the time: it may need no push.
-            if expanded >= expansions or (expanded and self.deadline.passed):
+            if expanded >= expansions or self.deadline.passed:
                 exhausted = False
                 break
             estimate, _, entry = heapq.heappop(queue.entries)

@@ -39,7 +39,7 @@ from .push_states import (
 )
 from .search_domain import SearchDomain, grid_from_world
 
-__all__ = ["search_pushes"]
+__all__ = ["load_kernels", "search_pushes"]
 
 #: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
@@ -83,13 +83,13 @@ def search_pushes(
     -------
     The pushes, or the reason why there are none and whether that is proved (``exhausted``).
     """
-    _load_kernels()
+    load_kernels()
     chosen = frozenset(range(len(domain.bodies)) if active is None else active)
     return _Search(domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique).run()
 
 
 @lru_cache(maxsize=1)
-def _load_kernels() -> None:
+def load_kernels() -> None:
     """Search a small floor once, so that no budget is spent on loading compiled code."""
     cells = np.zeros((12, 24), np.int8)
     cells[[0, -1]] = cells[:, [0, -1]] = cells[:, 12] = OCCUPIED
@@ -131,9 +131,13 @@ class _Search:
 
     def run(self) -> SearchResult:
         """The cheapest plan, or the reason why there is none."""
+        if self.deadline.passed:
+            return self._late()
         free = self._heuristic(())
         if reason := self._impossible(free):
             return SearchResult(False, exhausted=True, reason=reason)
+        if self.deadline.passed:
+            return self._late()
         # Often the cheapest path leaves everything where it is: a plan that pushes costs a push more than none.
         plan = PushPass(free, 1.0, self.limits, self._until(1.0)).run(self.first, 1)
         seconds = self.domain.block / free.units
@@ -150,8 +154,8 @@ class _Search:
                 plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units
             )
         needed = _bottlenecks(self.domain, self.goal, self.active, self._until(ALONE))
-        if plan.found and self._until(SOON[-1]).passed:
-            return plan
+        if self._until(SOON[-1]).passed:
+            return plan if plan.found else self._late()
         heuristic = self._heuristic(needed, free)
         if plan.found:
             heuristic.limit = int(plan.cost * heuristic.units / self.domain.block) + 1
@@ -180,8 +184,8 @@ class _Search:
             passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
             plan = plan if reason else self._first_plan(plan, heuristic, passes)
             if not plan.found:
-                said = reason or f"no plan among {self.expanded} configurations, not proved"
-                return replace(plan, exhausted=bool(reason), reason=said, expanded=self.expanded)
+                late = self._late()
+                return replace(late, exhausted=bool(reason), reason=reason or late.reason)
         plan = self._improved(heuristic, plan)
         steps, cost = refine_lengths(heuristic, self.start, plan, self._until(1.0))
         plan = replace(plan, steps=steps, cost=cost)
@@ -194,6 +198,10 @@ class _Search:
         return PushHeuristic(
             self.domain, self.goal, self.costs, bodies, left_out=left_out, oblique=self.oblique, free=free
         )
+
+    def _late(self) -> SearchResult:
+        reason = f"no plan among {self.expanded} configurations, not proved"
+        return SearchResult(False, reason=reason, expanded=self.expanded)
 
     def _until(self, fraction: float) -> Deadline:
         return self.deadline.earlier((1.0 - fraction) * self.limits.budget_s)
@@ -231,6 +239,8 @@ class _Search:
     def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
         """The plan, or a better one, with a bound that is as near as the budget allows."""
         units = heuristic.units / self.domain.block
+        if self.deadline.passed:
+            return replace(plan, bound=min(plan.bound, plan.cost))
         plan = replace(plan, bound=float(heuristic.field(self.first.shifts)[self.cells].min()) / units)
         for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
             if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
