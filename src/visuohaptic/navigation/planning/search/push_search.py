@@ -28,7 +28,7 @@ from ...problem.push_costs import PushCosts
 from .domain_builder import build_search_domain
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
-from .push_lengths import refine_lengths
+from .push_lengths import opening_at, refine_lengths
 from .push_pass import PushPass
 from .push_states import (
     Deadline,
@@ -136,7 +136,7 @@ class _Search:
         free = self._heuristic(())
         if reason := self._impossible(free):
             return SearchResult(False, exhausted=True, reason=reason)
-        if self.deadline.passed:
+        if self._until(1.0).passed:
             return self._late()
         # Often the cheapest path leaves everything where it is: a plan that pushes costs a push more than none.
         plan = PushPass(free, 1.0, self.limits, self._until(1.0)).run(self.first, 1)
@@ -176,7 +176,9 @@ class _Search:
         elif reason := self._proof(heuristic):
             return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
         if worth != needed and not self._until(1.0).passed:
-            heuristic = self._heuristic(worth, free)
+            before, heuristic = heuristic, self._heuristic(worth, free)
+            if plan.found:
+                heuristic.begin, heuristic.limit = before.begin, int(plan.cost / seconds) + 1
             for k in worth & needed:
                 heuristic.raise_bound(k, alone[k])
         if not plan.found:
@@ -303,33 +305,22 @@ def _bottlenecks(
     domain: SearchDomain, goal: Float[np.ndarray, "2"], active: Collection[int], deadline: Deadline
 ) -> frozenset[int]:
     """Bodies beside which the free space falls into pieces, or that cover the goal; all that there was no time for."""
-    from ._push_search_kernels import opening_lengths
-
     everything = np.ones(len(domain.bodies), dtype=bool)
     still = np.array([k not in active for k in range(len(domain.bodies))], dtype=bool)
     shifts = np.zeros((len(domain.bodies), 2))
-    grow = domain.radius + 4.0 * domain.block
     found = set()
     for index in active:
         if deadline.passed:
             found.add(index)
             continue
         body = domain.bodies[index]
-        low = np.maximum((domain.extents[0][index] - grow) // domain.block, 0).astype(int)
-        high = np.maximum((domain.extents[1][index] + grow) // domain.block + 1, low).astype(int)
-        corner = low * float(domain.block)
         # Far enough along an axis, every block around the body is free of it: how many pieces there are is seen.
         far = 2.0 * (float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block)
         # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
         for others in (everything, still):
             among = others.copy()
             among[index] = False
-            without = domain.part(domain.lattice, low, high, shifts, domain.block, among)
-            pieces = opening_lengths(
-                without, body.outline - corner, 1.0, 0.0, domain.radius, domain.block, far,
-                *(body.centre - corner), *(goal - corner),
-            )  # fmt: skip
-            if len(pieces):
+            if len(opening_at(domain, shifts, index, np.array([1.0, 0.0]), far, (body.centre, goal), among)):
                 found.add(index)
                 break
     return frozenset(found)
