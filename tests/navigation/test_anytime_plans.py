@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks._plan_child import described, problem_of
 
+from tests.worlds.floor_scenes import campus
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import alternatives, make_plan
-from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain
+from visuohaptic.navigation.planning.search import (
+    SearchLimits,
+    _travel_kernels,
+    build_search_domain,
+    push_states,
+)
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 
 from .plan_check import faults
@@ -127,6 +134,29 @@ def test_a_budget_is_kept_and_the_answer_says_that_nothing_is_proved():
     assert plan.answer == "no plan found (not proved)"
     with pytest.raises(InputError, match="budget_s"):
         SearchLimits(budget_s=0.0)
+
+
+def test_a_budget_is_kept_in_every_phase_on_a_large_map(monkeypatch):
+    """Time is counted in searches over the whole lattice: the same on every machine."""
+    problem = problem_of(described(campus(0, rooms=6, objects=40), 0.05))
+    nodes, spent = build_search_domain(problem).lattice.size, [0.0]
+
+    def counted(kernel):
+        def run(clearance, *rest):
+            spent[0] += clearance.size == nodes
+            return kernel(clearance, *rest)
+
+        return run
+
+    for name in ("travel_field", "flood"):
+        monkeypatch.setattr(_travel_kernels, name, counted(getattr(_travel_kernels, name)))
+    monkeypatch.setattr(push_states.time, "thread_time", lambda: spent[0])
+    monkeypatch.setattr(push_states.time, "monotonic", lambda: 0.0)
+    for budget in (0.5, 1.5, 3.0, 6.0, 12.0):
+        begin = spent[0]
+        plan = make_plan(problem, limits=SearchLimits(budget_s=budget))
+        assert plan.answer == "no plan found (not proved)"  # it needs pushes, and more searches
+        assert spent[0] - begin <= 2.0 * budget
 
 
 def test_comparing_gives_the_cheapest_plan_itself():

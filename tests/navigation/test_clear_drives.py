@@ -44,7 +44,7 @@ def test_a_segment_that_is_clear_by_interpolation_is_clear(radius):
         occupied, walls = cluttered(rng, 0.04 / radius)
         clearance = _distance(occupied, 12.0)
         for a, b in rng.uniform(2.0, 22.0, (60, 2, 2)):
-            cost = segment_cost(clearance, needed_clearance(radius), 6.0, *a, *b, False)
+            cost = segment_cost(clearance, needed_clearance(radius), 6.0, *a, *b, False, np.inf)
             if np.isfinite(cost):
                 clear += 1
                 # The layer is of single precision.

@@ -197,7 +197,7 @@ def test_a_path_is_pulled_taut_where_that_is_cheaper_only():
     kept, cost = string_pull(clearance, RADIUS, SLOW, corner, 80)
     assert len(kept) > 2
     for a, b in zip(corner[kept], corner[kept][1:], strict=False):
-        assert np.isfinite(segment_cost(clearance, RADIUS, SLOW, *a, *b, False))
+        assert np.isfinite(segment_cost(clearance, RADIUS, SLOW, *a, *b, False, np.inf))
 
 
 def test_flood_is_a_connected_component():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -13,8 +14,8 @@ from ..problem.push_costs import PushCosts, push_cost
 from .drive_tasks import drive_tasks
 from .search.drives import pull_string
 from .search.push_lengths import end_covariance
-from .search.push_search import search_pushes
-from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
+from .search.push_search import load_kernels, search_pushes
+from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult, seed_cells
 from .search.search_domain import (
     SearchDomain,
     grid_from_world,
@@ -23,6 +24,8 @@ from .search.search_domain import (
 
 __all__ = ["assemble", "plan_in_domain"]
 
+#: Fraction of the budget for the search; what is left is for the drives of the plan.
+SEARCH_FRACTION = 0.9
 #: Clearance interpolated between cells may fall by this along a straight way out [cells].
 ESCAPE_SLACK = 0.02
 
@@ -57,16 +60,17 @@ def plan_in_domain(
     report_costs
         What the tasks' seconds are computed with, where ``costs`` weighs something else than time.
     """
-    costs = costs or PushCosts()
+    costs, limits = costs or PushCosts(), limits or SearchLimits()
+    load_kernels()
+    deadline = Deadline.after(limits.budget_s)
+    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
     begin = escape(domain, start)
     if begin is None:
         return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
-    result = search_pushes(
-        domain, begin, goal, costs, limits or SearchLimits(), active=active, oblique=oblique
-    )
-    return assemble(problem, domain, result, report_costs or costs, name=name, begin=begin)
+    result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
+    return assemble(problem, domain, result, report_costs or costs, name=name, begin=begin, deadline=deadline)
 
 
 def assemble(
@@ -77,6 +81,7 @@ def assemble(
     *,
     name: str = "cheapest",
     begin: Float[np.ndarray, "2"] | None = None,
+    deadline: Deadline | None = None,
 ) -> Plan:
     """Tasks of a search result: driving along string-pulled paths, pushes with contact, goal and risk.
 
@@ -94,6 +99,8 @@ def assemble(
         Side condition, for the plan's label.
     begin
         Where the search began, after an escape from a start in collision; the start by default [cells].
+    deadline
+        From then on long drives are no more shortened where pieces of them meet.
     """
     notes = _notes(domain, result)
     if not result.found:
@@ -117,7 +124,7 @@ def assemble(
     shifts = np.zeros((len(domain.bodies), 2))
     ends = [step.approach for step in result.steps] + [grid_from_world(problem.map, problem.goal_m)]
     for step, end in zip([*result.steps, None], ends, strict=True):
-        path, cost = pull_string(domain, shifts, at, end)
+        path, cost = pull_string(domain, shifts, at, end, deadline)
         if not len(path):
             return Plan(False, reason="a drive of the plan is too narrow on the map", name=name, notes=notes)
         tasks += drive_tasks(domain, path, cost)

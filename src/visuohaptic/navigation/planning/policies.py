@@ -14,6 +14,7 @@ from .planner import plan_in_domain
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
 from .search.push_heuristic import STAND_OFF_M
+from .search.push_search import load_kernels
 from .search.push_states import Deadline, SearchLimits
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 from .sideward_plan import via_sideward
@@ -22,8 +23,6 @@ __all__ = ["alternatives", "make_plan", "via_exploration", "without_pushing"]
 
 #: How much reliability is worth to the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
-#: Fraction of the budget for the search.
-SEARCH_FRACTION = 0.9
 #: Fraction of the budget for a plan that explores nothing, where objects are unknown.
 KNOWN_FRACTION = 0.5
 #: Of the unknown objects on the map, so many nearest ones are considered for the most informative plan.
@@ -60,6 +59,7 @@ def make_plan(
     (['navigate'], 1.2)
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
+    load_kernels()
     deadline = Deadline.after(limits.budget_s)
     domain = build_search_domain(problem, costs)
     return _cheapest(problem, domain, costs, _until(deadline, limits))
@@ -73,8 +73,6 @@ def _cheapest(
     done: frozenset[str] = frozenset(),
 ) -> Plan:
     """The cheapest plan; objects that are ``done`` are not brushed aside once more."""
-    # What is left is for the drives of the plan.
-    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
@@ -105,9 +103,8 @@ def _cheapest(
 
 
 def _until(deadline: Deadline, limits: SearchLimits) -> SearchLimits:
-    """Limits for what is left of a budget, at least a tenth of it."""
-    left_s = max(deadline.left_s, 0.1 * limits.budget_s)
-    return replace(limits, budget_s=min(left_s, limits.budget_s))
+    """Limits for what is left of a budget, however little."""
+    return replace(limits, budget_s=min(max(deadline.left_s, 1e-9), limits.budget_s))
 
 
 def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None) -> Plan:
@@ -181,7 +178,7 @@ def _planned(
     deadline = Deadline.after(limits.budget_s)
     active = _pushed(domain, unknown=unknown)
     found = plan_in_domain(problem, domain, costs, limits, active=active, report_costs=report_costs)
-    if found.reachable or not active:
+    if found.reachable or not active or deadline.passed:
         return found
     # Oblique pushes hold by friction alone: only where nothing else clears a path.
     left = _until(deadline, limits)

@@ -17,6 +17,8 @@ from ...pushing._outline_kernels import extent, polygon_distance
 #: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
 UNITS = 256
 FAR = np.int32(2**30)
+#: No step costs less: a straight one at full speed, at an angle of 45 degrees to the gradient.
+MIN_STEP = 181
 
 
 @kernel
@@ -202,7 +204,7 @@ def travel_field(
                     if cc < 0 or cc >= columns:
                         continue
                     v = rr * columns + cc
-                    if cost[v] <= reached or cell_cost[v] < 0:
+                    if cost[v] <= reached + MIN_STEP or cell_cost[v] < 0:
                         continue
                     if cell_cost[v] == 0:
                         cell_cost[v] = _cell_cost(flat[v], radius, slow)
@@ -282,10 +284,11 @@ def segment_cost(
     x1: float,
     y1: float,
     forced: bool,
+    enough: float,
 ) -> float:
     """Integral of the cost (4.1) along a segment [cells at full speed]; infinite where it touches.
 
-    ``forced`` counts what is nearer than the radius as at the radius.
+    ``forced`` counts what is nearer than the radius as at the radius. Infinite, too, from ``enough`` on.
     """
     length = math.hypot(x1 - x0, y1 - y0)
     # Between samples an obstacle is nearer by at most spacing^2 / (8 radius).
@@ -301,6 +304,8 @@ def segment_cost(
             fraction = max(fraction, 0.0)
         weight = 0.5 if i == 0 or i == count else 1.0
         total += weight * (slow + fraction * (1.0 - slow))
+        if (total + max(count - i - 0.5, 0.0)) * length >= enough * count:  # no sample costs less than 1
+            return np.inf
     return total * length / count
 
 
@@ -327,9 +332,9 @@ def string_pull(
             if best[i] + length >= best[j]:
                 continue
             x0, y0, x1, y1 = path[i, 0], path[i, 1], path[j, 0], path[j, 1]
-            cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, False)
+            cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, False, best[j] - best[i])
             if not cost < np.inf and i == j - 1:
-                cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, True)
+                cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, True, np.inf)
             # 1e-9 per kept point: of equal paths the one with fewer corners.
             if best[i] + cost + 1e-9 < best[j]:
                 best[j] = best[i] + cost + 1e-9

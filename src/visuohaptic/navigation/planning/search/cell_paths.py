@@ -109,7 +109,7 @@ def thinned(
     kept = [0]
     for last in range(domain.block, len(path) - 1 + domain.block, domain.block):
         first, last = kept[-1], min(last, len(path) - 1)
-        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False)
+        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False, np.inf)
         kept += [last] if np.isfinite(cost) else range(first + 1, last + 1)
     return path[kept]
 

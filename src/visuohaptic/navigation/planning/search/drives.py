@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32
 
 from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
-from .push_states import PushStep
+from .push_states import Deadline, PushStep
 from .search_domain import SearchDomain
 
 __all__ = ["changed_drives_cost", "drive_cost", "drives_cells", "drives_cost", "pull_string"]
@@ -26,6 +26,7 @@ def pull_string(
     shifts: Float[np.ndarray, "bodies 2"],
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
+    deadline: Deadline | None = None,
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Cheapest any-angle path between two points: over the lattice, along it on the map, then string pulling.
 
@@ -37,6 +38,8 @@ def pull_string(
         As of :func:`~visuohaptic.navigation.planning.search.cell_paths.unclear_steps`.
     start, goal
         Grid coordinates [cells].
+    deadline
+        From then on the pieces are left as they are.
 
     Returns
     -------
@@ -56,10 +59,12 @@ def pull_string(
         path = resampled(np.concatenate([path for path, _ in pulled]), 2 * len(nodes))
         joints = [0, *(int(np.hypot(*(path - middle).T).argmin()) for middle in middles), len(path) - 1]
         parts = [path[a : b + 1] for a, b in itertools.pairwise(joints) if b > a]
-        pulled = [
+        again = [
             _pulled_piece(domain, shifts, part // block, block, part[0], part[-1], STRING_ROUNDS)
             for part in parts
+            if deadline is None or not deadline.passed
         ]
+        pulled = again if len(again) == len(parts) else pulled
     if not all(len(path) for path, _ in pulled):
         return nowhere
     path = np.concatenate([path for path, _ in pulled])

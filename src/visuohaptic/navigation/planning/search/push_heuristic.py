@@ -87,6 +87,8 @@ class PushHeuristic:
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
         self._both: Int[np.ndarray, "r c"] | None = None  # from the start and to the goal, bodies charged
+        #: from the start, once it was asked for [units]
+        self.begin: Int32[np.ndarray, "n"] | None = None
         self.limit = self.far  #: cost of a plan that is known [units]: what costs more is not followed
         #: cost-to-go when no body that may be pushed is in the way [units]
         self.free_field: Int32[np.ndarray, "n"] = free.free_field if free else self._field(zeros, [])
@@ -245,7 +247,9 @@ class PushHeuristic:
         if key not in self._fields:
             if len(self._fields) * self.base.size > MAX_FIELD_NODES:
                 self._fields.clear()
-            self._fields[key] = self._field(shifts, self.active, robot)
+            # Cells that lead to no better plan keep an infinite cost.
+            known = self.begin if self.limit < self.far and not shifts.any() else None
+            self._fields[key] = self._field(shifts, self.active, robot, rest=known)
         return self._fields[key]
 
     def _field(
@@ -306,7 +310,7 @@ class PushHeuristic:
             return float("inf")
         through = near + self.shortest_push(body)
         if body in self.active:  # a path that crosses its place is charged already
-            place = self._regions((body,), np.zeros((len(domain.bodies), 2)))
+            place = self._regions(tuple(self.active), np.zeros((len(domain.bodies), 2)))
             through = np.where(place[r0:r1, c0:c1] > 0, near, through)
         return float(through.min())
 
@@ -332,19 +336,12 @@ class PushHeuristic:
         """Bound of a plan through each node."""
         if self._both is None:
             shifts = np.zeros((len(self.domain.bodies), 2))
-            known = self.limit < self.far
-            begin = self._field(
-                shifts,
-                self.active,
-                seeds=(start, np.zeros_like(start)),
-                rest=self.free_field if known else None,
-            )
-            if known:  # cells that lead to no better plan keep an infinite cost to the goal
-                self._fields[shifts.tobytes()] = self._field(shifts, self.active, rest=begin)
+            known = self.free_field if self.limit < self.far else None
+            self.begin = self._field(shifts, self.active, seeds=(start, np.zeros_like(start)), rest=known)
             # Both fields charge for a place where they leave it: inside it neither has yet.
             charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
             charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)
-            both = (begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
+            both = (self.begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
             self._both = both + charge[self._regions(tuple(self.active), shifts)]
         return self._both
 

@@ -28,6 +28,7 @@ __all__ = [
     "end_covariance",
     "end_errors",
     "free_length",
+    "opening_at",
     "push_step",
     "refine_lengths",
     "replanning_units",
@@ -68,6 +69,8 @@ def refine_lengths(
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
+    if deadline.passed:
+        return steps, cost
     risk = replanning_units(heuristic, steps, start) * scale
     # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
     for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
@@ -168,10 +171,57 @@ def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float
     domain: SearchDomain = heuristic.domain
     body, shift = domain.bodies[step.body], step.shifts_before[step.body]
     direction = heuristic.contacts(step.body)[step.contact].direction
-    outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body)
+    ahead = np.stack([np.zeros(2), limit * direction])
+    reach = body.radius + body.margin + 1.0
+    low = np.minimum((body.outline + shift).min(axis=0), step.touch) + ahead.min(axis=0) - reach
+    high = np.maximum((body.outline + shift).max(axis=0), step.touch) + ahead.max(axis=0) + reach
+    outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body, low, high)
     found: float = free_push_length(
         domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
         outlines, starts, *step.touch, *direction, needed_clearance(body.radius, SWEEP_STEP), limit,
+    )  # fmt: skip
+    return found
+
+
+def opening_at(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    index: int,
+    direction: Float[np.ndarray, "2"],
+    limit: float,
+    ends: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]],
+    among: Bool[np.ndarray, "bodies"],
+) -> Float[np.ndarray, "k"]:
+    """Lengths [cells] at which a push joins the robot's side of a body with other free space beside it.
+
+    Parameters
+    ----------
+    domain
+        Static map and bodies.
+    shifts
+        Of the bodies from where the map has them [cells].
+    index
+        Of the body that is pushed.
+    direction
+        Of the push.
+    limit
+        As far as it is free of collisions [cells].
+    ends
+        Where the robot stands, and its goal [cells].
+    among
+        Which bodies are in the way.
+    """
+    from ._push_search_kernels import opening_lengths
+
+    block, shift = domain.block, shifts[index]
+    grow = domain.radius + 4.0 * block
+    low = np.maximum((domain.extents[0][index] + shift - grow) // block, 0).astype(int)
+    high = np.maximum((domain.extents[1][index] + shift + grow) // block + 1, low).astype(int)
+    corner = low * float(block)
+    without = domain.part(domain.lattice, low, high, shifts, block, among)
+    found: Float[np.ndarray, "k"] = opening_lengths(
+        without, domain.bodies[index].outline + shift - corner, *direction, domain.radius, block, limit,
+        *(ends[0] - corner), *(ends[1] - corner),
     )  # fmt: skip
     return found
 

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int32
 
 from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
-from .push_lengths import free_length, push_step, stand_is_free
+from .push_lengths import free_length, opening_at, push_step, stand_is_free
 from .push_states import (
     Deadline,
     SearchLimits,
@@ -134,8 +134,7 @@ class PushPass:
         self.queue = queue = _Queue(known, [(0.0, 0, first)])
         expanded, bound, exhausted = 0, 0.0, True
         while queue.entries:
-            # The first configuration is looked at whatever the time: it may need no push.
-            if expanded >= expansions or (expanded and self.deadline.passed):
+            if expanded >= expansions or self.deadline.passed:
                 exhausted = False
                 break
             estimate, _, entry = heapq.heappop(queue.entries)
@@ -247,10 +246,8 @@ class PushPass:
 
     def _lengths(self, contact: _Contact) -> None:
         """Pushes by one contact, as far as they are free of collisions."""
-        from ._push_search_kernels import opening_lengths
-
         domain, heuristic, state = self.domain, self.heuristic, contact.parent
-        body, shift = domain.bodies[contact.body], state.shifts[contact.body]
+        shift = state.shifts[contact.body]
         push = heuristic.contacts(contact.body)[contact.number]
         none = push_step(heuristic, state.shifts, contact.body, contact.number, 0.0)
         if not stand_is_free(heuristic, none):
@@ -258,10 +255,9 @@ class PushPass:
         free, stand = free_length(heuristic, none, heuristic.longest(contact.body)), none.approach
         if free < 0.5:
             return
-        opening = opening_lengths(
-            domain.lattice_with(state.shifts, contact.body), body.outline + shift, *push.direction,
-            domain.radius, domain.block, free, *stand, *heuristic.goal,
-        )  # fmt: skip
+        others = np.arange(len(domain.bodies)) != contact.body
+        ends = stand, heuristic.goal
+        opening = opening_at(domain, state.shifts, contact.body, push.direction, free, ends, others)
         opens_at = float(opening.min()) if len(opening) else float("inf")
         lengths = np.array([n for n in self._tried(free, opening) if not contact.reached or n >= opens_at])
         if not len(lengths):

@@ -28,7 +28,7 @@ from ...problem.push_costs import PushCosts
 from .domain_builder import build_search_domain
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
-from .push_lengths import refine_lengths
+from .push_lengths import opening_at, refine_lengths
 from .push_pass import PushPass
 from .push_states import (
     Deadline,
@@ -39,7 +39,7 @@ from .push_states import (
 )
 from .search_domain import SearchDomain, grid_from_world
 
-__all__ = ["search_pushes"]
+__all__ = ["load_kernels", "search_pushes"]
 
 #: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
@@ -83,13 +83,13 @@ def search_pushes(
     -------
     The pushes, or the reason why there are none and whether that is proved (``exhausted``).
     """
-    _load_kernels()
+    load_kernels()
     chosen = frozenset(range(len(domain.bodies)) if active is None else active)
     return _Search(domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique).run()
 
 
 @lru_cache(maxsize=1)
-def _load_kernels() -> None:
+def load_kernels() -> None:
     """Search a small floor once, so that no budget is spent on loading compiled code."""
     cells = np.zeros((12, 24), np.int8)
     cells[[0, -1]] = cells[:, [0, -1]] = cells[:, 12] = OCCUPIED
@@ -131,9 +131,13 @@ class _Search:
 
     def run(self) -> SearchResult:
         """The cheapest plan, or the reason why there is none."""
+        if self.deadline.passed:
+            return self._late()
         free = self._heuristic(())
         if reason := self._impossible(free):
             return SearchResult(False, exhausted=True, reason=reason)
+        if self._until(1.0).passed:
+            return self._late()
         # Often the cheapest path leaves everything where it is: a plan that pushes costs a push more than none.
         plan = PushPass(free, 1.0, self.limits, self._until(1.0)).run(self.first, 1)
         seconds = self.domain.block / free.units
@@ -150,8 +154,8 @@ class _Search:
                 plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units
             )
         needed = _bottlenecks(self.domain, self.goal, self.active, self._until(ALONE))
-        if plan.found and self._until(SOON[-1]).passed:
-            return plan
+        if self._until(SOON[-1]).passed:
+            return plan if plan.found else self._late()
         heuristic = self._heuristic(needed, free)
         if plan.found:
             heuristic.limit = int(plan.cost * heuristic.units / self.domain.block) + 1
@@ -172,7 +176,9 @@ class _Search:
         elif reason := self._proof(heuristic):
             return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
         if worth != needed and not self._until(1.0).passed:
-            heuristic = self._heuristic(worth, free)
+            before, heuristic = heuristic, self._heuristic(worth, free)
+            if plan.found:
+                heuristic.begin, heuristic.limit = before.begin, int(plan.cost / seconds) + 1
             for k in worth & needed:
                 heuristic.raise_bound(k, alone[k])
         if not plan.found:
@@ -180,8 +186,8 @@ class _Search:
             passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
             plan = plan if reason else self._first_plan(plan, heuristic, passes)
             if not plan.found:
-                said = reason or f"no plan among {self.expanded} configurations, not proved"
-                return replace(plan, exhausted=bool(reason), reason=said, expanded=self.expanded)
+                late = self._late()
+                return replace(late, exhausted=bool(reason), reason=reason or late.reason)
         plan = self._improved(heuristic, plan)
         steps, cost = refine_lengths(heuristic, self.start, plan, self._until(1.0))
         plan = replace(plan, steps=steps, cost=cost)
@@ -194,6 +200,10 @@ class _Search:
         return PushHeuristic(
             self.domain, self.goal, self.costs, bodies, left_out=left_out, oblique=self.oblique, free=free
         )
+
+    def _late(self) -> SearchResult:
+        reason = f"no plan among {self.expanded} configurations, not proved"
+        return SearchResult(False, reason=reason, expanded=self.expanded)
 
     def _until(self, fraction: float) -> Deadline:
         return self.deadline.earlier((1.0 - fraction) * self.limits.budget_s)
@@ -231,6 +241,8 @@ class _Search:
     def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
         """The plan, or a better one, with a bound that is as near as the budget allows."""
         units = heuristic.units / self.domain.block
+        if self.deadline.passed:
+            return replace(plan, bound=min(plan.bound, plan.cost))
         plan = replace(plan, bound=float(heuristic.field(self.first.shifts)[self.cells].min()) / units)
         for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
             if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
@@ -293,33 +305,22 @@ def _bottlenecks(
     domain: SearchDomain, goal: Float[np.ndarray, "2"], active: Collection[int], deadline: Deadline
 ) -> frozenset[int]:
     """Bodies beside which the free space falls into pieces, or that cover the goal; all that there was no time for."""
-    from ._push_search_kernels import opening_lengths
-
     everything = np.ones(len(domain.bodies), dtype=bool)
     still = np.array([k not in active for k in range(len(domain.bodies))], dtype=bool)
     shifts = np.zeros((len(domain.bodies), 2))
-    grow = domain.radius + 4.0 * domain.block
     found = set()
     for index in active:
         if deadline.passed:
             found.add(index)
             continue
         body = domain.bodies[index]
-        low = np.maximum((domain.extents[0][index] - grow) // domain.block, 0).astype(int)
-        high = np.maximum((domain.extents[1][index] + grow) // domain.block + 1, low).astype(int)
-        corner = low * float(domain.block)
         # Far enough along an axis, every block around the body is free of it: how many pieces there are is seen.
         far = 2.0 * (float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block)
         # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
         for others in (everything, still):
             among = others.copy()
             among[index] = False
-            without = domain.part(domain.lattice, low, high, shifts, domain.block, among)
-            pieces = opening_lengths(
-                without, body.outline - corner, 1.0, 0.0, domain.radius, domain.block, far,
-                *(body.centre - corner), *(goal - corner),
-            )  # fmt: skip
-            if len(pieces):
+            if len(opening_at(domain, shifts, index, np.array([1.0, 0.0]), far, (body.centre, goal), among)):
                 found.add(index)
                 break
     return frozenset(found)

@@ -101,24 +101,23 @@ class SearchDomain:
         return self.lowered(self.clearance, shifts, [i for i in range(len(self.bodies)) if i != without], 1)
 
     def lattice_with(
-        self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
+        self, shifts: Float[np.ndarray, "bodies 2"]
     ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
         """:meth:`clearance_with` of the lattice's nodes.
 
         Parameters
         ----------
-        shifts, without
+        shifts
             As there.
         """
         # Most bodies stay where they are: what they leave is kept for every set of those that do not.
         moved = tuple(np.flatnonzero(shifts.any(axis=1)).tolist())
-        away = moved if without < 0 or without in moved else (*moved, without)
-        if away not in self.still:
+        if moved not in self.still:
             if len(self.still) * self.lattice.size > MAX_STILL_NODES:
                 self.still.clear()
-            rest = [i for i in range(len(self.bodies)) if i not in away]
-            self.still[away] = self.lowered(self.lattice, np.zeros_like(shifts), rest, self.block)
-        return self.lowered(self.still[away], shifts, [i for i in moved if i != without], self.block)
+            rest = [i for i in range(len(self.bodies)) if i not in moved]
+            self.still[moved] = self.lowered(self.lattice, np.zeros_like(shifts), rest, self.block)
+        return self.lowered(self.still[moved], shifts, moved, self.block)
 
     def lattice_of(
         self, index: int, shift: Float[np.ndarray, "2"]
@@ -239,9 +238,13 @@ class SearchDomain:
         return self.patches[key]
 
     def obstacle_outlines(
-        self, shifts: Float[np.ndarray, "bodies 2"], without: int
+        self,
+        shifts: Float[np.ndarray, "bodies 2"],
+        without: int,
+        low: Float[np.ndarray, "2"],
+        high: Float[np.ndarray, "2"],
     ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
-        """Outlines of every object but one, one after the other, and where each begins.
+        """Outlines of every object in a box but one, one after the other, and where each begins.
 
         Parameters
         ----------
@@ -249,8 +252,12 @@ class SearchDomain:
             Of the bodies from where the map has them [cells].
         without
             Index of the body left out.
+        low, high
+            Corners of the box: what never moves counts anywhere [cells].
         """
-        outlines = [body.outline + shifts[k] for k, body in enumerate(self.bodies) if k != without]
+        lows, highs = self.extents
+        near = (lows + shifts <= high).all(axis=1) & (highs + shifts >= low).all(axis=1)
+        outlines = [self.bodies[k].outline + shifts[k] for k in np.flatnonzero(near).tolist() if k != without]
         # Nothing is pushed into a door.
         outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
         return joined_outlines(outlines)
