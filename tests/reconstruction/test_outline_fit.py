@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
-from visuohaptic.reconstruction.fusion import DepthNoise
+from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
-from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, UprightBody, fit_body
+from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, UprightBody, _Outlines, fit_body
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -87,8 +89,11 @@ def test_from_one_side_the_distance_is_known_less_well_than_the_bearing():
     assert along > 2.5 * across
 
 
-def test_a_bowl_of_which_only_the_rim_shows_is_found_whole():
-    """Readings are lost within 7 mm of a circle of 75 mm at a height of 65 mm, the part that was found is half of it."""
+@pytest.mark.parametrize(
+    "low_high_m", [((-0.05, -0.1, 0.01), (0.07, 0.02, 0.08)), ((0.06, -0.06, 0.03), (0.13, 0.02, 0.08))]
+)
+def test_a_bowl_of_which_only_the_rim_shows_is_found_whole(low_high_m):
+    """Readings are lost within 7 mm of a circle of 75 mm at a height of 65 mm, the part that was found is half of it, or 7 cm."""
     rng = np.random.default_rng(7)
     middle, radius, height = np.array([0.03, -0.02]), 0.075, 0.065
     rows, columns = np.mgrid[0:120, 0:160]
@@ -105,13 +110,51 @@ def test_a_bowl_of_which_only_the_rim_shows_is_found_whole():
         limit_m = np.full(rim.shape, 2.0, np.float32)
         frame = DepthFrame(0.0, limit_m, None, pose, CAMERA)
         seen.append(OutlineView.of_view(frame, [ratio], limit_m, NOISE, 1.0))
-    body = fit_body(seen, np.array([-0.05, -0.1, 0.01]), np.array([0.07, 0.02, 0.08]))
+    body = fit_body(seen, *map(np.array, low_high_m))
     assert body is not None
     # Half a window is 2.5 px, 13 mm; an arc of the rim has its middle 50 mm away, and a fourth of the width.
     assert np.linalg.norm(body.axis_m - middle) < 0.013
     assert np.all(np.abs(body.axis_m - middle) < 4 * body.axis_sigma_m)
     # Windows widen an outline by up to a half of them.
     assert abs(max(body.radius_m) - radius) < 0.02
+
+
+def test_views_that_count_half_each_tell_no_more_than_one_and_few_views_less_than_their_scatter():
+    rng, seen = np.random.default_rng(3), []
+    for view in views(np.random.default_rng(3), np.linspace(0, 4, 7), 0.5):
+        motion = view.T_camera_world.copy()
+        motion[:, 3] += rng.normal(0, 0.012, 3)
+        seen.append(replace(view, T_camera_world=motion))
+    box = np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2])
+    once, whole = fit_body(seen, *box), fit_body([*seen, *seen], *box)
+    halves = fit_body([replace(view, weight=0.5) for view in [*seen, *seen]], *box)
+    assert once is not None
+    assert whole is not None
+    assert halves is not None
+    assert halves.axis_m == pytest.approx(once.axis_m, abs=1e-4)
+    assert halves.axis_sigma_m == pytest.approx(once.axis_sigma_m, rel=0.02)
+    # Of seven views with four numbers fitted the scatter counts 7 / 3, of fourteen 14 / 10: twice the views halve the variance,
+    # and their scatter is 0.6 of what it was. The rest of the variance is that of the likelihood.
+    assert (whole.axis_sigma_m**2 < 0.48 * once.axis_sigma_m**2).all()
+    assert (whole.axis_sigma_m**2 > 0.29 * once.axis_sigma_m**2).all()
+
+
+def test_of_a_body_that_holds_the_camera_nothing_is_said():
+    (view,) = views(np.random.default_rng(0), np.zeros(1), 0.5)
+    around_eye = np.array([0.3, 0.0, 0.4, 0.4, 0.1, 0.4])
+    assert _Outlines([view], np.array([0.0, 0.0, 0.1])).log_likelihood(around_eye, 0.7).tolist() == [0.0]
+
+
+def test_a_part_is_one_region_where_its_body_is():
+    """What few views pass above a body hangs in the air: it is no region of its own, and does not move that of the body."""
+    detector = EvidenceDetector(SpaceGrid.around((-0.1, -0.1, 0.0), (0.1, 0.1, 0.3), 0.01))
+    part = np.zeros(detector.grid.shape, dtype=bool)
+    part[7:13, 7:13, 4:14] = part[4:16, 4:16, 22:30] = True
+    body = UprightBody(np.zeros(2), np.full(2, 0.003), (0.035, 0.035), 0.002, (0.03, 0.14), 60.0)
+    detector._accept(part, body, (slice(0, 20), slice(0, 20), slice(0, 30)))
+    (region,) = detector.regions()
+    assert region.centroid_m == pytest.approx([0.0, 0.0, 0.09], abs=0.006)
+    assert region.body is body
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -38,6 +38,7 @@ from visuohaptic.reconstruction.transparency import (
 )
 from visuohaptic.reconstruction.transparency._background_kernels import cast_rays, view_moments, warp_views
 from visuohaptic.reconstruction.transparency._ray_kernels import projector_shadow
+from visuohaptic.reconstruction.transparency.pose_refinement import common_sigma_m
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 CAMERA = Camera.simple(64, 48, 60.0)
@@ -247,6 +248,21 @@ def test_refined_poses_are_better(sequence):
         ]
 
     assert np.mean(step_errors_m(refine_poses(noisy))) < 0.6 * np.mean(step_errors_m(noisy))
+
+
+def test_what_all_poses_are_off_together_follows_from_what_the_fit_moved_them():
+    """The fit finds how poses differ, not their mean: that of eight poses off by 3 mm is off by 3 / sqrt(8)."""
+    rng = np.random.default_rng(4)
+    deviates = []
+    for _ in range(150):
+        shifts = rng.normal(0.0, 0.003, (8, 3))
+        frames = [
+            [plane_frame(Pose(np.eye(3), shift)) for shift in which]
+            for which in (shifts, np.tile(shifts.mean(axis=0), (8, 1)))
+        ]
+        deviates.append(shifts.mean(axis=0) / common_sigma_m(*frames, np.array([0.1, 0.2, 0.5])))
+    # Student's t with seven degrees of freedom has the variance 7 / 5; 450 of them, known to a tenth of it.
+    assert np.mean(np.square(deviates)) == pytest.approx(7 / 5, abs=0.4)
 
 
 def test_right_poses_stay_where_they_are(sequence):

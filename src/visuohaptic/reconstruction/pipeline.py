@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,7 +24,7 @@ from .fusion.volume import SpaceGrid, space_of_interest
 from .mesh import SurfaceMesh
 from .transparency.detector import TransparencyDetector
 from .transparency.evidence import EvidenceDetector, EvidenceSettings
-from .transparency.pose_refinement import refine_poses
+from .transparency.pose_refinement import common_sigma_m, refine_poses
 from .transparency.refracted_rays import mask_refracted_rays
 from .transparency.regions import TransparentRegion, outer_points, save_regions
 from .transparency.search_report import SearchReport
@@ -190,6 +190,7 @@ def reconstruct(
         noise = sequence_noise(sequence)
     frames: Sequence[DepthFrame] = list(sequence)
     grid = grid or space_of_interest(frames)
+    reported = frames
     if refine:
         frames = refine_poses(frames, noise)
     detector: TransparencyDetector | EvidenceDetector
@@ -201,6 +202,8 @@ def reconstruct(
         for frame in frames:
             detector.add(frame)
     regions = detector.regions()
+    if refine and len(frames) > 1:
+        regions = tuple(_placed(region, reported, frames) for region in regions)
     # Without images there is no color to average: black would look like one.
     color = any(frame.color is not None for frame in frames)
     surface: TsdfVolume | SparseTsdfVolume
@@ -216,6 +219,16 @@ def reconstruct(
     for region in regions:
         kept |= region.contains(points_m)
     return Reconstruction(surface.mesh(), regions, points_m[kept], scores[kept], grid, detector.report())
+
+
+def _placed(
+    region: TransparentRegion, reported: Sequence[DepthFrame], frames: Sequence[DepthFrame]
+) -> TransparentRegion:
+    """The region with what the poses of all views together are off in the deviation of its axis."""
+    if (body := region.body) is None:
+        return region
+    common_m = common_sigma_m(reported, frames, region.centroid_m)[:2]
+    return replace(region, body=replace(body, axis_sigma_m=np.hypot(body.axis_sigma_m, common_m)))
 
 
 def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise:

@@ -47,7 +47,7 @@ from .ray_readings import (
     ray_image,
     reading_tables,
 )
-from .regions import TransparentRegion, find_regions, pieces_of
+from .regions import TransparentRegion, pieces_of, region_of
 from .search_report import SearchReport, next_eye
 from .view_selection import view_graph
 
@@ -261,11 +261,14 @@ class EvidenceDetector:
             return pieces[0], next((body for body in bodies if body.meets(first)), first)
         return whole, one
 
+    @property
+    def _min_voxels(self) -> float:
+        """Half of the voxels of the smallest object that is sought."""
+        return 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3
+
     def _fit(self, part: Bool[np.ndarray, "x y z"], box: tuple[slice, ...]) -> UprightBody | None:
         """The body of a part in a box of the volume, if it is large enough and has an outline."""
-        # Half of the smallest object that is sought.
-        smallest = 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3
-        if np.count_nonzero(part) < smallest:
+        if np.count_nonzero(part) < self._min_voxels:
             return None
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         body = fit_body(self._outlines, points_m.min(axis=0), points_m.max(axis=0))
@@ -276,15 +279,20 @@ class EvidenceDetector:
         """Take a part in a box of the volume, unless it is where another one is."""
         if any(region.body is not None and body.meets(region.body) for region in self._found):
             return
-        points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
-        explained_m = np.concatenate([points_m, body.points_m(self.grid.voxel_m)])
+        grid = self.grid
+        cells = np.argwhere(part) + [s.start for s in box]
+        points_m, body_m = grid.centres_m(cells), body.points_m(grid.voxel_m)
         for view in self._rays:
-            view.limit_m[view.passed(explained_m, self.grid.voxel_m)] = 0.0
-        inside = np.zeros(self.grid.shape, dtype=bool)
-        inside[box] = part
-        self._inside |= inside
-        regions = find_regions(self.score(), inside, inside, self.grid, min_voxels=1)
-        self._found += tuple(replace(region, body=body) for region in regions)
+            view.limit_m[view.passed(np.concatenate([points_m, body_m]), grid.voxel_m)] = 0.0
+        # Windows, as wide as the smallest object, show a body larger by half of them; what few views pass beyond it is air.
+        cells = cells[body.contains(points_m, self.settings.radius_m)]
+        if len(cells) < self._min_voxels:
+            cells = np.floor((body_m - grid.low_m) / grid.voxel_m).astype(int)
+            cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
+        if len(cells):
+            chosen = tuple(cells.T)
+            self._inside[chosen] = True
+            self._found += (region_of(cells, self.score()[chosen], grid, body),)
 
     def _unexplained(
         self, box: tuple[slice, ...]

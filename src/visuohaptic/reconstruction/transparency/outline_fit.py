@@ -9,7 +9,8 @@ disparities of the body and of what is behind it differ.
 
 The deviation of the axis is that of a likelihood which is wrong in detail (Huber 1967; White 1982): H^-1 (sum of g g^T) H^-1
 with H the curvature of the whole, g the slope of each view, over half of the camera's matching window: over less it is the
-roughness of single readings. Seen from one side a body farther away is nearly one that stands higher, so that the height is
+roughness of single readings. Views that share a direction err alike, so that g g^T of a view counts 1 / weight; the slopes at
+the fit are smaller than at the truth by what was fitted, n / (n - k) (MacKinnon and White 1985). Seen from one side a body farther away is nearly one that stands higher, so that the height is
 unknown with the axis, where the likelihood has a maximum in it.
 """
 
@@ -20,7 +21,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
@@ -36,6 +37,8 @@ _HIDDEN = 0.5
 _OPEN = (0.0, 0.7)
 #: First steps of the search of places, radii and heights [m]; evaluations of a search.
 _STEP_M, _MAX_STEPS = 0.012, 400
+#: Directions in which the middle of a bowl is sought from a piece of its rim, and how many of these starts are searched from.
+_TURNS, _SEARCHES = 8, 4
 #: Smallest radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
@@ -102,7 +105,7 @@ class _Outlines:
         self.matrices = np.array([view.matrix for view in views])
         self._reach = np.array([view.matrix[0] * view.baseline_m for view in views])
         self._motions = np.array([view.T_camera_world for view in views])
-        self._weights = np.array([view.weight for view in views])
+        self.weights = np.array([view.weight for view in views])
         self._limits = np.stack([view.limit_m for view in views])
         away_m = self._motions[:, 2] @ np.append(middle_m, 1.0)
         told = np.where(self._limits > away_m[:, None, None], np.stack([view.evidence for view in views]), 0)
@@ -120,13 +123,14 @@ class _Outlines:
         """
         from ._outline_kernels import outline_sums
 
-        found, within = np.empty(len(self._weights)), np.zeros(len(self._weights))
-        places = self._motions, self.matrices, self._reach, self._weights
+        found, within = np.empty(len(self.weights)), np.zeros(len(self.weights))
+        places = self._motions, self.matrices, self._reach, self.weights
         outline_sums(body, _CORNERS, self._sums, self._limits, *places, found)
         if opening > 0:
             inner = body * np.array([1, 1, opening, opening, 1, 1])
             outline_sums(inner, _CORNERS, self._sums, self._limits, *places, within)
-        return found - within
+        # Beside a camera that it reaches nothing is said of a body, nor of what is in it.
+        return np.where(found == 0.0, 0.0, found - within)
 
     def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
         """Width of a window at a place, in the median of the views [m]."""
@@ -167,10 +171,26 @@ class UprightBody:
         """
         reach = max(self.radius_m)
         side = np.arange(-reach, reach + voxel_m, voxel_m)
-        x, y, z = np.meshgrid(side, side, np.arange(*self.height_m, voxel_m), indexing="ij")
-        inside = np.hypot(x, y) <= np.interp(z, self.height_m, self.radius_m)
-        found: Float[np.ndarray, "n 3"] = np.column_stack([x[inside], y[inside], z[inside]])
-        return found + np.append(self.axis_m, 0.0)
+        x, y, z = np.meshgrid(
+            self.axis_m[0] + side, self.axis_m[1] + side, np.arange(*self.height_m, voxel_m), indexing="ij"
+        )
+        found: Float[np.ndarray, "n 3"] = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+        return found[self.contains(found)]
+
+    def contains(self, points_m: Float[np.ndarray, "n 3"], margin_m: float = 0.0) -> Bool[np.ndarray, "n"]:
+        """Whether points are in it.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        margin_m
+            Growth of its radii and of its height at both ends [m].
+        """
+        z_m, (low_m, high_m) = points_m[:, 2], self.height_m
+        away_m = np.hypot(*(points_m[:, :2] - self.axis_m).T)
+        inside: Bool[np.ndarray, "n"] = away_m <= np.interp(z_m, self.height_m, self.radius_m) + margin_m
+        return inside & (z_m >= low_m - margin_m) & (z_m <= high_m + margin_m)
 
 
 def fit_body(
@@ -190,6 +210,9 @@ def fit_body(
     def cost(body: np.ndarray, opening: float) -> float:
         if min(body[2], body[3]) < _MIN_RADIUS_M or body[5] - body[4] < _MIN_HEIGHT_M:
             return 1e3
+        # A part is a sixth of a rim at least: wider bodies swallow what stands around.
+        if max(body[2], body[3]) > widest_m:
+            return 1e3
         # Into what is taller than half its width nothing looks from above alone.
         if opening > 0 and body[5] - body[4] > max(body[2], body[3]):
             return 1e3
@@ -197,8 +220,7 @@ def fit_body(
 
     middle = 0.5 * (low_m + high_m)
     outlines = _Outlines(views, middle)
-    widest = float((high_m - low_m)[:2].min())
-    lowest = (low_m[2], low_m[2] - 0.25 * (high_m[2] - low_m[2]))
+    widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
 
     def search(start: np.ndarray, opening: float) -> tuple[float, np.ndarray, float]:
         simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
@@ -206,12 +228,10 @@ def fit_body(
         found = minimize(cost, start, (opening,), "Nelder-Mead", options=options)
         return float(found.fun), found.x, opening
 
-    starts = {}
-    for opening, part, low_z in product(_OPEN, (0.4, 0.2), lowest):
-        radius = max(part * widest, 2 * _MIN_RADIUS_M)
-        foot = max(low_z, high_m[2] - 0.5 * radius) if opening > 0 else low_z
-        starts[opening, radius, foot] = np.array([middle[0], middle[1], radius, radius, foot, high_m[2]])
-    _, ended, opening = min((search(start, key[0]) for key, start in starts.items()), key=lambda one: one[0])
+    middles = [(start, opening) for opening in _OPEN for start in _starts(low_m, high_m, opening)]
+    rims = sorted(_rims(low_m, high_m), key=lambda start: cost(start, _OPEN[1]))[:_SEARCHES]
+    ways = [*middles, *((start, _OPEN[1]) for start in rims)]
+    _, ended, opening = min((search(*way) for way in ways), key=lambda one: one[0])
     # A simplex that has collapsed beside the maximum finds it from where it is.
     least, best, opening = search(ended, opening)
     covariance = _covariance(outlines, best, opening, views[0].window_px)
@@ -220,6 +240,29 @@ def fit_body(
     sigma = np.sqrt(np.diag(covariance))
     x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
     return UprightBody(np.array([x, y]), sigma[:2], (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)
+
+
+def _starts(
+    low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"], opening: float
+) -> list[Float[np.ndarray, "6"]]:
+    """Bodies in the middle of the box of a part."""
+    middle, width_m, height_m = 0.5 * (low_m + high_m), (high_m - low_m)[:2].min(), high_m[2] - low_m[2]
+    found = []
+    for part, below in product((0.4, 0.2), (0.0, 0.25)):
+        radius, low_z = max(part * width_m, 2 * _MIN_RADIUS_M), low_m[2] - below * height_m
+        foot = max(low_z, high_m[2] - 0.5 * radius) if opening > 0 else low_z
+        found.append(np.array([*middle[:2], radius, radius, foot, high_m[2]]))
+    return found
+
+
+def _rims(low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]) -> list[Float[np.ndarray, "6"]]:
+    """Open bodies of which a part is a piece of the rim: half of it, or a quarter."""
+    middle, width_m = 0.5 * (low_m + high_m), float((high_m - low_m)[:2].max())
+    found = []
+    for radius, turn in product((0.5 * width_m, 0.75 * width_m), np.arange(_TURNS) * 2 * np.pi / _TURNS):
+        axis = middle[:2] + radius * np.array([np.cos(turn), np.sin(turn)])
+        found.append(np.array([*axis, radius, radius, high_m[2] - 0.5 * radius, high_m[2]]))
+    return found
 
 
 def _covariance(
@@ -252,7 +295,10 @@ def _covariance(
     for count in (4, 3):
         if np.linalg.eigvalsh(curvature[:count, :count])[0] > 0:
             inverse = np.linalg.inv(curvature[:count, :count])
+            weights, slopes = outlines.weights, slopes[:count]
+            independent = float(weights[slopes.any(axis=0)].sum())
+            squares = (slopes / weights) @ slopes.T * independent / max(independent - count, 1.0)
             # No better than the likelihood itself says: a few views may agree by chance.
-            found: np.ndarray = inverse @ (slopes[:count] @ slopes[:count].T) @ inverse + inverse
+            found: np.ndarray = inverse @ squares @ inverse + inverse
             return found[:3, :3]
     return None

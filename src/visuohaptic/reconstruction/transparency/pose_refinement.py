@@ -22,7 +22,7 @@ from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .background import ideal_depth
 from .view_selection import view_graph
 
-__all__ = ["refine_poses"]
+__all__ = ["common_sigma_m", "refine_poses"]
 
 #: Neighbours that each view is compared with.
 _NEIGHBOURS = 6
@@ -120,6 +120,28 @@ def refine_poses(
         if step > 4 and np.abs(moved).max() < _STILL:
             break
     return [replace(frame, T_world_camera=pose) for frame, pose in zip(frames, poses, strict=True)]
+
+
+def common_sigma_m(
+    reported: Sequence[DepthFrame], refined: Sequence[DepthFrame], point_m: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3"]:
+    """Standard deviation of where all views together see a point [m].
+
+    Poses that are fitted to each other keep the mean of the reported ones, whose errors the fit shows.
+
+    Parameters
+    ----------
+    reported, refined
+        The same views before and after :func:`refine_poses`, at least two.
+    point_m
+        Point (3) of the world [m].
+    """
+    shifts = [
+        after.T_world_camera.apply(before.T_world_camera.inverse().apply(point_m))
+        for before, after in zip(reported, refined, strict=True)
+    ]
+    found: Float[np.ndarray, "3"] = np.std(shifts, axis=0, ddof=1) / math.sqrt(len(shifts))
+    return found
 
 
 def _offset(pose: Pose, measured: Pose) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:

@@ -14,7 +14,7 @@ from ...core.files import write_text
 from ..fusion.volume import SpaceGrid
 from .outline_fit import UprightBody
 
-__all__ = ["TransparentRegion", "find_regions", "outer_points", "pieces_of", "save_regions"]
+__all__ = ["TransparentRegion", "find_regions", "outer_points", "pieces_of", "region_of", "save_regions"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,13 +82,29 @@ def find_regions(
             continue
         box = boxes[label - 1]
         cells = np.argwhere(labels[box] == label) + [s.start for s in box]
-        found.append(_region(cells, score[tuple(cells.T)], grid))
+        found.append(region_of(cells, score[tuple(cells.T)], grid))
     return tuple(sorted(found, key=lambda region: -region.voxels))
 
 
-def _region(
-    cells: Int[np.ndarray, "n 3"], scores: Float[np.ndarray, "n"], grid: SpaceGrid
+def region_of(
+    cells: Int[np.ndarray, "n 3"],
+    scores: Float[np.ndarray, "n"],
+    grid: SpaceGrid,
+    body: UprightBody | None = None,
 ) -> TransparentRegion:
+    """The region of some voxels.
+
+    Parameters
+    ----------
+    cells
+        Indices (n, 3) of the voxels.
+    scores
+        Their scores (n).
+    grid
+        Position and size of the voxels.
+    body
+        Upright body that the outlines show there.
+    """
     from scipy.spatial import ConvexHull
 
     # Both corners of every voxel: the hull of one layer of centres would be flat.
@@ -110,6 +126,7 @@ def _region(
         float(scores.mean()),
         len(cells),
         float(hull.volume),
+        body,
     )
 
 
