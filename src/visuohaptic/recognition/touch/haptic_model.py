@@ -33,7 +33,8 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.pose_error import POSE_m
 from ..data.protocol import TouchProtocol
-from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m, unknown_kinds
+from . import unknown_class
+from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = [
     "NUISANCES",
@@ -156,9 +157,7 @@ def class_statistics(
     mean = np.stack([features[number == k].mean(axis=0) for k in range(len(counts))])
     away = features - mean[number]
     if counts.max() < 2:
-        raise InputError(
-            "fit_model", "no class has two objects, expected some that show what objects of a class differ by"
-        )
+        raise InputError("fit_model", "no class has two objects, expected some: they show its spread")
     within = _within(away, number, _discrepancy(settings))
     if data.height_m is None:
         within[:, HEIGHT, HEIGHT] = ANYTHING[4] ** 2
@@ -193,13 +192,18 @@ def assemble(
         name_of |= {member: group for member in members if member in name_of}
     answers = tuple(dict.fromkeys(name_of.values()))
     fraction = _prior(answers, prior, settings)
-    own = np.diag(_discrepancy(settings))
-    kinds = unknown_kinds(np.stack([one.mean for one in learned.values()]))
+    usual, own = np.zeros((FEATURES, FEATURES)), np.diag(_discrepancy(settings))
+    # By stiffness alone another size of a known profile is no more than another level, which no touch can tell.
+    kinds = unknown_class.unknown_kinds(np.stack([one.mean for one in learned.values()]))[
+        : 1 + settings.use_width
+    ]
+    unknown = fraction[UNKNOWN] / (len(kinds) + 1)
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
         # The height is among the poses.
         shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + (not one.touched) * own
+        usual = usual + (shared + one.pose) / len(learned)
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
         chance = fraction[name_of[part]] / alike / len(one.spreads) / len(POSES)
@@ -207,11 +211,12 @@ def assemble(
             whole = shared + spread**2 * one.within + pose**2 * one.pose
             scaled = effect * np.array([1.0, pose, 1.0, 1.0])[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
-        for kind in kinds:
-            chance = fraction[UNKNOWN] / len(learned) / len(kinds)
-            rows.append(
-                (len(answers), one.mean, shared + one.within + one.pose + kind, chance, effect, 1.0, 1.0)
-            )
+        near = shared + one.within + one.pose
+        rows += [
+            (len(answers), one.mean, near + kind, unknown / len(learned), effect, 1.0, 1.0) for kind in kinds
+        ]
+    for middle, drawn in unknown_class.any_containers(protocol):
+        rows.append((len(answers), middle, usual + drawn, unknown / 2, np.zeros_like(effect), 1.0, 1.0))
     answer_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
     with np.errstate(divide="ignore"):
         log_prior = np.log(np.array(chance_of))
@@ -231,9 +236,7 @@ def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticM
     prior
         Of vision, by answer; alike by default. What is not named is no candidate.
     """
-    answers = model.answers[:-1]
-    fraction = _prior(answers, prior, model.settings)
-    alike = _prior(answers, None, model.settings)
+    fraction, alike = (_prior(model.answers[:-1], given, model.settings) for given in (prior, None))
     ratio = np.array([fraction[name] / alike[name] for name in model.answers])
     with np.errstate(divide="ignore"):
         return replace(model, log_prior=model.log_prior + np.log(ratio)[model.answer_of])
