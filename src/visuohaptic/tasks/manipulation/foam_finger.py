@@ -9,9 +9,11 @@ import numpy as np
 
 from ...core.camera.frame import Frame
 from ...core.errors import InputError
+from ...core.robots import Gripper
 from ...sensing.foam.finger import FingerReading, FingerSensor
+from ...sensing.foam.sensor import FoamSensor
 
-__all__ = ["FoamFinger", "FoamTouch"]
+__all__ = ["FoamFinger", "FoamFingerOnDrive", "FoamTouch"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,3 +89,41 @@ class FoamFinger:
         # The foremost point of the object is where the foam is pressed back most.
         surface_m = self.middle_m - float(place_m.min()) if len(place_m) else math.nan
         return FoamTouch(True, float(profile.force_N), surface_m)
+
+
+class FoamFingerOnDrive:
+    """Reads force and place of the touched surface with a camera that rides on the finger; for ``Hand.feel``.
+
+    The surface is where the gripper's drive has the undeformed front, and as far behind it as the foam is pressed in.
+
+    Parameters
+    ----------
+    sensor
+        With its zero reference taken.
+    gripper
+        Its opening is the distance between the undeformed fronts of both fingers.
+
+    Examples
+    --------
+    >>> hand = Hand(arm, gripper, camera, FoamFingerOnDrive(sensor, gripper))  # doctest: +SKIP
+    """
+
+    def __init__(self, sensor: FoamSensor, gripper: Gripper) -> None:
+        self.sensor, self.gripper = sensor, gripper
+
+    def __call__(self, frame: Frame) -> FoamTouch:
+        """Read one frame.
+
+        Parameters
+        ----------
+        frame
+            Of the camera on the finger.
+        """
+        profile = self.sensor.read(frame)
+        contact, surface_m = profile.max_contact, math.nan
+        if profile.valid and contact is not None:
+            inside = (profile.s_m >= contact.s_start_m) & (profile.s_m <= contact.s_end_m)
+            pressed_m = profile.delta_m[inside]
+            if np.isfinite(pressed_m).any():
+                surface_m = 0.5 * self.gripper.state().opening_m + float(np.nanmax(pressed_m))
+        return FoamTouch(bool(profile.valid), float(profile.force_N), surface_m)
