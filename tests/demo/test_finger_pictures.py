@@ -54,12 +54,12 @@ def test_the_foam_in_the_picture_tells_force_and_place_of_the_wall(sensor) -> No
 
 @pytest.mark.parametrize("picture", ["blank", "at rest"])
 def test_the_truth_does_not_pass_by_the_picture(sensor, picture: str) -> None:
-    hand, frames = squeezed(0.062)
+    hand, _ = squeezed(0.062)
     assert hand.force_N > 5.0
     finger = FoamFingerOnDrive(sensor, hand)
     sensor.reset()
     if picture == "at rest":
-        touch = [finger(Frame(frames[0].image, frame.t_s, frame.index)) for frame in frames]
+        touch = [finger(frame) for frame in squeezed(0.076)[1]]
         assert abs(touch[-1].force_N) < 0.05
     else:
         hand.blind_at_s = 0.0
