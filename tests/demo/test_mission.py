@@ -32,9 +32,10 @@ from visuohaptic.demo.judge import Claim
 from visuohaptic.demo.probe_chapters import default_outline
 from visuohaptic.demo.story import done, failed
 from visuohaptic.recognition.touch import wall_from_stiffness
+from visuohaptic.rigs import VirtualHand
 from visuohaptic.simulation import FaultKind
 from visuohaptic.simulation.mobile import cylinder
-from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
+from visuohaptic.simulation.tabletop import DeformableContainer
 
 pytest.importorskip("mujoco")
 
@@ -195,7 +196,7 @@ def swapped(mission: Mission, *, closed: bool, fill: float, kg_per_m3: float = 1
         "swapped", shell.height_m, shell.radius_m, d, force, 0.03 + kg_per_m3 * fill * volume
     )
     x, y, _ = bottle.T_base_bottle.translation_m
-    mission.kitchen = KitchenTable(container, mission.rng(31), place_m=(float(x), float(y)))
+    mission.kitchen = VirtualHand(container, mission.rng(31), place_m=(float(x), float(y)))
 
 
 @pytest.mark.parametrize(("closed", "fill"), [(True, 0.45), (True, 0.2), (False, 0.6)])

@@ -12,8 +12,8 @@ from ..core.objects import Estimate
 from ..recognition.touch.contents import SCALE, ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
+from ..rigs.virtual_hand import STRIP, TRACKING, VirtualHand, finger_sensor
 from ..simulation.faults import FaultKind
-from ..simulation.tabletop.kitchen import KitchenTable
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.framework.supervisor import SafetyLimits
 from ..tasks.manipulation.bayes_squeeze import BayesSqueezer, correct_by_squeezes
@@ -24,6 +24,7 @@ from ..tasks.manipulation.classify import (
     classify_by_squeezing,
 )
 from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identify_contents
+from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
 from ..tasks.manipulation.grasp import LiftPlan, grasp_and_lift
 from ..tasks.manipulation.hand import Hand, Place
 from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
@@ -50,13 +51,15 @@ MAX_GRIP_N = 60.0
 #: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
 #: planned height has lost: it is held by this at least, where the wall bears it [N].
 MIN_GRIP_N = 2.5
+#: Room beside an outline for the place of its axis, and how far the hand opens at most [m].
+CLEAR_M, MAX_OPEN_M = 0.003, 0.11
 #: Classes of the classifier with the unknown one.
 CLASSES = 6
 #: Above this fraction of the height the fingers may miss the rim: the height is known to millimetres only.
 TOP = 0.85
 
 
-def the_hand(mission: Mission) -> tuple[KitchenTable, Hand]:
+def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
     """Arm and gripper at the table, with the bottle where it truly stands.
 
     Parameters
@@ -70,22 +73,23 @@ def the_hand(mission: Mission) -> tuple[KitchenTable, Hand]:
         never = math.inf
         # Squeezes and grasp take 35 s and more: it falls in the midst of them.
         late = float(mission.rng(30).uniform(2.0, 34.0))
-        mission.kitchen = KitchenTable(
+        mission.kitchen = VirtualHand(
             bottle.container,
             mission.rng(31),
             place_m=(float(x), float(y)),
             slip_at_s=0.0 if mission.fault is FaultKind.SLIP else never,
             fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else never,
         )
-    kitchen = mission.kitchen
+    if mission.known.finger is None:
+        folder = mission.folder / "finger"
+        folder.mkdir(parents=True, exist_ok=True)
+        mission.known.finger = finger_sensor().build(
+            folder, mission.rng(33), zero_frames=10, tracking=TRACKING, strip=STRIP
+        )
+    kitchen, sensor = mission.kitchen, mission.known.finger
     guard = Supervisor(SafetyLimits(max_force_N=MAX_GRIP_N), clock=lambda: kitchen.arm.t_s)
-    hand = Hand(
-        guard.arm(kitchen.arm),
-        guard.gripper(kitchen),
-        guard.frames(kitchen),
-        guard.force(kitchen.feel),
-        kitchen.weigh,
-    )
+    feel = guard.force(FoamFingerOnDrive(sensor, kitchen))
+    hand = Hand(guard.arm(kitchen.arm), guard.gripper(kitchen), guard.frames(kitchen), feel, kitchen.weigh)
     return kitchen, hand
 
 
@@ -114,7 +118,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         confidence=CONFIDENCE,
         min_squeezes=1 if mission.known_bottle is not None else MIN_SQUEEZES,
         squeezes=MAX_SQUEEZES,
-        squeeze=SqueezeSettings(object_m=object_m),
+        squeeze=SqueezeSettings(object_m=object_m, open_m=_open_m(known)),
     )
     found = classify_by_squeezing(hand, squeezer, settings)
     ranked = _report_classes(mission, found)
@@ -131,7 +135,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in known.curves]
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
     model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
-    contents = identify_contents(hand, model, object_m)
+    contents = identify_contents(hand, model, object_m, _open_m(known))
     known.wall_factor = wall / model_wall_m
     mission.spent(hand.arm.pose()[0], len(known.curves) + len(contents.curves))
     parts = [
@@ -198,6 +202,13 @@ def _foot_m(known: Known) -> tuple[float, float, float]:
     return float(x), float(y), 0.0
 
 
+def _open_m(known: Known) -> float:
+    """Opening that lets the widest part of the outline pass, as far off as outline and place may be."""
+    assert known.outline_m is not None
+    reach_m = float(known.outline_m[:, 0].max()) + 3.0 * known.outline_sigma_m + CLEAR_M
+    return min(2.0 * reach_m, MAX_OPEN_M)
+
+
 def _report_classes(mission: Mission, found: Classification) -> str:
     """Lines of the squeezes; returns the three most probable classes."""
     for curve in found.curves:
@@ -243,7 +254,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     if not plan.grasps:
         return failed(f"no grasp: {plan.reason} ({1e3 * mass:.0f} g)")
     best = plan.grasps[0]
-    lift = _lift_plan(best, float(best.first_m[2]) / scale, _foot_m(mission.known))
+    lift = _lift_plan(best, float(best.first_m[2]) / scale, mission.known)
     mission.log(
         f"  {1e3 * mass:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; the wall deforms "
         f"by {1e3 * best.deformation_m:.1f} mm there"
@@ -299,7 +310,7 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     return plan, scale
 
 
-def _lift_plan(best: Grasp, height_m: float, object_m: tuple[float, float, float]) -> LiftPlan:
+def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
     """The planned grasp as the hand carries it out."""
     # Two fingers are as good either way round: the smaller turn is taken.
     angle = math.remainder(math.atan2(best.direction[1], best.direction[0]), math.pi)
@@ -309,7 +320,8 @@ def _lift_plan(best: Grasp, height_m: float, object_m: tuple[float, float, float
         Place(height_m, angle),
         force,
         deformation_m=min(bound, 0.01),
-        object_m=object_m,
+        object_m=_foot_m(known),
+        open_m=_open_m(known),
         arm_m_s=LIFT_M_S,
     )
 

@@ -36,9 +36,10 @@ if TYPE_CHECKING:
     from ..navigation.problem.planning_problem import MovableObject
     from ..recognition.data.readings import TouchReading
     from ..reconstruction.pipeline import Reconstruction
+    from ..rigs.virtual_hand import VirtualHand
     from ..sensing.beam.tracked import TrackedBeam
+    from ..sensing.foam.sensor import FoamSensor
     from ..simulation.houses.led_platform import LedPlatform
-    from ..simulation.tabletop.kitchen import KitchenTable
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
     from ..viewer.page import LivePage
     from .bottle import TableBottle
@@ -128,6 +129,7 @@ class Known:
     bottle_at_m: Float[np.ndarray, "2"] | None = None  #: foot of its axis on the table
     outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
+    finger: FoamSensor | None = None  #: of the gripper, zeroed
     curves: tuple[SqueezeCurve, ...] = ()  #: gentle
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""
@@ -160,7 +162,7 @@ class Mission:
     platform: LedPlatform | None = None  #: the platform as it truly moves, until it drives by itself
     mapper: OccupancyMapper | None = None  #: lays scans on the map
     bottle: TableBottle | None = None  #: the one on the table
-    kitchen: KitchenTable | None = None  #: arm, gripper and the bottle between its fingers
+    kitchen: VirtualHand | None = None  #: arm, gripper and the bottle between its fingers
     scan: Reconstruction | None = None  #: what the camera saw of the table
     tags: dict[str, HapticTag] = field(default_factory=dict)
     memory: MissionMemory | None = None  #: of earlier visits

@@ -43,6 +43,10 @@ from .virtual_glass import detected as detected
 from .virtual_glass import judged as judged
 from .virtual_glass import rendered as rendered
 from .virtual_gripper import GripperSensor as GripperSensor
+from .virtual_hand import STRIP as STRIP
+from .virtual_hand import TRACKING as TRACKING
+from .virtual_hand import VirtualHand as VirtualHand
+from .virtual_hand import finger_sensor as finger_sensor
 from .virtual_office import BIN as BIN
 from .virtual_office import FULL_BIN as FULL_BIN
 from .virtual_office import ROBOT as ROBOT

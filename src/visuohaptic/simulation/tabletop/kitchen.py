@@ -1,7 +1,7 @@
 """A kitchen table with a container, an arm, and a gripper with foam on its fingers; no image is drawn.
 
-What the finger's camera would say is the truth with noise; for rendered
-fingers see :mod:`visuohaptic.simulation.tabletop.gripper`.
+What the finger's camera would say is the truth with noise; for fingers that are
+seen see :class:`visuohaptic.rigs.VirtualHand`.
 """
 
 from __future__ import annotations
@@ -145,8 +145,7 @@ class KitchenTable(BlankFrames, Gripper):
 
     def _balance(self) -> None:
         """Force at which foam and wall together are as much shorter as the fingers are too near."""
-        if self.arm.t_s >= self.fall_at_s and not self.fallen:
-            self.fallen, self.lifted_m = True, 0.0
+        self._fall()
         short = self._radius() - 0.5 * self._opening
         if short <= 0:
             self.force_N = self.deformation_m = 0.0
@@ -164,6 +163,10 @@ class KitchenTable(BlankFrames, Gripper):
                 low = wall
         self.deformation_m = 0.5 * (low + high)
         self.force_N = self.container.force_at(self._height(), self.deformation_m)
+
+    def _fall(self) -> None:
+        if self.arm.t_s >= self.fall_at_s and not self.fallen:
+            self.fallen, self.lifted_m = True, 0.0
 
     def _carry(self) -> None:
         """The object goes with the fingers as long as friction carries it."""

@@ -30,6 +30,7 @@ from .crown_cap_records import Vector as Vector
 from .crown_cap_task import CrownCapTask as CrownCapTask
 from .crown_cap_task import rotation_vector as rotation_vector
 from .foam_finger import FoamFinger as FoamFinger
+from .foam_finger import FoamFingerOnDrive as FoamFingerOnDrive
 from .foam_finger import FoamTouch as FoamTouch
 from .grasp import GraspAndLift as GraspAndLift
 from .grasp import GraspAndLiftTask as GraspAndLiftTask

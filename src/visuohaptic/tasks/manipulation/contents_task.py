@@ -76,7 +76,7 @@ class ContentsFinding:
 
 
 def identify_contents(
-    hand: Hand, model: ContentsModel, object_m: tuple[float, float, float]
+    hand: Hand, model: ContentsModel, object_m: tuple[float, float, float], open_m: float = 0.11
 ) -> ContentsFinding:
     """Squeeze firmly where the lids differ most, weigh, and squeeze elsewhere while it is not decided.
 
@@ -88,6 +88,8 @@ def identify_contents(
         Force and mass in every state.
     object_m
         Middle of the object's bottom in the base of the arm [m].
+    open_m
+        Opening of the gripper on the way to a place [m].
 
     Raises
     ------
@@ -95,7 +97,7 @@ def identify_contents(
         No place gave a curve of large deformation.
     """
     settings = SqueezeSettings(
-        object_m=object_m, forces_N=FORCES_N, deformation_m=DEEPEST_M, hold_frames=HOLD_FRAMES
+        object_m=object_m, forces_N=FORCES_N, deformation_m=DEEPEST_M, open_m=open_m, hold_frames=HOLD_FRAMES
     )
     # After the heights the same again from the side: wall and noise are others there.
     heights = model.heights_m()
@@ -109,7 +111,7 @@ def identify_contents(
             break
         curves += [curve for curve in felt.curves if len(curve.force_N) >= MIN_LEVELS]
         if curves:
-            mass = found.mass_kg or weigh(hand, model, curves[-1], object_m)
+            mass = found.mass_kg or weigh(hand, model, curves[-1], object_m, open_m)
             samples = [SqueezeSamples(c.place.height_m, c.deformation_m, c.force_N) for c in curves]
             found = ContentsFinding(model.posterior(samples, mass), curves, mass)
             if found.sure or mass is None:
@@ -120,7 +122,11 @@ def identify_contents(
 
 
 def weigh(
-    hand: Hand, model: ContentsModel, curve: SqueezeCurve, object_m: tuple[float, float, float]
+    hand: Hand,
+    model: ContentsModel,
+    curve: SqueezeCurve,
+    object_m: tuple[float, float, float],
+    open_m: float = 0.11,
 ) -> tuple[float, float] | None:
     """Lift an object by a finger's width where it was squeezed, and put it back.
 
@@ -134,6 +140,8 @@ def weigh(
         The squeeze at the place of the grasp.
     object_m
         Middle of the object's bottom in the base of the arm [m].
+    open_m
+        Opening of the gripper on the way to the place [m].
 
     Returns
     -------
@@ -144,7 +152,7 @@ def weigh(
     needed = WEIGH_MARGIN * heaviest * GRAVITY_M_S2 / (2.0 * FOAM_FRICTION)
     plan = LiftPlan(
         curve.place, min(needed, float(curve.force_N[-1])), DEEPEST_M + 1e-3, object_m,
-        lift_m=WEIGH_M, arm_m_s=LIFT_M_S, put_back=True,
+        lift_m=WEIGH_M, open_m=open_m, arm_m_s=LIFT_M_S, put_back=True,
     )  # fmt: skip
     mass = grasp_and_lift(hand, plan).mass_kg
     # What is not felt above the noise of the load was not lifted: the fingers have slipped.

@@ -6,12 +6,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.errors import InputError
+from ...core.measurement import ForceProfile
+from ...core.robots import Gripper
 from ...sensing.foam.finger import FingerReading, FingerSensor
+from ...sensing.foam.sensor import FoamSensor
 
-__all__ = ["FoamFinger", "FoamTouch"]
+__all__ = ["FoamFinger", "FoamFingerOnDrive", "FoamTouch"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +24,7 @@ class FoamTouch:
 
     valid: bool
     force_N: float
+    force_sigma_N: float
     surface_m: float  #: from the middle between the fingers to the touched surface; NaN without touch
 
 
@@ -76,14 +81,47 @@ class FoamFinger:
         reading
             Of the finger's sensor.
         """
-        profile = reading.profile
-        valid = bool(profile.valid and reading.finger.valid)
-        contact = profile.max_contact
-        if not valid or contact is None:
-            return FoamTouch(valid, float(profile.force_N), math.nan)
+        valid = bool(reading.profile.valid and reading.finger.valid)
+        return _touch(reading.profile, valid, self.middle_m - reading.contour_m @ self.closing)
+
+
+class FoamFingerOnDrive:
+    """Reads force and place of the touched surface with a camera that rides on the finger; for ``Hand.feel``.
+
+    The surface is where the gripper's drive has the undeformed front, and as far behind it as the foam is pressed in.
+
+    Parameters
+    ----------
+    sensor
+        With its zero reference taken.
+    gripper
+        Its opening is the distance between the undeformed fronts of both fingers.
+
+    Examples
+    --------
+    >>> hand = Hand(arm, gripper, camera, FoamFingerOnDrive(sensor, gripper))  # doctest: +SKIP
+    """
+
+    def __init__(self, sensor: FoamSensor, gripper: Gripper) -> None:
+        self.sensor, self.gripper = sensor, gripper
+
+    def __call__(self, frame: Frame) -> FoamTouch:
+        """Read one frame.
+
+        Parameters
+        ----------
+        frame
+            Of the camera on the finger.
+        """
+        profile = self.sensor.read(frame)
+        return _touch(profile, profile.valid, 0.5 * self.gripper.state().opening_m + profile.delta_m)
+
+
+def _touch(profile: ForceProfile, valid: bool, surface_m: Float[np.ndarray, "K"]) -> FoamTouch:
+    """The foremost point of the object is where the foam is pressed back most; ``surface_m`` is where its front is."""
+    contact, furthest_m = profile.max_contact, math.nan
+    if valid and contact is not None:
         inside = (profile.s_m >= contact.s_start_m) & (profile.s_m <= contact.s_end_m)
-        place_m = reading.contour_m[inside] @ self.closing
-        place_m = place_m[np.isfinite(place_m)]
-        # The foremost point of the object is where the foam is pressed back most.
-        surface_m = self.middle_m - float(place_m.min()) if len(place_m) else math.nan
-        return FoamTouch(True, float(profile.force_N), surface_m)
+        if np.isfinite(surface_m[inside]).any():
+            furthest_m = float(np.nanmax(surface_m[inside]))
+    return FoamTouch(bool(valid), float(profile.force_N), float(profile.force_sigma_N), furthest_m)
