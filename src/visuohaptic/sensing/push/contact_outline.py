@@ -238,7 +238,7 @@ def fit_outline(
     residual, jacobian, deviance = problem.evaluate(theta)
     k = len(impression.u_m)
     touched = problem.touched.copy()
-    found = OutlineFit(
+    fit = OutlineFit(
         hypothesis=hypothesis,
         theta=theta,
         covariance=problem.covariance(jacobian),
@@ -249,7 +249,7 @@ def fit_outline(
         criterion=deviance + len(hypothesis.free) * (float(np.log(k)) + prior.parsimony),
         chi2=float(residual[:k][touched] @ residual[:k][touched]),
     )
-    return replace(found, covariance=found.widening * found.covariance)
+    return replace(fit, covariance=fit.widening * fit.covariance)
 
 
 def integrate_drop(fit: OutlineFit, impression: Impression, prior: FlankPrior) -> OutlineFit:
