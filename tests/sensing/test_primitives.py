@@ -173,32 +173,36 @@ def test_a_continuum_foam_is_read_as_well(data: Path, name: str, kind: str) -> N
             assert np.all(np.abs(ends - [-0.02, 0.02]) < np.maximum(1e-3, 2.5 * sigma)), f"at {depth} m"
 
 
-def test_a_sharp_edge_is_found_where_the_foam_drops() -> None:
-    """A plate with edges of 0.8 mm in a continuum foam, points 3 mm apart in any phase."""
-    half, noise = 0.02, 2e-5
-    spans = [(e - 0.004, e + 0.004) for e in (-half, half)]
-    state = press(
-        Foam(length_m=0.12),
-        bar(half - 0.0008, 0.0008),
-        np.array([0.002]),
-        spans_m=spans,
-        fine_m=5e-4,
-        layers=4,
-    )[-1]
-    rng, errors, declared = np.random.default_rng(4), [], []
-    for phase in np.arange(6) / 6:
-        y = np.arange(-0.0555 + 0.003 * phase, 0.0555, 0.003)
-        delta = np.interp(y, state.y_m, state.delta_m) + noise * rng.standard_normal(len(y))
-        keep = delta > 1e-4
-        points = np.column_stack([0.02 - delta, y])[keep]
-        best = fit_primitive(points, np.full(len(points), noise), delta_m=delta[keep]).best
-        assert best is not None
-        assert best.kind == "segment"
-        errors += list(np.sort(best.parameters[[1, 3]]) - [-half, half])
-        declared += list(np.sqrt(np.diag(best.covariance)[[1, 3]]))
-    # A third of the distance of the points; what the drop of another edge would be is in the declared error.
-    assert np.abs(errors).max() < 1e-3
+def test_ends_of_a_face_are_found_and_declared_whatever_their_edge() -> None:
+    """Plates with edges of 0.3 to 2 mm in a continuum foam, points 3 mm apart in any phase."""
+    noise, errors, declared = 2e-5, [], []
+    rng = np.random.default_rng(4)
+    for half, radius, depth in ((0.02, 0.0003, 0.002), (0.02, 0.0008, 0.002), (0.025, 0.002, 0.003)):
+        state = press(
+            Foam(length_m=0.12),
+            bar(half - radius, radius),
+            np.array([depth]),
+            spans_m=[(e - 0.004, e + 0.004) for e in (-half, half)],
+            fine_m=5e-4,
+            layers=4,
+        )[-1]
+        for phase in np.arange(6) / 6:
+            y = np.arange(-0.0555 + 0.003 * phase, 0.0555, 0.003)
+            delta = np.interp(y, state.y_m, state.delta_m) + noise * rng.standard_normal(len(y))
+            keep = delta > 1e-4
+            points = np.column_stack([0.02 - delta, y])[keep]
+            best = fit_primitive(points, np.full(len(points), noise), delta_m=delta[keep]).best
+            assert best is not None
+            assert best.kind == "segment"
+            errors += list(np.sort(best.parameters[[1, 3]]) - [-half, half])
+            declared += list(np.sqrt(np.diag(best.covariance)[[1, 3]]))
+    # A third of the distance of the points; edges of 2 mm, which come last, in most phases.
+    assert np.abs(errors[:24]).max() < 1e-3
+    assert np.quantile(np.abs(errors), 0.9) < 1e-3
     assert 3e-4 < np.median(declared) < 1.5e-3
+    # 36 errors that go in pairs: the rms of 18 normal ones by their sigma is 0.67 to 1.33 with a chance of 95 %;
+    # edges as round as these are in the declared error, too, that knows of no radius.
+    assert 0.6 < np.sqrt(np.mean(np.divide(errors, declared) ** 2)) < 1.4
 
 
 def test_the_score_is_equation_3_11() -> None:

@@ -59,3 +59,12 @@ def test_a_slice_of_the_campaign_counts_alarms(tmp_path, monkeypatch, tiles: gro
     (line,) = scene_evidence.figures([made])
     assert line["name"] == "grass, free"
     assert line["ours"] == pytest.approx(900.0)  # every second of thirty frames a second
+
+
+def test_a_plain_box_is_seen_from_30_cm_on_parquet() -> None:
+    """Grain along the drive, and a box whose outlines alone are seen: 28.6 cm where each cell stands for itself."""
+    drive = scene_evidence.run_drive("parquet", "plain", 0)["frames"]
+    said = [(near, x) for _, near, _, x in drive if near is not None]
+    right = [x for near, x in said if abs(near - x) < scene_evidence.RIGHT_M]
+    assert max(right) > 0.295  # 30.3 cm; a frame is 3 mm of the drive, a comparison up to 8 mm
+    assert len(right) == len(said)

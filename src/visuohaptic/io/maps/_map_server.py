@@ -48,6 +48,13 @@ class MapFile(BaseModel):
 
 def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[float, float, float]]:
     """Cells, resolution [m] and origin (x, y, yaw) [m, m, rad] of a YAML file with its image."""
+    if path.is_file() and path.suffix.lower() in (".pgm", ".png", ".bmp", ".jpg", ".jpeg"):
+        raise InputError(
+            path,
+            "is a picture, expected the YAML file of a map",
+            remedy=f"write one beside it: image: {path.name}, resolution: METRES_PER_PIXEL, origin: [0, 0, 0], "
+            "negate: 0, occupied_thresh: 0.65, free_thresh: 0.196",
+        )
     info = load_yaml_model(path, MapFile)
     if info.mode != "raw" and not info.free_thresh < info.occupied_thresh:
         raise InputError(

@@ -15,7 +15,7 @@ steeply than S.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,9 +23,11 @@ from jaxtyping import Bool, Float
 from ._primitive_kernels import BENT, ROUND, STRAIGHT, profile_and_jacobian
 from .outline_hypotheses import Hypothesis, Impression
 
-__all__ = ["FlankPrior", "OutlineFit", "fit_outline"]
+__all__ = ["FlankPrior", "OutlineFit", "fit_outline", "integrate_drop"]
 
 
+#: Drops over which a tip is integrated, in standard deviations of the prior, and steps of the descent at each.
+_DROPS, _DROP_STEPS = (-2.0, -1.0, 0.0, 1.0, 2.0), 12
 #: Foam bulges beyond its flanks: their law departs by its error of this part of the depth where they end.
 _BULGE = 0.15
 
@@ -38,10 +40,12 @@ class FlankPrior:
     log_length_sigma: float = 0.5  #: standard deviation of its logarithm
     exponent: float = 0.9  #: n of the power law: 0 plateau, 1 linear
     exponent_sigma: float = 0.4
-    drop: float = (
-        0.38  #: by how much the foam drops at a tip, by the deflection: 0.35 sharp, 0.5 at a radius of 3 mm
-    )
-    drop_sigma: float = 0.07
+    #: by how much the foam drops at a tip, by the deflection: 0.35 sharp, 0.5 at a radius of 3 mm; the mean and the
+    #: standard deviation of what is uniform between both
+    drop: float = 0.425
+    drop_sigma: float = 0.043
+    #: of a tip, by its edge: in a continuum foam the fit ends further in by half of the radius; uniform up to 2 mm
+    edge_sigma_m: float = 0.0003
     asymmetry_sigma: float = 0.08  #: left against right, of the logarithm
     error: float = 0.02  #: how far a real flank departs from the power law, by deflection
     contact_error: float = 0.001  #: how far the touched foam departs from the object, by deflection
@@ -64,6 +68,11 @@ class OutlineFit:
     deviance: float  #: -2 log likelihood, with the flank prior
     criterion: float  #: deviance + free parameters x log K: Bayesian information criterion
     chi2: float  #: weighted squared residuals of the touched points
+
+    @property
+    def widening(self) -> float:
+        """Residuals larger than declared (a rough object) widen the covariance; smaller ones never narrow it."""
+        return max(1.0, self.chi2 / max(int(self.touched.sum()) - len(self.hypothesis.free), 1))
 
 
 class _Problem:
@@ -173,6 +182,15 @@ class _Problem:
         deviance = float(residual @ residual + 2 * np.log(sigma).sum() + value @ value)
         return np.concatenate([residual, value]), np.vstack([jacobian, rows])[:, self.free], deviance
 
+    def covariance(self, jacobian: np.ndarray) -> np.ndarray:
+        """Of all parameters, by the curvature; zero rows for those that are not free."""
+        normal = jacobian.T @ jacobian
+        # A direction that the data leave open (a face that is not touched) gets a large, finite variance.
+        small = np.linalg.pinv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)), hermitian=True)
+        covariance = np.zeros((self.count, self.count))
+        covariance[np.ix_(self.free, self.free)] = small
+        return covariance
+
 
 def _descend(problem: _Problem, theta: np.ndarray, iterations: int) -> tuple[np.ndarray, float]:
     theta = problem.project(theta)
@@ -218,23 +236,12 @@ def fit_outline(
     found = [_descend(problem, problem.start(shape), iterations) for shape in hypothesis.starts]
     theta, _ = min(found, key=lambda item: item[1])
     residual, jacobian, deviance = problem.evaluate(theta)
-    normal = jacobian.T @ jacobian
-    # A direction that the data leave open (a face that is not touched) gets a large, finite variance.
-    small = np.linalg.pinv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)), hermitian=True)
-    covariance = np.zeros((problem.count, problem.count))
-    covariance[np.ix_(problem.free, problem.free)] = small
-    if problem.tipped:
-        # Along an exponential flank a tip farther out and a larger drop look the same; how much, the prior says.
-        kept, scale = 1.0 - theta[4], impression.scale_m
-        length = scale * kept ** (0.5 * (1.0 - theta[-1])) * np.exp(-np.mean(theta[-3:-1]))
-        for index in set(hypothesis.free) & {2, 3}:
-            covariance[index, index] += (prior.drop_sigma * length / kept) ** 2
     k = len(impression.u_m)
     touched = problem.touched.copy()
-    return OutlineFit(
+    fit = OutlineFit(
         hypothesis=hypothesis,
         theta=theta,
-        covariance=covariance,
+        covariance=problem.covariance(jacobian),
         model_m=problem.delta.copy(),
         touched=touched,
         ends_m=(float(problem.ends[0]), float(problem.ends[1])),
@@ -242,3 +249,46 @@ def fit_outline(
         criterion=deviance + len(hypothesis.free) * (float(np.log(k)) + prior.parsimony),
         chi2=float(residual[:k][touched] @ residual[:k][touched]),
     )
+    return replace(fit, covariance=fit.widening * fit.covariance)
+
+
+def integrate_drop(fit: OutlineFit, impression: Impression, prior: FlankPrior) -> OutlineFit:
+    """Mean and covariance of an outline over the drop beside its tips; without a tip the fit itself.
+
+    Along an exponential flank a tip farther out and a larger drop look the same, so that the likelihood of a tip is
+    flat, but for steps where it passes a point of the strip: its maximum is one of several, and its curvature says
+    nothing. So the drop is held at each of some values, all else follows, and the posterior weights what is found.
+
+    Parameters
+    ----------
+    fit
+        Maximum of the likelihood.
+    impression
+        The measured contour.
+    prior
+        What is known of the foam's flanks.
+    """
+    problem = _Problem(impression, fit.hypothesis, prior)
+    if not problem.tipped:
+        return fit
+    problem.free = np.setdiff1d(problem.free, [4])
+    tips = [(index, sign) for index, sign in ((2, -1.0), (3, 1.0)) if index in fit.hypothesis.free]
+    found: list[tuple[np.ndarray, float]] = []
+    for drop in prior.drop + prior.drop_sigma * np.array(_DROPS):
+        held = fit.theta.copy()
+        held[4] = drop
+        moved = held.copy()
+        length = impression.scale_m * np.exp(-np.mean(held[-3:-1]))
+        for index, sign in tips:  # so that the flank stays where it is
+            moved[index] += sign * length * np.log((1.0 - fit.theta[4]) / (1.0 - drop))
+        starts = [held, moved]
+        found.append(min((_descend(problem, start, _DROP_STEPS) for start in starts), key=lambda end: end[1]))
+    thetas, deviances = np.array([theta for theta, _ in found]), np.array([deviance for _, deviance in found])
+    weight = np.exp(-0.5 * (deviances - deviances.min()))
+    weight /= weight.sum()
+    mean = weight @ thetas
+    covariance = fit.widening * problem.covariance(problem.evaluate(thetas[weight.argmax()])[1])
+    covariance += (thetas - mean).T @ (weight[:, None] * (thetas - mean))
+    for index, _ in tips:
+        covariance[index, index] += prior.edge_sigma_m**2
+    return replace(fit, theta=mean, covariance=covariance)

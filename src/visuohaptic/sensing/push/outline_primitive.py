@@ -87,9 +87,7 @@ def outline_primitive(
         if kind in (PrimitiveKind.LINE, PrimitiveKind.CORNER):
             difference[2:] = wrap_angle(difference[2:])
         jacobian[:, j] = difference / 2e-6
-    freedom = max(int(fit.touched.sum()) - len(fit.hypothesis.free), 1)
-    # Residuals larger than declared (a rough object) widen the covariance; smaller ones never narrow it.
-    covariance = jacobian @ fit.covariance @ jacobian.T * max(1.0, fit.chi2 / freedom)
+    covariance = jacobian @ fit.covariance @ jacobian.T
     if kind == PrimitiveKind.CORNER and fit.hypothesis.name != "corner":
         unseen = [0.0 if seen else UNSEEN_EDGE_SIGMA_RAD**2 for seen in observed]
         covariance[np.diag_indices_from(covariance)] += [0.0, 0.0, *unseen]

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 from ...core.errors import InputError
 from ...core.measurement import Contact
 from ...core.objects import Primitive, PrimitiveKind
-from .contact_outline import FlankPrior, OutlineFit, fit_outline
+from .contact_outline import FlankPrior, OutlineFit, fit_outline, integrate_drop
 from .outline_hypotheses import Impression, hypotheses
 from .outline_primitive import outline_kind, outline_primitive
 
@@ -216,7 +216,9 @@ def fit_primitive(
         if (kind := outline_kind(fit, impression)[0]) not in candidates:
             touched = np.zeros(k, dtype=bool)
             touched[used] = fit.touched
-            bare = outline_primitive(kind, fit, impression, frame)
+            bare = outline_primitive(
+                kind, integrate_drop(fit, impression, settings.flanks), impression, frame
+            )
             candidates[kind] = _candidate(bare, fit, impression, contact, touched, settings.score_sigma_m)
     good = [c for c in candidates.values() if c.primitive.score > settings.min_score]
     if settings.choice == "score":

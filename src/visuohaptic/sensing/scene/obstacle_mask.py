@@ -15,6 +15,9 @@ both planes say the same, count against an obstacle. e is limited to ``log(1 / d
 test (Ann. Math. Statist. 36, 1965), since a part of the frames may be disturbed, and summed along the drive, never
 below 0 (Page's test): the alarm rate is at most the number of cells times that of comparisons times
 ``exp(-threshold)`` (Lorden 1971). The threshold follows from ``alarms_per_minute``.
+
+A face is wider than a cell, and of a plain one only the outlines say anything: the sums l and V of one, two, four and more
+neighbours across are tested beside each other, each as a cell of its own among those that the threshold counts.
 """
 
 from __future__ import annotations
@@ -56,6 +59,13 @@ class Obstacle:
     remembered: bool = False  #: not of this frame: seen before, and carried on by the platform's motion
 
 
+def _summed(cells: np.ndarray, width: int) -> np.ndarray:
+    """Sums of ``width`` neighbours across, (ranges, laterals), each in the place of the middle one."""
+    import cv2
+
+    return np.asarray(cv2.boxFilter(cells, -1, (width, 1), normalize=False, borderType=cv2.BORDER_CONSTANT))
+
+
 class ObstacleDetector:
     """Finds approaching obstacles in the upper strip of the camera's image by their parallax.
 
@@ -84,10 +94,13 @@ class ObstacleDetector:
         shape = (len(self._cells.range_m), len(self._cells.lateral_m))
         #: one frame says at most so much, and so much is asked for
         self._limit = math.log(1.0 / s.disturbed)
-        self._threshold = math.log(shape[0] * shape[1] * _FRAMES_PER_MINUTE / s.alarms_per_minute)
+        # Faces of one cell, of two, four and so on: none is covered by less than half.
+        self._widths = tuple(2**k for k in range(shape[1].bit_length() - 1))
+        cells = len(self._widths) * shape[0] * shape[1]
+        self._threshold = math.log(cells * _FRAMES_PER_MINUTE / s.alarms_per_minute)
         self._needed = math.ceil(self._threshold / self._limit)
         self._step_m = self._cells.baseline_m / _COMPARISONS
-        self._evidence = np.zeros(shape)
+        self._evidence = np.zeros((len(self._widths), *shape))
         self._keys: deque[tuple[StripImage, np.ndarray, np.ndarray]] = deque(maxlen=3 * _COMPARISONS)
         self._restart()
 
@@ -159,9 +172,11 @@ class ObstacleDetector:
         motion = chain(inverse(pose), self._pose)
         pair = self._cells.pair(now, before, motion, self._sigma - sigma, hidden)
         ratio, squares = self._cells.compare(pair)
-        evidence = s.weight * ratio - 0.5 * s.weight**2 * s.correlated_bins * squares
+        single = s.weight * ratio - 0.5 * s.weight**2 * s.correlated_bins * squares
+        # A wider face is the sum of its cells: of a plain one only the outlines say anything.
+        evidence = np.stack([_summed(single, width) for width in self._widths])
         # The same factor for all ranges of a direction keeps their order.
-        evidence *= np.minimum(1.0, self._limit / np.maximum(evidence.max(axis=0), 1e-9))
+        evidence *= np.minimum(1.0, self._limit / np.maximum(evidence.max(axis=1, keepdims=True), 1e-9))
         self._evidence = np.maximum(self._evidence + np.maximum(evidence, -self._limit), 0.0)
         self._comparisons, self._compared_s = self._comparisons + 1, t_s
         self._locate(pair)
@@ -179,15 +194,20 @@ class ObstacleDetector:
         turned = np.array([[c, s], [-s, c]])
         offset = (turned @ start + np.array([y, x]) - start) / size
         moved = np.column_stack([turned * size / size[:, None], offset])
-        self._evidence = self._cells.in_view * cv2.warpAffine(
-            self._evidence, moved, self._evidence.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        )
+        flags, shape = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cells.in_view.shape[::-1]
+        for k, evidence in enumerate(self._evidence):
+            self._evidence[k] = cells.in_view * cv2.warpAffine(evidence, moved, shape, flags=flags)
 
     def _locate(self, pair: FramePair) -> None:
         """Cells above the threshold, and the range of those that are nearest."""
         cells = self._cells
-        standing = np.flatnonzero(self._evidence.max(axis=0) > self._threshold)
-        best = self._evidence[:, standing].argmax(axis=0)
+        found = self._evidence[0] > self._threshold
+        for evidence, width in zip(self._evidence[1:], self._widths[1:], strict=True):
+            # Of the cells of a wide face those stand that say so themselves.
+            wide = _summed((evidence > self._threshold).astype(np.float64)[:, ::-1], width)[:, ::-1] > 0
+            found |= wide & (self._evidence[0] > 0.0)
+        standing = np.flatnonzero(found.any(axis=0))
+        best = np.where(found, self._evidence[0], -1.0)[:, standing].argmax(axis=0)
         self._standing = np.column_stack([cells.range_m[best], cells.lateral_m[standing]])
         self._at_border = False
         if not len(standing):

@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ._container import add_container_arguments, read_container
+from ._container import add_container_arguments, plain_number, read_container
 
 if TYPE_CHECKING:
     from ....grasping.grasp_task import Grasp, GraspTask
@@ -45,18 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--several", type=int, metavar="M", help="also distribute the force over the M best, acting at once"
     )
     hand = parser.add_argument_group("hand")
-    hand.add_argument("--friction", type=float, default=0.6, help="coefficient of the fingers (0.6)")
-    hand.add_argument("--opening", type=float, default=0.11, help="maximum opening [m] (0.11)")
-    hand.add_argument(
-        "--finger-radius", type=float, default=0.01, help="of the patch that touches [m] (0.01)"
-    )
-    hand.add_argument(
-        "--finger-length", type=float, default=0.06, help="from the palm to the patch [m] (0.06)"
-    )
-    hand.add_argument(
-        "--finger-thickness", type=float, default=0.012, help="along the closing direction [m] (0.012)"
-    )
-    hand.add_argument("--max-force", type=float, default=60.0, help="of one finger [N] (60)")
+    for flag, default, text in (
+        ("friction", 0.6, "coefficient of the fingers"),
+        ("opening", 0.11, "maximum opening [m]"),
+        ("finger-radius", 0.01, "of the patch that touches [m]"),
+        ("finger-length", 0.06, "from the palm to the patch [m]"),
+        ("finger-thickness", 0.012, "along the closing direction [m]"),
+        ("max-force", 60.0, "of one finger [N]"),
+    ):
+        hand.add_argument(f"--{flag}", type=float, default=default, help=f"{text} ({default:g})")
     limits = parser.add_argument_group("limits")
     limits.add_argument(
         "--max-deformation", type=float, default=0.005, help="allowed, of one side [m] (0.005)"
@@ -179,8 +176,8 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
         "rim": grasp.rim,
         "parts": grasp.parts,
         "steadiness": grasp.steadiness,
-        "success": _finite(grasp.success),
-        "work_J": _finite(grasp.work_J),
+        "success": plain_number(grasp.success),
+        "work_J": plain_number(grasp.work_J),
         "pose": None if way is None else way.T_object_gripper.tolist(),
         "open_width_m": None if way is None else way.open_width_m,
         "approach_elevation_rad": None if way is None else way.elevation_rad,
@@ -190,8 +187,8 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
         "width_m": grasp.width_m,
         "force_N": grasp.force_N,
         "needed_N": grasp.needed_N,
-        "deformation_limit_N": _finite(grasp.deformation_limit_N),
-        "spill_limit_N": _finite(grasp.spill_limit_N),
+        "deformation_limit_N": plain_number(grasp.deformation_limit_N),
+        "spill_limit_N": plain_number(grasp.spill_limit_N),
         "deformation_m": grasp.deformation_m,
         "deformation_sigma_m": grasp.deformation_sigma_m,
         "confirmed": None
@@ -199,7 +196,7 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
         else {
             "holds": said.holds,
             "reason": said.reason,
-            "deformation_m": _finite(said.deformation_m),
+            "deformation_m": plain_number(said.deformation_m),
             "slant_rad": said.slant_rad,
             "pressed_out_m3": said.pressed_out_m3,
         },
@@ -271,7 +268,3 @@ def _report(args: Any, result: dict[str, Any]) -> None:
         args.report(f"note: {note}")
     if result["plot"]:
         args.report(f"written to {result['plot']}")
-
-
-def _finite(value: float) -> float | None:
-    return value if abs(value) < 1e300 else None
