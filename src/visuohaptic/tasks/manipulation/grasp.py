@@ -8,14 +8,13 @@ from enum import StrEnum
 
 import numpy as np
 
+from ...core.measurement import GRAVITY_M_S2
 from ...core.ranges import POSITIVE, check_ranges
 from ..framework.machine import Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
 __all__ = ["GraspAndLift", "GraspAndLiftTask", "GraspOutcome", "GraspState", "LiftPlan", "grasp_and_lift"]
-
-GRAVITY_M_S2 = 9.81
 
 
 class GraspState(StrEnum):
