@@ -178,6 +178,11 @@ class Project:
         order = {"module": change.module, "name": change.name, "up": change.up}
         seen = self.run(tests, order, private=change.module in self._compiled_in)
         by = re.search(r"^(?:FAILED|ERROR) (\S+)", seen["output"], re.MULTILINE)
+        red = by.group(1).partition("::")[0] if by else ""
+        if red in tests and by and self.run([by.group(1)], {})["code"] not in (0, 5):
+            return self.judge(
+                change, [test for test in tests if test != red]
+            )  # it fails without the change, too
         if "crashed" in seen["marks"]:
             result, why = "crashed", "import"
         elif seen["code"] is None:
@@ -199,14 +204,22 @@ class Project:
     def importing(self, name: str, count: int) -> list[str]:
         """Test files that import a module or what imports it in its folder, at most ``count``, the most special first."""
         folder = name.rpartition(".")[0]
-        users = _closure({name}, self._importers, lambda other: other.rpartition(".")[0] == folder)
-        users = {
-            user for user in users if user.rpartition(".")[0] == folder and not self.modules[user].is_package
-        }
+
+        def beside(other: str) -> bool:  # in its folder, or the package itself where it imports its modules
+            return folder in (other, other.rpartition(".")[0])
+
+        users = set(filter(beside, _closure({name}, self._importers, beside)))
         found = [test for test, imports in self._test_imports.items() if users & imports]
-        return sorted(
-            found, key=lambda test: (name not in self._test_imports[test], len(self._test_imports[test]))
-        )[:count]
+        own = f"tests/{'/'.join(folder.split('.')[1:2])}/"
+
+        def distance(test: str) -> tuple[bool, bool, int]:
+            return (
+                not test.startswith(own),
+                name not in self._test_imports[test],
+                len(self._test_imports[test]),
+            )
+
+        return sorted(found, key=distance)[:count]
 
     @cached_property
     def _test_imports(self) -> dict[str, set[str]]:
