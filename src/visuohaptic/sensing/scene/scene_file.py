@@ -78,7 +78,7 @@ class SceneConfig(Section):
         Raises
         ------
         InputError
-            As of :meth:`.FoamSensorConfig.load`.
+            As of :meth:`.FoamSensorConfig.load`, also of a sensor that it names.
         """
         path = Path(path)
         config = load_yaml_model(path, cls)
