@@ -63,7 +63,6 @@ def worlds(
     rows = [
         _row("complete", 100 * ended[RunOutcome.COMPLETE] / len(runs), "%", 75, 90, True, f"{len(runs)} runs: {dict(ended)}; {dict(why)}"),
         _row("wrong claims of p > 0.98", 100 * len(sure) / max(len(claims), 1), "%", 1.0, 0.2, False, f"{len(sure)} of {len(claims)}: {sure}"),
-        _row("complete, with all claims right however unsure", 100 * sum(run["outcome"] == RunOutcome.COMPLETE and all(claim[5] for claim in run["claims"]) for run in runs) / len(runs), "%", 75, 90, True, ""),
         _row("crashes", ended["crash"], "", 0, 0, False, "; ".join(run["summary"] for run in runs if run["outcome"] == "crash")),
         _row("expected calibration error", expected_calibration_error(forecasts), "", 0.05, 0.02, False, f"{len(forecasts)} claims, {sum(1 for _, good in forecasts if not good)} wrong"),
         _row("fill, rms error", math.sqrt(sum(e * e for e in fills) / max(len(fills), 1)), "", 0.1, 0.05, False, f"{len(fills)} claims"),

@@ -17,6 +17,9 @@ from dataclasses import dataclass
 
 __all__ = ["Say", "Victim"]
 
+#: A child that works longer than this hangs, and is ended by SIGALRM [s].
+MAX_S = 600
+
 #: Says a line that the parent reads: what is said has been acknowledged.
 Say = Callable[[str], object]
 
@@ -50,6 +53,8 @@ class Victim:
         try:
             os.close(reader)
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(MAX_S)
             if file_bytes:
                 signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
                 resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
@@ -58,9 +63,10 @@ class Victim:
                 signal.setitimer(signal.ITIMER_PROF, cpu_s)
             work(lambda line: os.write(writer, f"{line}\n".encode()))
             code = 0
-        except BaseException:  # noqa: BLE001 - the child must end here whatever happens
-            traceback.print_exc()
         finally:
+            # A fork must not go on in its parent's frames, whatever has happened.
+            if code:
+                traceback.print_exc()
             os._exit(code)
 
     def end(self) -> tuple[list[str], int]:

@@ -41,12 +41,11 @@ def test_a_run_is_complete_honest_or_wrong():
     assert not Claim("lid", "bottle", "open", "closed", probability=0.9).wrong_and_sure
 
 
-def test_what_is_not_sure_is_a_forecast_and_no_claim():
+def test_a_claim_that_is_not_sure_is_a_claim():
     unsure = Claim("friction", "bin", 1.5, 1.3, sigma=0.19)
     assert not unsure.right
     assert unsure.forecast == pytest.approx(0.57, abs=0.01)
-    assert RunOutcome.of([unsure], True) is RunOutcome.COMPLETE
-    assert RunOutcome.of([Claim("friction", "bin", 1.5, 1.3, sigma=0.09)], True) is RunOutcome.WRONG
+    assert RunOutcome.of([unsure], True) is RunOutcome.WRONG
 
 
 def test_calibration_is_zero_for_true_forecasts_and_the_gap_for_boasts():

@@ -1,4 +1,4 @@
-"""Opaque objects of which one camera sees the front: what repeats, and lines that meet the object above the table."""
+"""Opaque objects of which one camera sees the front: their symmetries, and lines that meet the object above the table."""
 
 from __future__ import annotations
 

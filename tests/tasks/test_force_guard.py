@@ -14,12 +14,15 @@ from tests.tasks.block_robot import BlockRobot
 
 from visuohaptic.core import (
     ClockWatch,
+    ErrorBudget,
+    ForceProfile,
     FrameSource,
     Gripper,
     HapticTag,
     InputError,
     MobileBase,
     ProbeArm,
+    Reason,
     from_dict,
     require_members,
     to_dict,
@@ -34,7 +37,16 @@ from visuohaptic.navigation.problem import (
 )
 from visuohaptic.reproduce.pushes import PushLimits
 from visuohaptic.tasks.framework import Machine, Rule
-from visuohaptic.tasks.mobile import ForceGuard, GuardState, PushEnd, PushSettings, ReactionTime, SteeredPush
+from visuohaptic.tasks.mobile import (
+    ExploreSettings,
+    FoamLimit,
+    ForceGuard,
+    GuardState,
+    PushEnd,
+    PushSettings,
+    ReactionTime,
+    SteeredPush,
+)
 from visuohaptic.tasks.mobile.travel import TravelOutcome, TravelSenses, TravelSettings, travel
 
 LIMIT_N = ROBOT.push_force_max_N
@@ -273,6 +285,25 @@ def test_the_reaction_is_as_long_as_readings_have_waited():
     for k, late in enumerate((0, 0, 1, 2, 2)):
         reaction.update(k * frame_s, (k + late) * frame_s)
     assert reaction.reaction_s == pytest.approx((2 + 2 + 1) * frame_s)
-    # A supervisor has stopped the platform by then.
+    # A supervisor has stopped the platform by then: at an age of 0.15 s, by a check at 50 Hz.
     reaction.update(40 * frame_s, 40 * frame_s)
-    assert reaction.reaction_s == pytest.approx(0.15 + 2 * frame_s)
+    assert reaction.reaction_s == pytest.approx(0.15 + 0.02 + frame_s)
+
+
+def test_foam_that_is_not_read_is_as_full_as_it_was():
+    """A body that hides the strip's other half from the camera has not freed it."""
+    limit, zero = FoamLimit(ExploreSettings(), 0.010), np.zeros(2)
+
+    def drive(t_s, *delta_m):
+        profile = ForceProfile(
+            t_s, True, Reason.OK, 0.0, ErrorBudget(0.0, 0.0, 0.0, 0.0), np.array([-0.1, 0.1]),
+            np.array(delta_m), zero, zero, zero, zero == 0.0,
+        )  # fmt: skip
+        limit.update(t_s, t_s, profile)
+        return limit.limited(1.0, 0.0)[0]
+
+    free = drive(0.0, 0.0, 0.0)
+    pressed = drive(1 / 30, 0.0, 0.009)
+    assert pressed < 0.5 * free
+    assert drive(2 / 30, 0.0, math.nan) == pytest.approx(pressed)
+    assert drive(3 / 30, 0.0, 0.0) == pytest.approx(free)

@@ -9,18 +9,12 @@ from scipy.spatial.transform import Rotation
 from visuohaptic.core import InputError
 from visuohaptic.tracking.points import (
     apply_homography,
+    compose_homography,
     decompose_homography,
     estimate_homography,
     estimate_homography_robust,
     facing_motions,
 )
-
-
-def compose_homography(
-    rotation: np.ndarray, translation_m: np.ndarray, normal: np.ndarray, distance_m: float
-) -> np.ndarray:
-    """``H = R - T n^T / d``, Alt 2016, Eq. (2.14), in coordinates of the unit plane."""
-    return rotation - np.outer(translation_m, normal) / distance_m
 
 
 def random_motion(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
@@ -135,6 +129,8 @@ def test_bad_points_are_refused_or_said_to_be_invalid() -> None:
         estimate_homography(line * np.nan, line)
     with pytest.raises(InputError, match="singular"):
         decompose_homography(np.diag([1.0, 1.0, 0.0]))
+    with pytest.raises(InputError, match="distance_m: found 0"):
+        compose_homography(np.eye(3), np.zeros(3), np.array([0, 0, -1.0]), 0)
     few = estimate_homography_robust(line[:5], line[:5])
     assert not few.valid
     assert "5 matches" in few.reason

@@ -123,7 +123,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         mission.attempt and found.ending.outcome == ClassifyOutcome.UNDECIDED
     ):
         return failed(f"{found.ending.outcome}: {found.ending.why} ({ranked})")
-    # Squeezed once more it goes on with what is most probable: the map is corrected by what was felt in any case.
+    # Squeezed once more it goes on with what is most probable, and claims no class: the map is corrected by what was felt.
     model_wall_m = _take_class(known, found.best)
     assert known.class_model is not None
     if known.class_model.base.shape != "circle":
@@ -182,9 +182,10 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
     mass, sigma = contents.mass_kg
     lid = "closed" if bottle.closed else "open"
     told = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
+    named = Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best])
     return [
         *([told] if contents.sure else []),
-        Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best]),
+        *([named] if found.ending.success else []),
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
         Claim("mass", "bottle", mass, bottle.container.mass_kg, sigma=sigma),
     ]

@@ -25,9 +25,6 @@ __all__ = ["RULES", "SURE", "Claim", "RunOutcome", "calibration_figure", "expect
 
 #: A wrong claim of at least this probability is a wrong one beyond excuse.
 SURE = 0.98
-#: What is less sure than this is said with its probability, and not claimed: one in ten may be wrong, as of "fixed" in a
-#: haptic tag and of what is taken for known from an earlier visit. It is a forecast like the others.
-CLAIMED = 0.9
 #: Edges between which forecasts are compared with how often they come true.
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.995, 1.0)
 
@@ -116,11 +113,6 @@ class Claim:
         return math.erf(ratio / math.sqrt(2.0))
 
     @property
-    def made(self) -> bool:
-        """Whether it is claimed, not only said with its probability."""
-        return self.forecast >= CLAIMED
-
-    @property
     def wrong_and_sure(self) -> bool:
         """Not right, and said with more than ``SURE``."""
         return not self.right and self.forecast > SURE
@@ -144,11 +136,11 @@ class RunOutcome(StrEnum):
         Parameters
         ----------
         claims
-            Of all chapters that are done; what is only said with its probability does not count.
+            Of all chapters that are done.
         complete
             Whether no chapter failed.
         """
-        if not all(claim.right for claim in claims if claim.made):
+        if not all(claim.right for claim in claims):
             return cls.WRONG
         return cls.COMPLETE if complete else cls.HONEST_FAILURE
 

@@ -81,7 +81,7 @@ def _claim_row(claim: Claim) -> dict[str, Any]:
     return {
         "claim": f"{claim.kind} of {claim.what}",
         "said": said,
-        "probability": f"{claim.forecast:.3f}" + ("" if claim.made else ": not claimed"),
+        "probability": f"{claim.forecast:.3f}",
         "truth": truth,
         "right": _RIGHT[claim.right],
     }

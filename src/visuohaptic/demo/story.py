@@ -107,8 +107,7 @@ class ChapterResult:
     @property
     def right(self) -> bool | None:
         """Whether all that is claimed is true; ``None`` where nothing is claimed."""
-        made = [claim.right for claim in self.claims if claim.made]
-        return all(made) if self.done and made else None
+        return all(claim.right for claim in self.claims) if self.done and self.claims else None
 
 
 @dataclass(slots=True)

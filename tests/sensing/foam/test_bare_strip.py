@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from visuohaptic.core import CalibrationError, Reason
 from visuohaptic.core.camera import Frame
@@ -118,6 +119,23 @@ def test_a_shadow_is_no_force_after_loading_a_zero_either(images, config) -> Non
     shadow = images.edge_shadow(0.015, 0.0, 0.0, 0.25)
     profile = sensor.read(frame(world.image(shadow=shadow), 0))
     assert profile.reason is not Reason.OK or profile.force_N <= 3.0 * profile.force_sigma_N + ALLOWED_N
+
+
+def test_a_zero_that_does_not_know_of_encoding_is_a_zero(images, config) -> None:
+    """Files of older versions say nothing of it: what they do not hold can't be a deflection of the strip at rest."""
+    world, path = images.World(4), config.parent / "zero.yaml"
+    zeroed(config, world).zero_reference.save(path)
+    data = yaml.safe_load(path.read_text())
+    shift_m = np.median(data.pop("encoded_m"))
+    assert shift_m > 3e-5  # a twentieth of a millimetre would be 0.4 N along the whole strip
+    path.write_text(yaml.safe_dump(data))
+    try:
+        profile = FoamSensor.load(config).read(frame(world.image(), 0))
+    finally:
+        path.unlink()
+    assert profile.valid
+    assert abs(np.median(profile.delta_m)) < 1e-5
+    assert profile.force_N <= 3.0 * profile.force_sigma_N
 
 
 def test_free_frames_carry_their_noise(images, config) -> None:

@@ -1,3 +1,4 @@
+from .discrete_symmetry import DiscreteSymmetry as DiscreteSymmetry
 from .hole import SupportBand as SupportBand
 from .hole import boundary_loops as boundary_loops
 from .hole import support_band as support_band
@@ -18,7 +19,6 @@ from .rbf_centres import around_core as around_core
 from .rbf_centres import beyond_hull as beyond_hull
 from .rbf_centres import free_points as free_points
 from .rbf_centres import with_off_surface as with_off_surface
-from .repetition import Repetition as Repetition
 from .surface_completion import Completion as Completion
 from .surface_completion import CompletionSettings as CompletionSettings
 from .symmetry import ShapePrior as ShapePrior

@@ -24,13 +24,13 @@ from ...core.errors import InputError
 from ..mesh import SurfaceMesh
 from ..surfaces.biharmonic import BiharmonicMesh
 from ..surfaces.rbf import RbfSurface
+from .discrete_symmetry import DiscreteSymmetry
 from .hole import support_band
 from .hole_region import HoleRegion
 from .hole_surface import HoleSpace
 from .inner_walls import without_inner_walls
 from .radial_model import RadialModel, WallSeen, fit_radial_model, wall_seen
 from .rbf_centres import Centres, around_core, beyond_hull, free_points, with_off_surface
-from .repetition import Repetition
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan, best_vertex, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
@@ -133,7 +133,7 @@ class Completion:
         self.residuals = TouchResiduals(self.prior, region.size_m)
         self._space = HoleSpace(region, self.band)
         self._seen: WallSeen | None = None
-        if self._repeats:
+        if self._symmetric:
             self._refit(None)
         self._reset()
 
@@ -144,8 +144,8 @@ class Completion:
         self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
         within = beyond_hull(self._of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
         self._visible = around_core(within, self.region, self._rho)
-        self._repetition = Repetition(self.band, self.region, self._outer)
-        self._repeats = self.settings.use_priors and self._repetition.possible
+        self._symmetry = DiscreteSymmetry(self.band, self.region, self._outer)
+        self._symmetric = self.settings.use_priors and self._symmetry.possible
 
     def _reset(self) -> None:
         self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
@@ -187,8 +187,8 @@ class Completion:
                 fresh.put(contact, 0.0, touch.sigma_m)
                 self._rings(contact, touch.sigma_m, fresh)
         self._free.extend(free_points(touch, self._d_m))
-        # What repeats is inferred anew from all contacts.
-        self._refit(None if refit or self._repeats else fresh)
+        # Symmetries are inferred anew from all contacts.
+        self._refit(None if refit or self._symmetric else fresh)
         self._reset()
 
     def _join(self, contact: Float[np.ndarray, "3"], sigma_m: float) -> bool:
@@ -232,8 +232,8 @@ class Completion:
             for contact, sigma in self._contacts:
                 fresh.put(contact, 0.0, sigma)
                 self._rings(contact, sigma, fresh)
-            if self._repeats:
-                self._repetition.put(self._contacts, fresh)
+            if self._symmetric:
+                self._symmetry.put(self._contacts, fresh)
         self._fit = self._joined(base, fresh)
         if not self._free:
             return

@@ -119,12 +119,14 @@ def measure_deflection(
     edges
         What the edges were so far; takes this frame in.
     """
-    rest = zero.width_m - _ENCODED * zero.encoded_m
+    # A zero that does not say how much of it is encoding was made in a light like today's.
+    encoded = np.where(np.isfinite(zero.encoded_m), zero.encoded_m, strip.encoded_m)
+    rest = zero.width_m - _ENCODED * encoded
     scale = geometry.width_m / rest
     raw = scale * (rest - strip.width_m + _ENCODED * strip.encoded_m)
     noise, kink = scale * strip.width_noise_m, edge_uncertainty_m(strip)
     # Derivative of the deflection by the part of the encoding's shift that is there.
-    shift = scale * (strip.encoded_m - zero.encoded_m * (1.0 - raw / geometry.width_m))
+    shift = scale * (strip.encoded_m - encoded * (1.0 - raw / geometry.width_m))
     encoding = math.sqrt(_ENCODED * (1.0 - _ENCODED)) * np.nan_to_num(shift)
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)

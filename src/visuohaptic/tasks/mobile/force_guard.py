@@ -12,6 +12,7 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.measurement import ForceProfile
 from ...sensing.push.push_record import reaches_limit
+from ..framework.supervisor import CHECK_RATE_HZ, SafetyLimits
 from .explore_records import ExploreSettings
 
 __all__ = ["FoamLimit", "ForceGuard", "GuardState", "ReactionTime"]
@@ -20,9 +21,10 @@ __all__ = ["FoamLimit", "ForceGuard", "GuardState", "ReactionTime"]
 MEDIAN_OF = 5
 #: Readings in a row that are not valid before the sensor counts as failed: half a second at 50 Hz.
 MAX_UNREAD = 25
-#: The frame in which a touch is read [s], at 30 Hz; and the age at which a supervisor stops what has not been read
-#: anew, with the period of its check: beyond that no command is needed.
-READ_S, MAX_AGE_S = 1 / 30, 0.15 + 1 / 30
+#: The frame in which a touch is read [s], at 30 Hz.
+READ_S = 1 / 30
+#: A supervisor stops what has not been read anew at this age, a check later [s]: beyond that no command is needed.
+MAX_AGE_S = SafetyLimits().max_age_s + 1 / CHECK_RATE_HZ
 
 
 class GuardState(StrEnum):
@@ -154,7 +156,9 @@ class FoamLimit:
             Deflection along the front.
         """
         self.reaction.update(t_s, now_s)
-        self._s_m, self._delta_m = profile.s_m, np.nan_to_num(profile.delta_m)
+        # What is not read has not come back either: it is as it was, and at the zero nothing touched the strip.
+        read = np.isfinite(profile.delta_m)
+        self._s_m, self._delta_m = profile.s_m, np.where(read, profile.delta_m, self._delta_m)
 
     @property
     def settings(self) -> ExploreSettings:

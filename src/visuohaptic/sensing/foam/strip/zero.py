@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -41,7 +42,7 @@ class _ZeroFile(Section):
     width_sigma_m: Numbers
     #: Absent in files of older versions: the front is then taken to be as sharp as the base.
     blur_ratio: Numbers | None = None
-    #: Absent in files of older versions: nothing is then known of the camera's encoding, nor taken to be wrong by it.
+    #: Absent in files of older versions, that do not say how much of the widths is encoding.
     encoded_m: Numbers | None = None
     #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
     image_png: str | None = None
@@ -59,7 +60,7 @@ class ZeroReference:
     blur_ratio: Float[np.ndarray, "K"]  #: blur of the front by that of the base
     encoded_m: Float[
         np.ndarray, "K"
-    ]  #: what is too much of ``width_m`` if the camera encodes its grey levels
+    ]  #: what is too much of ``width_m`` if the camera encodes its grey levels; NaN: not known
     #: Mean image of the strip along the lines, parallels beside each point; samples reach beyond the front.
     image: UInt8[np.ndarray, "K parallels samples"]
 
@@ -154,7 +155,8 @@ class ZeroReference:
         import cv2
 
         _, coded = cv2.imencode(".png", self.image.reshape(-1, self.image.shape[2]))
-        arrays = {name: [float(f"{value:.9g}") for value in getattr(self, name)] for name in _ARRAYS}
+        known = [name for name in _ARRAYS if np.isfinite(getattr(self, name)).all()]
+        arrays = {name: [float(f"{value:.9g}") for value in getattr(self, name)] for name in known}
         image = base64.b64encode(coded.tobytes()).decode("ascii")
         data = {"t_s": self.t_s, "frames": self.frames}
         save_yaml(path, data | arrays | {"image_png": image})
@@ -172,7 +174,7 @@ class ZeroReference:
         """
         data = load_yaml_model(path, _ZeroFile)
         data.blur_ratio = data.blur_ratio or [1.0] * len(data.width_m)
-        data.encoded_m = data.encoded_m or [0.0] * len(data.width_m)
+        data.encoded_m = data.encoded_m or [math.nan] * len(data.width_m)
         arrays = {name: np.array(getattr(data, name)) for name in _ARRAYS}
         for name, values in arrays.items():
             if len(values) != count:

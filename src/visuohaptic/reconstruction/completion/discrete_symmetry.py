@@ -1,10 +1,10 @@
-"""The hidden side of an object as a repetition of the seen one: a half turn about an upright axis, or a mirror plane.
+"""The hidden side of an object by a discrete symmetry: a half turn about an upright axis, or a mirror plane.
 
-Boxes, cans and bottles repeat after a half turn, most household objects in some upright plane (Bohg et al. 2011, "Mind
-the gap"). Where the axis or plane is, and with what deviation the repetition holds, is inferred: a point of the surface
-that is moved by it lies on the surface again, up to that deviation, or is one that has no counterpart, anywhere in the
-region. Moved points that fall where nothing was seen tell nothing. Contacts and the seen surface itself count alike. The
-alternative is that nothing repeats, and all points are anywhere.
+Boxes, cans and bottles have a twofold rotational symmetry, most household objects a mirror symmetry in some upright
+plane (Bohg et al. 2011, "Mind the gap"). Where the axis or plane is, and with what deviation the symmetry holds, is
+inferred: a point of the surface that is moved by it lies on the surface again, up to that deviation, or is one that has
+no counterpart, anywhere in the region. Moved points that fall where nothing was seen tell nothing. Contacts and the seen
+surface itself count alike. The alternative is that there is no such symmetry, and all points are anywhere.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from .hole import SupportBand
 from .hole_region import HoleRegion
 from .rbf_centres import Centres
 
-__all__ = ["Repetition"]
+__all__ = ["DiscreteSymmetry"]
 
 #: Hypotheses of each kind along both of their parameters, in a first round and in one about the likeliest.
 _STEPS = (21, 11)
-#: Deviations of a repetition that are compared, in sizes of the region, as likely as each other.
+#: Deviations of a symmetry that are compared, in sizes of the region, as likely as each other.
 _DEVIATIONS = np.geomspace(0.002, 0.1, 7)
 #: Probability of a point without counterpart.
 _ALONE = 0.1
@@ -38,11 +38,11 @@ _SAME = 0.6
 _FAR = 0.2
 #: Deviation of normals of a fused surface [rad].
 _ROUGH_RAD = 0.15
-#: Repetitions more uncertain than this part of the region are not used.
+#: Symmetries more uncertain than this part of the region are not used.
 _USELESS = 0.1
 
 
-class Repetition:
+class DiscreteSymmetry:
     """What the seen side says of the hidden one.
 
     Parameters
@@ -78,11 +78,11 @@ class Repetition:
 
     @property
     def possible(self) -> bool:
-        """Whether a wall was seen at the heights that are missing; else nothing can repeat there."""
+        """Whether a wall was seen at the heights that are missing; else nothing can be symmetric to them."""
         return len(self._tests) > 0
 
     def put(self, contacts_m: Sequence[tuple[Float[np.ndarray, "3"], float]], into: Centres) -> None:
-        """Append points of the hidden surface, each with its deviation; none where nothing repeats.
+        """Append points of the hidden surface, each with its deviation; none without a symmetry.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class Repetition:
     def _posterior(
         self, kind: str, touched_m: Float[np.ndarray, "n 3"]
     ) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray, float]:
-        """Log evidence against no repetition, maps with their probabilities, and variance of the repetition [m2]."""
+        """Log evidence against no symmetry, maps with their probabilities, and variance of the symmetry [m2]."""
         box = self.outer.hull_m.min(axis=0)[:2], self.outer.hull_m.max(axis=0)[:2]
         middle = 0.5 * (box[0] + box[1])
         spread = self.spread_m
@@ -147,7 +147,6 @@ class Repetition:
         normals: Float[np.ndarray, "n 3"] | None = None,
     ) -> Float[np.ndarray, "h s"]:
         """Log-likelihood ratio of each map and deviation; a contact has no normal."""
-
         turned = np.einsum("hij,nj->hni", maps[0], points_m[:, :2]) + maps[1][:, None]
         moved = np.concatenate(
             [turned, np.broadcast_to(points_m[:, 2:], (*turned.shape[:2], 1))], axis=2
