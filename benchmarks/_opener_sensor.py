@@ -103,10 +103,8 @@ class OpenerSensor:
 
         Parameters
         ----------
-        cell
-            Simulated cell.
-        rng
-            Source of the camera's noise.
+        cell, rng
+            As of :meth:`.CapSensor.reader`; the noise is the camera's.
         """
         sensor = self._zeroed(rng)
         to_sensor = np.kron(np.eye(2), ROTATION_TOOL_SENSOR.T)

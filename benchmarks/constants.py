@@ -3,6 +3,7 @@
     python -m benchmarks.constants --list                 the constants, nothing is run
     python -m benchmarks.constants --only 'sensing.*'     those of modules (or module:NAME) that match
     python -m benchmarks.constants --jobs 2               all of them: many hours; a stopped one goes on where it was
+    python -m benchmarks.constants --near 4 --sample 12 --only '^visuohaptic.core'    a dozen, in minutes
 
 A constant is a name at module level that is assigned a number, a tuple, list, set or dict with numbers, an array
 made of literals, or the call of a constructor with numbers among its arguments. Arithmetic of literals and
@@ -23,6 +24,10 @@ Compiled functions are compiled anew, in a cache of their own, when they can see
 - *undecided*: the tests took longer than ``--seconds``, or never imported the module with the new value;
 - *unnoticed*: no test fails, or no test executes the module.
 
+With ``--near N`` no test is run to see what it calls: the judges of a constant are the N test files that import its
+module, or one of its folder that imports it, the most special first (those that import the fewest modules). What
+they notice is noticed; what they do not may still be noticed by others. ``--sample`` draws constants with a seed.
+
 A constant in the table counts by the less noticed of its two changes. Each change is a line in the report, with
 digests of its module and of its tests: when they are edited, it is done again.
 """
@@ -30,9 +35,11 @@ digests of its module and of its tests: when they are edited, it is done again.
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import json
 import os
+import random
 import re
 import shutil
 import signal
@@ -44,13 +51,13 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 from . import _mutant
 from ._journal import Journal
-from .house import ROOT, imported_modules, is_compiled, read_modules
+from .house import ROOT, Module, imported_modules, is_compiled, read_modules
 
 __all__ = ["Change", "Project", "main"]
 
@@ -171,6 +178,11 @@ class Project:
         order = {"module": change.module, "name": change.name, "up": change.up}
         seen = self.run(tests, order, private=change.module in self._compiled_in)
         by = re.search(r"^(?:FAILED|ERROR) (\S+)", seen["output"], re.MULTILINE)
+        red = by.group(1).partition("::")[0] if by else ""
+        if red in tests and by and self.run([by.group(1)], {})["code"] not in (0, 5):
+            return self.judge(
+                change, [test for test in tests if test != red]
+            )  # it fails without the change, too
         if "crashed" in seen["marks"]:
             result, why = "crashed", "import"
         elif seen["code"] is None:
@@ -188,6 +200,37 @@ class Project:
         users = _closure({name}, self._importers, lambda other: other == name or other in self._passed_on)
         found = [test for test, row in known.items() if row["passed"] and users & set(row["called"])]
         return sorted(found, key=lambda test: known[test]["seconds"])
+
+    def importing(self, name: str, count: int) -> list[str]:
+        """Test files that import a module or what imports it in its folder, at most ``count``, the most special first."""
+        folder = name.rpartition(".")[0]
+
+        def beside(other: str) -> bool:  # in its folder, or the package itself where it imports its modules
+            return folder in (other, other.rpartition(".")[0])
+
+        users = set(filter(beside, _closure({name}, self._importers, beside)))
+        found = [test for test, imports in self._test_imports.items() if users & imports]
+        own = f"tests/{'/'.join(folder.split('.')[1:2])}/"
+
+        def distance(test: str) -> tuple[bool, bool, int]:
+            return (
+                not test.startswith(own),
+                name not in self._test_imports[test],
+                len(self._test_imports[test]),
+            )
+
+        return sorted(found, key=distance)[:count]
+
+    @cached_property
+    def _test_imports(self) -> dict[str, set[str]]:
+        """Modules of the package that each test file imports."""
+        found = {}
+        for test in self.tests:
+            path = self.root / test
+            text = path.read_text(encoding="utf-8")
+            own = Module(test.removesuffix(".py").replace("/", "."), path, text, ast.parse(text))
+            found[test] = set(imported_modules(own, self.modules))
+        return found
 
     def key(self, change: Change, tests: list[str]) -> str:
         """Name of a change in the report."""
@@ -286,15 +329,37 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--report", type=Path, default=Path("results/constants.jsonl"), metavar="FILE")
     parser.add_argument("--jobs", type=int, default=1, help="test runs at a time")
     parser.add_argument("--seconds", type=float, default=900.0, metavar="S", help="limit of one test run")
+    parser.add_argument("--near", type=int, metavar="N", help="judge by N test files that import the module")
+    parser.add_argument("--sample", type=int, metavar="N", help="so many constants, drawn with --seed")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample (%(default)s)")
     parser.add_argument("--root", type=Path, default=ROOT, help="folder with src and tests")
     args = parser.parse_args(arguments)
     project = Project(args.root, args.seconds)
     changes = project.changes(args.only)
+    if args.sample is not None:
+        titles = sorted({change.title for change in changes})
+        drawn = set(random.Random(args.seed).sample(titles, min(args.sample, len(titles))))
+        changes = [change for change in changes if change.title in drawn]
     if args.list:
         print(*(f"{change.title} (line {change.line})" for change in changes if change.up), sep="\n")
         print(f"{len(changes) // 2} constants")
         return
     about = {"campaign": "constants", "seconds": args.seconds}
+    if args.near is None:
+        judges = _calling(project, args, about)
+    else:
+        judges = partial(project.importing, count=args.near)
+    journal = Journal(args.report, about)
+    work: dict[str, Callable[[], dict[str, Any]]] = {}
+    for change in changes:
+        tests = judges(change.module)
+        work[project.key(change, tests)] = partial(project.judge, change, tests)
+    _fill(journal, work, args.jobs)
+    print(table([journal.rows[key] for key in work]))
+
+
+def _calling(project: Project, args: argparse.Namespace, about: dict[str, Any]) -> Callable[[str], list[str]]:
+    """The test files that execute a module, after every one was run once."""
     calls = Journal(args.report.with_suffix(".tests.jsonl"), about)
     names = _digest(*project.modules)  # when modules move, tests call others
     keys = {test: f"{test} {_digest(text, names)}" for test, text in project.tests.items()}
@@ -302,13 +367,7 @@ def main(arguments: list[str] | None = None) -> None:
     known = {test: calls.rows[key] for test, key in keys.items()}
     if failing := [test for test, row in known.items() if not row["passed"]]:
         print("left out, they fail without any change:", *failing)
-    journal = Journal(args.report, about)
-    work: dict[str, Callable[[], dict[str, Any]]] = {}
-    for change in changes:
-        tests = project.executing(change.module, known)
-        work[project.key(change, tests)] = partial(project.judge, change, tests)
-    _fill(journal, work, args.jobs)
-    print(table([journal.rows[key] for key in work]))
+    return partial(project.executing, known=known)
 
 
 if __name__ == "__main__":

@@ -324,12 +324,17 @@ def _row(name: str, ours: int, count: int) -> dict[str, Any]:
     return {**row, "higher_is_better": False}
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+def fuzz_arguments(description: str | None) -> argparse.Namespace:
+    """Command line of a campaign: how many, from which seed, and whether each is shown."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--verbose", action="store_true")
-    arguments = parser.parse_args()
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    arguments = fuzz_arguments(__doc__)
     if arguments.verbose:
         for file in campaign(arguments.count, arguments.seed)["files"]:
             print(f"{file['kind']:<14}{file['outcome']:<10}{file['cpu_s']:.3f} s  {file['text'][:160]}")

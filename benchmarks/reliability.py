@@ -111,18 +111,15 @@ def _cuts(scale: int) -> Iterator[Case]:
     yield f"cut at {30 * scale} places", run
 
 
+def _tested(file: str) -> subprocess.CompletedProcess[str]:
+    """What a file of tests says, in a process of its own."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", file]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+
+
 def _golden(_scale: int) -> Iterator[Case]:
     def run() -> dict[str, int]:
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            str(ROOT / "tests/test_golden.py"),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+        done = _tested("tests/test_golden.py")
         versions = len(list((ROOT / "tests/golden").iterdir()))
         return {"tried": versions * (len(golden.NAMES) + 4), "wrong": int(done.returncode != 0)}
 
@@ -133,16 +130,7 @@ def _attacks(_scale: int) -> Iterator[Case]:
     """Archives that unpack to more than they should, links and names that lead out of their folder, devices."""
 
     def run() -> dict[str, int]:
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            str(ROOT / "tests/test_security.py"),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+        done = _tested("tests/test_security.py")
         passed = re.search(r"(\d+) passed", done.stdout)
         tried = int(passed[1]) if passed else 0
         return {"tried": tried, "wrong": int(done.returncode != 0)}

@@ -5,7 +5,6 @@ python -m benchmarks.sequence_faults --count 200
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +17,8 @@ from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.depth import DepthSequence, write_depth, write_poses
 
-SEED = 20261121
+from .map_fuzz import SEED, fuzz_arguments
+
 FRAMES = 6
 
 Rng = np.random.Generator
@@ -146,11 +146,7 @@ def run(count: int = 200, seed: int = SEED) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--verbose", action="store_true")
-    arguments = parser.parse_args()
+    arguments = fuzz_arguments(__doc__)
     if arguments.verbose:
         for entry in campaign(arguments.count, arguments.seed):
             print(f"{entry['fault']:<14}{entry['outcome']:<9}{entry['text'][:160]}")

@@ -97,6 +97,21 @@ def test_noticed_and_unnoticed_constants_are_told_apart(project, tmp_path, capsy
     assert report.read_text() == kept, "what is in the report is not done again"
 
 
+def test_the_nearest_tests_judge_a_sample(project, tmp_path, capsys):
+    """By the tests that import a module: those of ``steps`` see ``limits``, which none imports itself."""
+    options = ["--root", str(project), "--report", str(tmp_path / "near.jsonl"), "--near", "1"]
+    constants.main([*options, "--only", "MAX_STEPS"])
+    printed = capsys.readouterr().out
+    assert "left out" not in printed, "no test is run without a change"
+    assert "tiny.limits:MAX_STEPS x0.8 noticed" in printed
+    assert "tiny.limits:MAX_STEPS x1.25 noticed" in printed
+    constants.main([*options, "--sample", "2", "--seed", "3", "--list"])
+    drawn = capsys.readouterr().out
+    assert "2 constants" in drawn
+    constants.main([*options, "--sample", "2", "--seed", "3", "--list"])
+    assert capsys.readouterr().out == drawn
+
+
 def test_the_rule_of_what_a_constant_is(project, capsys):
     constants.main(["--root", str(project), "--list"])
     listed = capsys.readouterr().out

@@ -1,11 +1,14 @@
-"""Depth views of spheres on a square plate, by intersecting rays: truth made apart from the fusion."""
+"""Depth views of spheres on a square plate, by intersecting rays, and round walls: truth made apart from the library."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.io.depth import DepthFrame
+from visuohaptic.reconstruction import SurfaceMesh
 
 SPHERES = (((0.5, 0.5, 0.15), 0.15), ((0.25, 0.65, 0.1), 0.1), ((0.72, 0.3, 0.08), 0.08))
 
@@ -40,3 +43,14 @@ def surface_error_m(points) -> np.ndarray:
     """Distance of points from the nearest sphere or the plate's plane."""
     gaps = [np.abs(np.linalg.norm(points - np.asarray(c), axis=1) - r) for c, r in SPHERES]
     return np.min([*gaps, np.abs(points[:, 2])], axis=0)
+
+
+def part(wall: Callable[[np.ndarray, np.ndarray], np.ndarray], low_m: float, high_m: float) -> SurfaceMesh:
+    """Triangles of the wall between two heights, counter-clockwise from outside."""
+    z, theta = np.meshgrid(np.linspace(low_m, high_m, 24), np.arange(64) * 2 * np.pi / 64, indexing="ij")
+    rho = wall(theta, z)
+    vertices = np.stack([rho * np.cos(theta), rho * np.sin(theta), z], axis=-1).reshape(-1, 3)
+    row, column = np.meshgrid(np.arange(23), np.arange(64), indexing="ij")
+    a, b = 64 * row + column, 64 * row + (column + 1) % 64
+    faces = np.stack([[a, b, a + 64], [b, b + 64, a + 64]]).transpose(0, 2, 3, 1).reshape(-1, 3)
+    return SurfaceMesh(vertices, faces)

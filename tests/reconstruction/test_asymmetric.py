@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from visuohaptic.reconstruction import SurfaceMesh
+from tests.reconstruction.scenes import part
 from visuohaptic.reconstruction.completion import Completion, CompletionSettings, HoleRegion, Touch
 
 SIGMA_M = 0.0003
@@ -40,17 +40,6 @@ def dented(theta, z):
     """A round body with a dent of 6 mm on one side of the hidden part."""
     turned = np.angle(np.exp(1j * (theta - 2.0)))
     return 0.035 - 0.006 * np.exp(-((turned / 0.5) ** 2) - ((z - 0.1) / 0.02) ** 2)
-
-
-def part(wall: Wall, low_m: float, high_m: float) -> SurfaceMesh:
-    """Triangles of the wall between two heights, counter-clockwise from outside."""
-    z, theta = np.meshgrid(np.linspace(low_m, high_m, 24), np.arange(64) * 2 * np.pi / 64, indexing="ij")
-    rho = wall(theta, z)
-    vertices = np.stack([rho * np.cos(theta), rho * np.sin(theta), z], axis=-1).reshape(-1, 3)
-    row, column = np.meshgrid(np.arange(23), np.arange(64), indexing="ij")
-    a, b = 64 * row + column, 64 * row + (column + 1) % 64
-    faces = np.stack([[a, b, a + 64], [b, b + 64, a + 64]]).transpose(0, 2, 3, 1).reshape(-1, 3)
-    return SurfaceMesh(vertices, faces)
 
 
 def rms_m(completion: Completion, wall: Wall) -> float:

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from tests.reconstruction.scenes import part
 from visuohaptic.cli.main import main
 from visuohaptic.core import CalibrationError, InputError
 from visuohaptic.core.camera import Pose
@@ -266,17 +267,8 @@ def test_rings_of_an_improbable_symmetry_do_no_harm():
         fraction = np.clip((z - 0.05) / 0.09, 0, 1)
         return (1 - fraction) * low + fraction * high
 
-    def part(low_m, high_m):
-        z, theta = np.meshgrid(np.linspace(low_m, high_m, 24), np.arange(64) * 2 * np.pi / 64, indexing="ij")
-        rho = wall(theta, z)
-        vertices = np.stack([rho * np.cos(theta), rho * np.sin(theta), z], axis=-1).reshape(-1, 3)
-        row, column = np.meshgrid(np.arange(23), np.arange(64), indexing="ij")
-        a, b = 64 * row + column, 64 * row + (column + 1) % 64
-        faces = np.stack([[a, b, a + 64], [b, b + 64, a + 64]]).transpose(0, 2, 3, 1).reshape(-1, 3)
-        return SurfaceMesh(vertices, faces)
-
-    visible = part(0.0, 0.054).joined(part(0.146, 0.2))
-    hidden = part(0.054, 0.146).vertices_m
+    visible = part(wall, 0.0, 0.054).joined(part(wall, 0.146, 0.2))
+    hidden = part(wall, 0.054, 0.146).vertices_m
     region = HoleRegion.of_points(hidden.mean(axis=0) + 0.9 * (hidden - hidden.mean(axis=0)))
     each = [Completion(visible, region, CompletionSettings(use_priors=use)) for use in (True, False)]
     assert each[0].prior.p_sweep < 0.1

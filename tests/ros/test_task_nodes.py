@@ -37,6 +37,17 @@ TF_HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f0
 
 
 @contextmanager
+def film(camera, image, got):
+    """Publish an image again and again, until something has come in."""
+    pictures = camera.advertise("image", "sensor_msgs/msg/Image")
+    pictures.wait_until_heard(PATIENCE_S)
+    stamps = iter(range(10, 10_000))
+    assert until(
+        lambda: pictures.publish(messages.image(next(stamps) / 10, image, "eye")) or until(lambda: got, 0.3),
+        PATIENCE_S,
+    )
+
+
 def running(name: str, **values: Any) -> Iterator[LifecycleProcess]:
     with LifecycleProcess(name, node_kind(name), values, RosOptions(domain=DOMAIN)) as process:
         process.start()
@@ -105,17 +116,9 @@ def test_a_tag_becomes_a_pose(robot: Robot, tmp_path: Path) -> None:
     rows, columns = tag.image.shape
     image[60 : 60 + rows, 140 : 140 + columns] = tag.image
     got = listen(robot, "template/box", "geometry_msgs/msg/PoseWithCovarianceStamped", None)
-    pictures = robot.advertise("image", "sensor_msgs/msg/Image")
     words = {"templates": str(tmp_path / "tags"), "camera": str(tmp_path / "camera.yaml"), "frame": "eye"}
     with running("template", tf=False, **words):
-        pictures.wait_until_heard(PATIENCE_S)
-        stamps = iter(range(10, 10_000))
-        assert until(
-            lambda: (
-                pictures.publish(messages.image(next(stamps) / 10, image, "eye")) or until(lambda: got, 0.3)
-            ),
-            PATIENCE_S,
-        )
+        film(robot, image, got)
     assert got[0].header.frame_id == "eye"
     distance = 600.0 * tag.pixel_m
     assert got[0].pose.pose.position.z == pytest.approx(distance, rel=0.01)
@@ -253,15 +256,7 @@ def test_frames_of_templates_are_on_tf(tmp_path: Path) -> None:
         node.configure(values)
         node.activate()
         listener.subscribe("/tf", "tf2_msgs/msg/TFMessage", lambda r: got.append(r.message), Qos(depth=100))
-        pictures = other.advertise("image", "sensor_msgs/msg/Image")
-        pictures.wait_until_heard(PATIENCE_S)
-        stamps = iter(range(10, 10_000))
-        assert until(
-            lambda: (
-                pictures.publish(messages.image(next(stamps) / 10, image, "eye")) or until(lambda: got, 0.3)
-            ),
-            PATIENCE_S,
-        )
+        film(other, image, got)
         (told,) = other.inner.get_publishers_info_by_topic("/tf")
     (moved,) = got[0].transforms
     assert (moved.header.frame_id, moved.child_frame_id) == ("eye", "box")

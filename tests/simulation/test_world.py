@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import EventKind, FrameSource, InputError, MobileBase
+from visuohaptic.core.measurement import GRAVITY_M_S2
 from visuohaptic.simulation.foam import FoamStripGeometry
 from visuohaptic.simulation.mobile import (
     FoamPushWorld,
@@ -21,7 +22,6 @@ from visuohaptic.simulation.mobile import (
     table,
     wall,
 )
-from visuohaptic.simulation.mobile.obstacles import GRAVITY_M_S2
 from visuohaptic.simulation.rendering import FoamScene
 
 #: Front of the foam of the default platform at rest (m).

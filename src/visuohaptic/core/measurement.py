@@ -19,6 +19,9 @@ __all__ = [
     "Wrench",
 ]
 
+#: Acceleration of gravity [m/s^2] and pressure of the air [Pa], where nobody has measured them.
+GRAVITY_M_S2, AIR_PA = 9.81, 101_325.0
+
 
 class Reason(StrEnum):
     """Why a measurement can or cannot be trusted."""

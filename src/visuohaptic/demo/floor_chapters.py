@@ -249,8 +249,7 @@ def _look_from(mission: Mission, pose: tuple[float, float, float]) -> Float[np.n
     mapper.locate(scan, platform.odometry())
     mission.known.pose = mapper.pose
     x, y, heading = mapper.pose
-    c, s = math.cos(heading), math.sin(heading)
-    return scan.points_m @ np.array([[c, s], [-s, c]]) + (x, y)
+    return scan.points_m @ rotation_2d(heading).T + (x, y)
 
 
 def _distance(group: Float[np.ndarray, "k 2"], path: Float[np.ndarray, "n 3"]) -> float:
@@ -346,8 +345,7 @@ def fit_fraction(
         Estimated.
     """
     scan = LedPlatform(mission.house, true_pose, mission.rng(5), mission.rng(6)).scan()
-    c, s = math.cos(estimated_pose[2]), math.sin(estimated_pose[2])
-    return scan_fit(grid, scan.points_m @ np.array([[c, s], [-s, c]]) + estimated_pose[:2])
+    return scan_fit(grid, scan.points_m @ rotation_2d(estimated_pose[2]).T + estimated_pose[:2])
 
 
 def _problem(

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
+from ..core.measurement import GRAVITY_M_S2
 from ..core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
 from ..deformation.nonlinear.contents import liquid_level_m
 from ..deformation.shapes.mesher import ShellObject
@@ -31,7 +32,6 @@ __all__ = [
     "wall_density_kg_per_m3",
 ]
 
-GRAVITY_m_per_s2 = 9.81
 #: Moments below this are rounding [N m].
 NO_MOMENT = 1e-9
 
@@ -204,7 +204,7 @@ def required_force_N(
     rest = offset - along[:, None] * unit
     aside = np.linalg.norm(rest[:, :2], axis=1)
     above = np.maximum(rest[:, 2], 0.0)
-    weight_N = load.mass_kg * (GRAVITY_m_per_s2 + handling.acceleration_m_per_s2)
+    weight_N = load.mass_kg * (GRAVITY_M_S2 + handling.acceleration_m_per_s2)
     tangential_N = weight_N * (0.5 + np.abs(along) / np.maximum(width, 1e-12))
     moment_Nm = 0.5 * weight_N * (aside + above * np.sin(handling.tilt_rad))
     moment_Nm = np.where(moment_Nm < NO_MOMENT, 0.0, moment_Nm)

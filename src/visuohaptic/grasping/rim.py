@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.geometry import vertex_normals
+from ..core.measurement import GRAVITY_M_S2
 from ..core.objects import StiffnessMap
 from ..deformation.nonlinear.contents import liquid_level_m
 from ..deformation.shapes.mesher import ShellObject
 from .confirm import mouth_edges
-from .force import GRAVITY_m_per_s2, Load, required_force_N, success_probability
+from .force import Load, required_force_N, success_probability
 from .grasp_task import Grasp, GraspTask
 from .score import GraspScores, deformation_score
 
@@ -63,7 +64,7 @@ def rim_grasps(
         points[mouth, 1] - container.axis_point_m[1], points[mouth, 0] - container.axis_point_m[0]
     )
     mouth = mouth[np.argsort(angle)][:: max(1, len(mouth) // AROUND)]
-    weight_N = load.mass_kg * (GRAVITY_m_per_s2 + task.handling.acceleration_m_per_s2)
+    weight_N = load.mass_kg * (GRAVITY_M_S2 + task.handling.acceleration_m_per_s2)
     out = []
     for corner in mouth:
         down = normal[corner, 2] * normal[corner] - np.array([0.0, 0.0, 1.0])
@@ -113,6 +114,6 @@ def _needed_N(
     beside = replace(load, centre_m=(float(x), float(y), float(z)))
     ends = place_m[None] - 1e-3 * inward, place_m[None] + 1e-3 * inward
     slip = required_force_N(beside, *ends, np.zeros(1), task.gripper, task.handling)
-    weight_N = load.mass_kg * (GRAVITY_m_per_s2 + task.handling.acceleration_m_per_s2)
+    weight_N = load.mass_kg * (GRAVITY_M_S2 + task.handling.acceleration_m_per_s2)
     turn = 2 * weight_N * abs(along) / (UNEVEN * max(task.gripper.finger_radius_m, 1e-3))
     return max(float(slip[0]), task.handling.safety * turn)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from ..core.errors import InputError
 from ..core.files import load_json, write_text
+from ..core.files.plain_json import plain
 from .data.curve_file import SqueezedObject
 from .data.data_set import FeatureSet, load_feature_set, save_feature_set
 from .data.protocol import TouchProtocol
@@ -94,7 +95,7 @@ def save_classifier(path: Path | str, found: Classifier) -> None:
         "groups": {name: list(members) for name, members in found.groups.items()},
         "calibration": found.calibration,
         "objects": found.data is not None,
-        "squeezed": [_plain(asdict(one)) for one in found.squeezed],
+        "squeezed": [plain(one) for one in found.squeezed],
     }
     write_text(path, json.dumps(content, indent=1) + "\n")
 
@@ -116,12 +117,12 @@ def load_classifier(path: Path | str) -> Classifier:
 
     def parsed(content: Any) -> tuple[Classifier, bool]:
         # Files of earlier versions were calibrated for another model.
-        wide, plain = (
+        wide, bare = (
             (float(warm), float(odds)) for warm, odds in content.get("calibration", ((1, 0), (1, 0)))
         )
         squeezed = tuple(_squeezed(one) for one in content.get("squeezed", ()))
         groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
-        found = Classifier(groups, squeezed=squeezed, calibration=(wide, plain))
+        found = Classifier(groups, squeezed=squeezed, calibration=(wide, bare))
         return found, bool(squeezed and not content.get("objects"))
 
     found, whole = load_json(path, "a classifier", parsed, remedy="create one with classify train")
@@ -136,15 +137,6 @@ def load_classifier(path: Path | str) -> Classifier:
     if not set(tree.classes) <= {named.get(label, label) for label in data.classes}:
         raise InputError(path.with_suffix(".npz"), "has other classes than the tree beside it")
     return replace(found, tree=tree, data=data)
-
-
-def _plain(value: Any) -> Any:
-    """The same with null for what is not a number, which JSON does not have."""
-    if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _squeezed(content: Any) -> SqueezedObject:

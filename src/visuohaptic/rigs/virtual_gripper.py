@@ -14,7 +14,6 @@ from ..core.camera.plane import PlaneView
 from ..sensing.foam.finger import FingerSensor
 from ..sensing.foam.strip.config import FoamSensorConfig
 from ..sensing.foam.strip.stripe_view import train_stripe
-from ..simulation.foam.outline import Outline
 from ..simulation.foam.rig import SensorRig
 from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import StripLaw
@@ -32,12 +31,12 @@ from ..simulation.tabletop.gripper_setup import (
     gripper_look,
 )
 from .foam_example import write_truth, write_video
+from .squeeze_rig import BOTTLE
 from .virtual_sensor import calibrate_by_press
 
 __all__ = ["GripperSensor", "write_gripper_example"]
 
-#: The example: a bottle of 7 cm, 20 N/mm stiff; the speed of closing [m/s], and when it is filmed, before the contact [s].
-_BOTTLE = GraspObject(Outline.disc((0.065, 0.0), 0.035), stiffness_N_per_m=2e4)
+#: The example: the speed of closing [m/s], and when it is filmed, before the contact [s].
 _CLOSE_M_S, _BEGIN_S = 0.03, 0.9
 #: Its light and the rate factor of its videos: a few megabytes each.
 _DAYLIGHT, _CRF = CameraEffects(1.0, 1.5, vignetting=0.2), 18
@@ -154,7 +153,7 @@ def write_gripper_example(
     say("rendering rest.mp4")
     still = maker.gripper(rng=rng)
     write_video(folder / "rest.mp4", (still.frame().image for _ in range(20)), crf=_CRF)
-    gripper, truth = maker.gripper(_BOTTLE, rng=rng), []
+    gripper, truth = maker.gripper(BOTTLE, rng=rng), []
     gripper.move(0.0, _CLOSE_M_S)
     gripper.skip_to(_BEGIN_S)
 

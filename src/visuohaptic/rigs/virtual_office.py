@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ..core.codec import to_dict
 from ..core.files import save_yaml
+from ..core.geometry import rotation_2d
 from ..core.objects import Estimate, HapticTag
 from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
@@ -69,9 +70,8 @@ def box(
         Rotation [rad].
     """
     half = np.array([width, width if depth is None else depth]) / 2
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-    out: np.ndarray = corners @ np.array([[c, s], [-s, c]]) + (x, y)
+    out: np.ndarray = corners @ rotation_2d(angle_rad).T + (x, y)
     return out
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from ..core.geometry import rotation_2d
 from ..navigation.mapping.haptic_map import HapticContact, HapticMap
 from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.mobile.odometry import DriftingBase
@@ -112,7 +113,10 @@ def score_map(room: TouchRoom, mapping: TouchMapping, touched: list[tuple[str, f
     x = haptic.origin_m[0] + (np.arange(columns) + 0.5) * haptic.resolution_m
     y = haptic.origin_m[1] + (np.arange(rows) + 0.5) * haptic.resolution_m
     places = np.stack(np.meshgrid(x, y), axis=-1)
-    points = [_in_map(contact) for contact in mapping.contacts]
+    points = [
+        contact.points_foam_m @ rotation_2d(contact.T_map_foam[2]).T + contact.T_map_foam[:2]
+        for contact in mapping.contacts
+    ]
     if not points:
         return MapScore(0.0, 0.0, 0, 0, 0)
     near = cKDTree(np.concatenate(points)).query(places.reshape(-1, 2))[0].reshape(rows, columns) < AROUND_M
@@ -141,12 +145,6 @@ def score_map(room: TouchRoom, mapping: TouchMapping, touched: list[tuple[str, f
     return MapScore(
         _iou(told_solid, solid, near), _iou(told_free, ~solid, near), right, len(mapping.contacts), mixed
     )
-
-
-def _in_map(contact: HapticContact) -> np.ndarray:
-    x, y, yaw = contact.T_map_foam
-    c, s = np.cos(yaw), np.sin(yaw)
-    return contact.points_foam_m @ np.array([[c, s], [-s, c]]) + np.array([x, y])
 
 
 def _iou(told: np.ndarray, true: np.ndarray, where: np.ndarray) -> float:

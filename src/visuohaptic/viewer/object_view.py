@@ -154,7 +154,13 @@ class ObjectView:
     # -- What is drawn -------------------------------------------------------------------------
 
     def draw(self, stage: Stage) -> None:
-        """Mesh, sliders, and places for what a click says."""
+        """Mesh, sliders, and places for what a click says.
+
+        Parameters
+        ----------
+        stage
+            Empty one, which keeps mesh and sliders.
+        """
         self._stage = stage
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))

@@ -77,7 +77,13 @@ class StepsView:
             self._refresh()
 
     def draw(self, stage: Stage) -> None:
-        """The walk as a list that grows."""
+        """The walk as a list that grows.
+
+        Parameters
+        ----------
+        stage
+            Empty one, which keeps the list.
+        """
         self._stage = stage
         stage.keep("steps", stage.gui.add_markdown(self.text(), order=10))
 

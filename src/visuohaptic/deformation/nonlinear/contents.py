@@ -37,7 +37,6 @@ __all__ = [
 
 #: P_0 of the dissertation.
 AMBIENT_PRESSURE_Pa = 1e5
-GRAVITY_m_per_s2 = 9.81
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ def pinch_curve(
     Parameters
     ----------
     shell
-        Wall and contents.
+        Wall with its contents.
     tips
         As for a map, see :func:`.opposing_points`.
     which

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int32
 
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.ranges import POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 from .door_openings import (
@@ -322,6 +323,5 @@ def _with_rooms(
 def _place_m(grid: OccupancyMap, cells: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
     """Map frame of places (row, column) between the centres of cells."""
     x, y, yaw = grid.origin
-    c, s = np.cos(yaw), np.sin(yaw)
     local = (cells[:, ::-1] + 0.5) * grid.resolution_m
-    return local @ np.array([[c, s], [-s, c]]) + [x, y]
+    return local @ rotation_2d(yaw).T + [x, y]

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.objects import Primitive, PrimitiveKind
 from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
@@ -249,8 +250,7 @@ class HapticMap:
     ) -> tuple[tuple[slice, slice], Float[np.ndarray, "rows columns 2"]]:
         """Cells near the contact, and their places in frame F."""
         x, y, yaw = contact.T_map_foam
-        c, s = math.cos(yaw), math.sin(yaw)
-        points = contact.points_foam_m @ np.array([[c, s], [-s, c]]) + [x, y]
+        points = contact.points_foam_m @ rotation_2d(yaw).T + [x, y]
         reach = max(contact.diameter_m, 2 * self.resolution_m) * -math.log(_MIN)
         low = (points.min(axis=0) - reach - np.array(self.origin_m)) / self.resolution_m
         high = (points.max(axis=0) + reach - np.array(self.origin_m)) / self.resolution_m
@@ -259,8 +259,7 @@ class HapticMap:
         left, right = (int(np.clip(v, 0, columns)) for v in (math.floor(low[0]), math.ceil(high[0])))
         gx = self.origin_m[0] + (np.arange(left, right) + 0.5) * self.resolution_m - x
         gy = self.origin_m[1] + (np.arange(top, bottom) + 0.5) * self.resolution_m - y
-        grid_x, grid_y = np.meshgrid(gx, gy)
-        places = np.stack([c * grid_x + s * grid_y, c * grid_y - s * grid_x], axis=-1)
+        places = np.stack(np.meshgrid(gx, gy), axis=-1) @ rotation_2d(yaw)
         return (slice(top, bottom), slice(left, right)), places
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ...core.geometry import wrap_angle
+from ...core.geometry import rotation_2d, wrap_angle
 from ...core.measurement import Reason
 from ...core.ranges import POSITIVE, check_ranges
 
@@ -123,8 +123,7 @@ def _places(
     grid: HitGrid, points_m: Float[np.ndarray, "n 2"], pose: tuple[float, float, float]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
     """Points turned into the map's axes [m], and their places in the grid (x, y) [cells]."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    turned = points_m @ np.array([[c, s], [-s, c]])
+    turned = points_m @ rotation_2d(pose[2]).T
     return turned, (turned + np.array(pose[:2]) - np.array(grid.corner_m)) / grid.resolution_m
 
 

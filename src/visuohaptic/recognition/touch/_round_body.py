@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.measurement import AIR_PA, GRAVITY_M_S2
 
 __all__ = [
     "EMPTY",
@@ -22,7 +23,7 @@ __all__ = [
 ]
 
 #: Pressure of the air [Pa], density of PET [kg/m^3], gravity [m/s^2].
-AIR_PA, PET_DENSITY, GRAVITY_M_S2 = 101_325.0, 1380.0, 9.81
+PET_DENSITY = 1380.0
 #: Thickness of the neck with its thread [m], and the fraction of the height where it begins.
 NECK_M, NECK = 0.0012, 0.9
 #: Liquids and their container deform a little: never less than this fraction of air.

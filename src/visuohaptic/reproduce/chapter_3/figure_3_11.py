@@ -7,11 +7,11 @@ Thin black lines are the truth, movable objects as they stood at the begin; cros
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
+from ...core.geometry import rotation_2d
 from ...core.objects import PrimitiveKind
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_touch_map import RoomTrial, map_virtual_room
@@ -88,9 +88,8 @@ def _draw(axes: Any, trial: RoomTrial) -> None:
     extent = (x, x + columns * haptic.resolution_m, y, y + rows * haptic.resolution_m)
     axes.imshow(rgb, origin="lower", extent=extent, interpolation="nearest")
     for obstacle in trial.room.obstacles:
-        c, s = math.cos(obstacle.yaw_rad), math.sin(obstacle.yaw_rad)
         for part in obstacle.outlines:
-            outline = part.polygon_m() @ np.array([[c, s], [-s, c]]) + (obstacle.x_m, obstacle.y_m)
+            outline = part.polygon_m() @ rotation_2d(obstacle.yaw_rad).T + (obstacle.x_m, obstacle.y_m)
             axes.plot(*np.vstack([outline, outline[:1]]).T, color=COLOURS["ink"], lw=0.8)
         if obstacle.movable:
             axes.annotate(obstacle.name, (obstacle.x_m, obstacle.y_m), xytext=(8, 4), fontsize=8,

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core.geometry import rotation_2d
 from ...io.maps.occupancy_map import OccupancyMap
 from ...navigation.planning.off_centre_rollouts import scene_of
 from ...navigation.planning.search.domain_builder import build_search_domain
@@ -181,6 +182,5 @@ def _drive(axis: Any, one: Candidate, truth: Any, model: PushModel) -> None:
 
 
 def _placed(model: PushModel, pose: np.ndarray) -> np.ndarray:
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    out: np.ndarray = model.outline_m @ np.array([[c, s], [-s, c]]) + pose[:2]
+    out: np.ndarray = model.outline_m @ rotation_2d(pose[2]).T + pose[:2]
     return out

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core.measurement import GRAVITY_M_S2
 from ...core.objects import Estimate, HapticTag
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
@@ -32,7 +33,7 @@ from ..output import Columns, Output
 
 __all__ = ["run"]
 
-FRONT_m, GAP_m, GRAVITY = 0.19, 0.012, 9.81
+FRONT_m, GAP_m = 0.19, 0.012
 #: Slow: the water in the vase breaks away after less than a millimetre, and 30 frames a second have to see it.
 SPEED_m_s, PUSH_m = 0.0125, 0.04
 #: The soft foam of the other figures densifies under 15 N on 20 cm; PUR of this kind bears the 15.9 N of the table.
@@ -58,7 +59,7 @@ class Row:
 def _pushed(name: str, kind: str, size: tuple[float, float, float], static_N: float, dynamic_N: float,
             friction: float, yaw_rad: float = 0.0, aside_m: float = 0.0) -> Row:  # fmt: skip
     ratio = static_N / dynamic_N
-    rest: dict[str, Any] = {"mass_kg": dynamic_N / (friction * GRAVITY), "friction": friction, "static_ratio": ratio,
+    rest: dict[str, Any] = {"mass_kg": dynamic_N / (friction * GRAVITY_M_S2), "friction": friction, "static_ratio": ratio,
                             "yaw_rad": yaw_rad}  # fmt: skip
     ahead = FRONT_m + GAP_m + 0.5 * size[0] * abs(math.cos(yaw_rad)) + 0.5 * size[1] * abs(math.sin(yaw_rad))
     if kind == "cylinder":

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core.geometry import rotation_2d
 from ...io.depth.depth_sequence import DepthFrame
 from ...reconstruction.mesh import SurfaceMesh
 from ...rigs.virtual_glass import detected, judged, rendered
@@ -73,8 +74,7 @@ def _draw(axis: Any, frames: list[DepthFrame], scene: Any, regions: Any) -> None
         ring = np.stack([solid.squash * radius * np.cos(theta), radius * np.sin(theta), z], axis=-1).reshape(
             -1, 3
         )
-        c, s = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)
-        ring[:, :2] = ring[:, :2] @ np.array([[c, s], [-s, c]])
+        ring[:, :2] = ring[:, :2] @ rotation_2d(solid.yaw_rad).T
         axis.plot(*(1e3 * (ring + np.asarray(solid.foot_m))).T, ".", ms=0.8, color="#0072b2")
     for region in regions:
         shaded(axis, SurfaceMesh(region.hull_m, region.faces), "#f0d21e", alpha=0.8)

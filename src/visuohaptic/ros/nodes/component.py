@@ -49,7 +49,7 @@ class Host:
         self.node = node
         self.fail = fail
         self.active = threading.Event()  #: set while the component may measure, move and answer
-        self._transforms: dict[bool, RosPublisher] = {}
+        self._transforms: RosPublisher | None = None
 
     def offer(self, service: str, work: Callable[[], Mapping[str, Any]]) -> None:
         """Offer a ``std_srvs/srv/Trigger`` whose message is JSON; refused while the node is not active.
@@ -95,10 +95,8 @@ class Host:
         except InputError as error:
             _log.warning("%s", error)
 
-    def transform(
-        self, t_s: float, parent: str, child: str, parent_child: Pose, *, static: bool = False
-    ) -> None:
-        """Publish ``T_parent_child`` on ``/tf``, or latched on ``/tf_static``.
+    def transform(self, t_s: float, parent: str, child: str, parent_child: Pose) -> None:
+        """Publish ``T_parent_child`` on ``/tf``.
 
         Parameters
         ----------
@@ -108,17 +106,13 @@ class Host:
             Names of the frames of coordinates.
         parent_child
             Rigid motion [m] from the child's coordinates to the parent's.
-        static
-            Whether it holds from now on.
         """
-        if static not in self._transforms:
-            qos = Qos(latched=static, depth=100)
-            topic = "/tf_static" if static else "/tf"
-            self._transforms[static] = self.node.advertise(topic, "tf2_msgs/msg/TFMessage", qos)
+        if self._transforms is None:
+            self._transforms = self.node.advertise("/tf", "tf2_msgs/msg/TFMessage", Qos(depth=100))
         moved = messages.pose(parent_child)
         motion = {"translation": moved["position"], "rotation": moved["orientation"]}
         stamped = {"header": messages.header(t_s, parent), "child_frame_id": child, "transform": motion}
-        self._transforms[static].publish({"transforms": [stamped]})
+        self._transforms.publish({"transforms": [stamped]})
 
 
 class Component(Closing):

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from ...core.errors import DeviceError, StaleFrameError, VisuohapticError
+from ...core.geometry import compose_2d, relative_2d, wrap_angle
 from ...navigation.problem.planning_problem import PlanningProblem
 from ...tasks.mobile.travel.navigate import Travel, travel
 from ..frames import planar
@@ -57,7 +58,7 @@ class _Senses:
         self._base, self._chosen = base, chosen
         self.radius_m = 0.0
         self._lock = threading.Lock()
-        self._map_odom = np.eye(3)
+        self._map_odom = (0.0, 0.0, 0.0)
         stamped = "geometry_msgs/msg/PoseStamped"
         if chosen.pose:
             pose = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -74,16 +75,16 @@ class _Senses:
             state = self._base.state()
         except StaleFrameError:
             return
-        odom_base = _matrix(state.x_m, state.y_m, state.heading_rad)
+        base_odom = relative_2d((state.x_m, state.y_m, state.heading_rad), (0.0, 0.0, 0.0))
         with self._lock:
-            self._map_odom = _matrix(*planar(received.message.pose.pose)) @ np.linalg.inv(odom_base)
+            self._map_odom = compose_2d(planar(received.message.pose.pose), base_odom)
             self.located = True
 
     def pose(self) -> tuple[float, float, float]:
         state = self._base.state()
         with self._lock:
-            here = self._map_odom @ _matrix(state.x_m, state.y_m, state.heading_rad)
-        return float(here[0, 2]), float(here[1, 2]), math.atan2(here[1, 0], here[0, 0])
+            x, y, heading = compose_2d(self._map_odom, (state.x_m, state.y_m, state.heading_rad))
+        return x, y, wrap_angle(heading)
 
     def touch(self) -> tuple[float, tuple[float, float] | None]:
         try:
@@ -230,8 +231,3 @@ class TravelNode(MapNode):
     def close(self) -> None:
         super().close()
         self._base.close()
-
-
-def _matrix(x_m: float, y_m: float, heading_rad: float) -> np.ndarray:
-    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-    return np.array([[cos, -sin, x_m], [sin, cos, y_m], [0.0, 0.0, 1.0]])

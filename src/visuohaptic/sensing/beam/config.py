@@ -77,7 +77,7 @@ class BeamSensorConfig(Section):
         Raises
         ------
         InputError
-            Names the file and field, what was found and what was expected.
+            As of :meth:`.FoamSensorConfig.load`.
         """
         path = Path(path)
         config = load_yaml_model(path, cls)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...core.measurement import GRAVITY_M_S2
 from .at_rest import EXCESS_SIGMA, STATIC_EXCESS, FoamCurve, Rest
 from .push_record import PushRecord
 
@@ -32,7 +33,6 @@ TIMES, MASSES, STEPS = 48, 40, 40
 #: Prior of the mass, by the dynamic friction: what slides has a coefficient of 0.4, 0.2 and 0.8 are at two deviations of
 #: its logarithm; one thing in five rolls, with 0.02 to 0.2.
 FRICTION, LOG_SIGMA, ROLLING, LOG_ROLLING_SIGMA, ROLLS = 0.4, 0.35, 0.06, 0.6, 0.2
-GRAVITY_M_S2 = 9.81
 #: Foam that is released is stiffer than foam that is compressed, by about this factor.
 RELEASED = 1.5
 #: Error of the modelled displacement, by that displacement: foam that recovers, frictions that change with speed.

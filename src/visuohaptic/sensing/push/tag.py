@@ -27,10 +27,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.measurement import Event, EventKind
+from ...core.measurement import GRAVITY_M_S2, Event, EventKind
 from ...core.objects import Estimate, HapticTag, Primitive
 from .at_rest import LOSS, LOSS_SIGMA, SCALE, FoamCurve, Rest, rest_before_motion
-from .breakaway import FRICTION, GRAVITY_M_S2, breakaway_force
+from .breakaway import FRICTION, breakaway_force
 from .events import EventSettings
 from .push_record import Phases, PushRecord, StopReason, find_phases
 

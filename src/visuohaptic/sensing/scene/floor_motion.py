@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float
 
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.measurement import Motion, Reason
 from ...core.ranges import at_least, check_ranges, within
 from ...tracking.points.flow import FlowStep
@@ -168,8 +169,7 @@ def _residuals(
     before: np.ndarray, after: np.ndarray, whiten: np.ndarray, motion: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened residuals (n, 2) and their derivatives (n, 2, 3)."""
-    c, s = math.cos(motion[2]), math.sin(motion[2])
-    turned = after @ np.array([[c, s], [-s, c]])
+    turned = after @ rotation_2d(motion[2]).T
     residual = before - turned - motion[:2]
     jacobian = np.zeros((len(before), 2, 3))
     jacobian[:, 0, 0] = jacobian[:, 1, 1] = -1.0

@@ -78,7 +78,7 @@ class SceneConfig(Section):
         Raises
         ------
         InputError
-            Names the file and field, what was found and what was expected.
+            As of :meth:`.FoamSensorConfig.load`, also of a sensor that it names.
         """
         path = Path(path)
         config = load_yaml_model(path, cls)

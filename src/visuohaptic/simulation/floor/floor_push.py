@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError, MissingExtraError
+from ...core.measurement import GRAVITY_M_S2
 
 __all__ = ["FloorBody", "FloorPush", "FloorTrace"]
 
-GRAVITY_M_S2 = 9.81
 FOOT_M = 0.004
 #: How far the springs of the feet deform under the object's weight (m), and what a foot weighs (kg).
 #: Rigid feet, more than three, would share the load as the solver likes; springs share it as springs do.

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError, MissingExtraError
-from ...core.geometry import polygon_centroid
+from ...core.geometry import polygon_centroid, rotation_2d
 from ...core.robots import BaseState, MobileBase
 from ...io.maps.occupancy_map import OccupancyMap
 from .floor_model import FloorObject, FloorRobot, floor_mjcf
@@ -129,10 +129,9 @@ class FloorWorld:
             Name of the object.
         """
         x, y, yaw = self.item_pose_m(id)
-        c, s = math.cos(yaw), math.sin(yaw)
         index = self._index(id)
         own = self.items[index].footprint_m - self._centres[index]
-        return own @ np.array([[c, s], [-s, c]]) + (x, y)
+        return own @ rotation_2d(yaw).T + (x, y)
 
     def step(self, duration_s: float) -> None:
         """Let time pass.

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.geometry import wrap_angle
+from ...core.geometry import rotation_2d, wrap_angle
 
 __all__ = ["Outline"]
 
@@ -71,8 +71,7 @@ class Outline:
         yaw_rad
             Rotation [rad].
         """
-        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        turned = np.asarray(self.vertices_m, dtype=np.float64) @ np.array([[c, s], [-s, c]])
+        turned = np.asarray(self.vertices_m, dtype=np.float64) @ rotation_2d(yaw_rad).T
         return Outline(turned + np.array([x_m, y_m]), self.radius_m)
 
     def polygon_m(self, spacing_rad: float = math.pi / 24) -> Float[np.ndarray, "k 2"]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core.measurement import GRAVITY_M_S2
 from ..mobile.obstacles import SimulatedObstacle, box, cylinder
 from ..mobile.odometry import OdometryErrors
 from .house import House, door_row
@@ -16,7 +17,6 @@ from .plan import FloorPlan, draw_plan
 
 __all__ = ["random_house"]
 
-GRAVITY_M_S2 = 9.81
 #: Wheels that are off by 2 % of the distance, and slip.
 ODOMETRY = OdometryErrors(scale=0.02, scale_turn=0.005, slip_m=0.004)
 #: A gap through which no platform of 34 cm fits, and one through which it does [m].

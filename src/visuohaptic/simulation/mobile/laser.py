@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.laser_scan import LaserScan
 from ...io.maps.occupancy_map import OccupancyMap
 
@@ -78,7 +79,7 @@ class SimulatedLaser:
         step = config.field_of_view_rad / (config.beams - 1)
         first = -0.5 * config.field_of_view_rad
         angles = first + step * np.arange(config.beams) + pose[2] - grid.origin[2]
-        local = _rotated(place - np.array(grid.origin[:2]), -grid.origin[2]) / grid.resolution_m
+        local = (place - np.array(grid.origin[:2])) @ rotation_2d(grid.origin[2]) / grid.resolution_m
         directions = np.column_stack([np.sin(angles), np.cos(angles)])
         longest = config.range_max_m / grid.resolution_m
         ranges = cast(self._opaque, float(local[1]), float(local[0]), directions, longest) * grid.resolution_m
@@ -90,8 +91,3 @@ class SimulatedLaser:
         return LaserScan(
             t_s, ranges, first, step, config.range_min_m, config.range_max_m, max(config.sigma_m, 1e-4)
         )
-
-
-def _rotated(vector: np.ndarray, angle_rad: float) -> np.ndarray:
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

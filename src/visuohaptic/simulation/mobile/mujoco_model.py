@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .obstacles import FOOT_M, GRAVITY_M_S2, ObstacleKind, SimulatedObstacle
+from ...core.measurement import GRAVITY_M_S2
+from .obstacles import FOOT_M, ObstacleKind, SimulatedObstacle
 from .platform import PlatformConfig
 
 __all__ = ["feet_mjcf", "obstacle_mjcf", "platform_mjcf", "world_mjcf"]

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.measurement import GRAVITY_M_S2
 from ..foam.outline import Outline
 from ..rendering.scene import Solid
 
@@ -27,7 +28,6 @@ __all__ = [
     "wall",
 ]
 
-GRAVITY_M_S2 = 9.81
 #: Feet on which movable obstacles stand: radius (m). A flat bottom would rest on arbitrary points.
 FOOT_M = 0.004
 #: Tilt above which the cross section is cut from the solid instead of the upright outline (rad).

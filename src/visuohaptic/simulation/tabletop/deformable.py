@@ -10,14 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.measurement import AIR_PA
 
 if TYPE_CHECKING:
     from ...deformation.shells.fourier_shell import RevolutionShell
 
 __all__ = ["GRAIN_FILL", "WATER_FILL", "BulkFill", "DeformableContainer"]
-
-#: Pressure of the air (Pa).
-AIR_PA = 101_325.0
 
 
 @dataclass(frozen=True, slots=True)

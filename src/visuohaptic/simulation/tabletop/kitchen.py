@@ -14,14 +14,13 @@ import numpy as np
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.measurement import GRAVITY_M_S2
 from ...core.robots import Gripper, GripperState
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 from .deformable import DeformableContainer
 
 __all__ = ["FingerObservation", "KitchenTable"]
-
-GRAVITY_M_S2 = 9.81
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ...core.errors import InputError
+from ...core.measurement import GRAVITY_M_S2
 from ...recognition.touch.contents import (
     DEEPEST_M,
     FILLINGS,
@@ -15,7 +16,7 @@ from ...recognition.touch.contents import (
     SqueezeSamples,
 )
 from ...recognition.touch.haptic_model import UNKNOWN
-from .grasp import GRAVITY_M_S2, LiftPlan, grasp_and_lift
+from .grasp import LiftPlan, grasp_and_lift
 from .hand import Hand, Place
 from .squeeze_task import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
 

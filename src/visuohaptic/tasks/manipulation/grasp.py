@@ -8,14 +8,13 @@ from enum import StrEnum
 
 import numpy as np
 
+from ...core.measurement import GRAVITY_M_S2
 from ...core.ranges import POSITIVE, check_ranges
 from ..framework.machine import Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
 __all__ = ["GraspAndLift", "GraspAndLiftTask", "GraspOutcome", "GraspState", "LiftPlan", "grasp_and_lift"]
-
-GRAVITY_M_S2 = 9.81
 
 
 class GraspState(StrEnum):
@@ -213,13 +212,9 @@ def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLif
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
-    >>> heights_m, depths_m = np.array([0.0, 0.1, 0.2]), np.linspace(0.0, 0.012, 25)
-    >>> force_N = 3000.0 * np.ones((3, 1)) * depths_m  # 3 N/mm everywhere
-    >>> bottle = DeformableContainer("bottle", heights_m, np.full(3, 0.035), depths_m, force_N)
-    >>> table = KitchenTable(bottle, np.random.default_rng(0))
-    >>> hand = Hand(table.arm, table, table, table.feel)
+    >>> from visuohaptic.simulation.served import kitchen
+    >>> cell = kitchen(stiffness_N_per_m=3000.0)  # an arm with a gripper, and a container of 3 N/mm
+    >>> hand = Hand(cell["arm"], cell["gripper"], cell["camera"], cell["feel"])
     >>> done = grasp_and_lift(hand, LiftPlan(Place(0.1), force_N=6.0))
     >>> str(done.ending.outcome)
     'lifted'

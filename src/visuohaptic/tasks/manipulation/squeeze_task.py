@@ -248,13 +248,9 @@ def squeeze(hand: Hand, places: Sequence[Place], settings: SqueezeSettings | Non
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
-    >>> heights_m, depths_m = np.array([0.0, 0.1, 0.2]), np.linspace(0.0, 0.012, 25)
-    >>> force_N = 3000.0 * np.ones((3, 1)) * depths_m  # 3 N/mm everywhere
-    >>> bottle = DeformableContainer("bottle", heights_m, np.full(3, 0.035), depths_m, force_N)
-    >>> table = KitchenTable(bottle, np.random.default_rng(0))
-    >>> hand = Hand(table.arm, table, table, table.feel)
+    >>> from visuohaptic.simulation.served import kitchen
+    >>> cell = kitchen(stiffness_N_per_m=3000.0)  # an arm with a gripper, and a container of 3 N/mm
+    >>> hand = Hand(cell["arm"], cell["gripper"], cell["camera"], cell["feel"])
     >>> (curve,) = squeeze(hand, [Place(0.1)]).curves
     >>> abs(curve.stiffness_N_per_m / 3000.0 - 1) < 0.06
     True

@@ -45,9 +45,8 @@ def felt_footprint(
     state, shape = found.fit_state, found.tag.primitive
     corners = None if state is None or shape is None else _corners(shape)
     if state is not None and corners is not None:
-        c, s = math.cos(state.heading_rad), math.sin(state.heading_rad)
         ahead = corners + np.array([front_m, 0.0])
-        return ahead @ np.array([[c, s], [-s, c]]) + (state.x_m, state.y_m)
+        return ahead @ rotation_2d(state.heading_rad).T + (state.x_m, state.y_m)
     turn = rotation_2d(heading_rad)
     (x0, y0), (_, y1) = (seen_m @ turn).min(axis=0), (seen_m @ turn).max(axis=0)
     width = max(float(y1 - y0), 0.05)

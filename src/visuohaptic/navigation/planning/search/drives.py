@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int32
@@ -19,6 +20,14 @@ STRING_WINDOW = 80
 STRING_ROUNDS = 12
 #: Nodes of a path over the lattice that are followed on the map at once.
 PIECE = 60
+
+
+class _Drive(NamedTuple):
+    """From where to where, and where the bodies are meanwhile."""
+
+    shifts: Float[np.ndarray, "bodies 2"]  #: from where the map has them [cells]
+    start: Float[np.ndarray, "2"]  #: grid coordinates [cells]
+    goal: Float[np.ndarray, "2"]
 
 
 def pull_string(
@@ -48,19 +57,20 @@ def pull_string(
     nowhere = np.zeros((0, 2)), float("inf")
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0
-    block, nodes, *_ = _drive(domain, shifts, start, goal)
+    drive = _Drive(shifts, start, goal)
+    block, nodes, *_ = _drive(domain, drive)
     if not len(nodes):
         return nowhere
-    pieces = _pieces(domain, shifts, nodes, block, start, goal)
+    pieces = _pieces(domain, drive, nodes, block)
     rounds = STRING_ROUNDS if len(pieces) == 1 else 0
-    pulled = [_pulled_piece(domain, shifts, piece, block, a, b, rounds) for piece, a, b in pieces]
+    pulled = [_pulled_piece(domain, part, piece, block, rounds) for piece, part in pieces]
     if len(pulled) > 1:
         middles = [path[len(path) // 2] for path, _ in pulled]
         path = resampled(np.concatenate([path for path, _ in pulled]), 2 * len(nodes))
         joints = [0, *(int(np.hypot(*(path - middle).T).argmin()) for middle in middles), len(path) - 1]
         parts = [path[a : b + 1] for a, b in itertools.pairwise(joints) if b > a]
         again = [
-            _pulled_piece(domain, shifts, part // block, block, part[0], part[-1], STRING_ROUNDS)
+            _pulled_piece(domain, _Drive(shifts, part[0], part[-1]), part // block, block, STRING_ROUNDS)
             for part in parts
             if deadline is None or not deadline.passed
         ]
@@ -97,16 +107,16 @@ def drives_cost(
         Of the last drive over the lattice: nodes that it begins at, and its costs [units].
     """
     ends = _ends(domain, steps, start, goal)
-    if not domain.clear_straight(ends[-1][0], goal, goal[None])[0]:
+    if not domain.clear_straight(ends[-1].shifts, goal, goal[None])[0]:
         return float("inf")
     if field is not None:
-        _over_lattice(domain, *ends[-1], field)
+        _over_lattice(domain, ends[-1], field)
     # On the lattice it costs less: what is too much there need not be looked at on the map.
-    if sum(_over_lattice(domain, *end)[1] for end in ends) >= most:
+    if sum(_over_lattice(domain, end)[1] for end in ends) >= most:
         return float("inf")
     total = 0.0
     for end in ends:
-        total += _drive(domain, *end, complete=not (steps and np.isfinite(most)))[2]
+        total += _drive(domain, end, complete=not (steps and np.isfinite(most)))[2]
         if total >= most:
             return float("inf")
     return total
@@ -125,7 +135,7 @@ def drive_cost(
     domain, shifts, start, goal
         As of :func:`pull_string`.
     """
-    return _drive(domain, shifts, start, goal)[2]
+    return _drive(domain, _Drive(shifts, start, goal))[2]
 
 
 def changed_drives_cost(
@@ -151,8 +161,10 @@ def changed_drives_cost(
     for old, new in zip(_ends(domain, steps, start, goal), _ends(domain, changed, start, goal), strict=True):
         key = _key(*new)
         if key not in domain.drives:
-            block, nodes, cost, cells = _drive(domain, *old)
-            if _key(*old[1:]) == _key(*new[1:]) and not _near_path(domain, nodes, block, old[0], new[0]):
+            block, nodes, cost, cells = _drive(domain, old)
+            if _key(*old[1:]) == _key(*new[1:]) and not _near_path(
+                domain, nodes, block, old.shifts, new.shifts
+            ):
                 domain.drives[key] = block, nodes, cost, cells
                 total += cost
                 continue
@@ -160,7 +172,7 @@ def changed_drives_cost(
             ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
                     ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
             nodes = np.concatenate([ends[0], nodes, ends[1]])
-            cost, cells = _cost_along(domain, new[0], nodes, block, *new[1:])
+            cost, cells = _cost_along(domain, new, nodes, block)
             if not np.isfinite(cost):
                 return cost
             domain.drives[key] = block, nodes, cost, cells
@@ -183,7 +195,7 @@ def drives_cells(
     domain, steps, start, goal
         As of :func:`drives_cost`.
     """
-    return [_drive(domain, *end)[3] for end in _ends(domain, steps, start, goal)]
+    return [_drive(domain, end)[3] for end in _ends(domain, steps, start, goal)]
 
 
 def _near_path(
@@ -208,11 +220,11 @@ def _ends(
     steps: tuple[PushStep, ...],
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
-) -> list[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"], Float[np.ndarray, "2"]]]:
-    """Places of the bodies, beginning and end of every drive of a plan."""
+) -> list[_Drive]:
+    """Every drive of a plan."""
     shifts = [np.zeros((len(domain.bodies), 2)), *(step.shifts_after for step in steps)]
     begins = [start, *(step.retreat for step in steps)]
-    return list(zip(shifts, begins, [*(step.approach for step in steps), goal], strict=True))
+    return list(map(_Drive, shifts, begins, [*(step.approach for step in steps), goal]))
 
 
 def _key(*arrays: Float[np.ndarray, "..."]) -> tuple[bytes, ...]:
@@ -221,14 +233,13 @@ def _key(*arrays: Float[np.ndarray, "..."]) -> tuple[bytes, ...]:
 
 def _over_lattice(
     domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
+    drive: _Drive,
     field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Blocks (x, y) of a drive over the lattice, and its cost [cells at full speed]."""
-    key = _key(shifts, start, goal)
+    key = _key(*drive)
     if key not in domain.paths:
+        shifts, start, goal = drive
         nodes, cost = cheapest_cells(
             domain, domain.lattice_with(shifts), start, goal, domain.block, field, domain.labels(domain.block)
         )
@@ -237,12 +248,7 @@ def _over_lattice(
 
 
 def _drive(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    *,
-    complete: bool = True,
+    domain: SearchDomain, drive: _Drive, *, complete: bool = True
 ) -> tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]:
     """Edge of a block, blocks (x, y) along which the map has a drive, what it costs there, and its cells.
 
@@ -251,14 +257,14 @@ def _drive(
     """
     from ._push_search_kernels import largest_in_blocks
 
-    key = _key(shifts, start, goal)
+    key, (shifts, start, goal) = _key(*drive), drive
     known = domain.drives.get(key)
     if known is None or (complete and not np.isfinite(known[2])):
         block, cost, cells = domain.block, float("inf"), np.zeros((0, 2))
-        nodes, _ = _over_lattice(domain, shifts, start, goal)
+        nodes, _ = _over_lattice(domain, drive)
         while True:
             if len(nodes):
-                cost, cells = _cost_along(domain, shifts, nodes, block, start, goal)
+                cost, cells = _cost_along(domain, drive, nodes, block)
             if np.isfinite(cost) or not len(nodes) or block == 1 or not complete:
                 break
             block //= 2
@@ -271,16 +277,14 @@ def _drive(
 
 def _cost_along(
     domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
+    drive: _Drive,
     nodes: Float[np.ndarray, "k 2"],
     block: int,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
 ) -> tuple[float, Float[np.ndarray, "n 2"]]:
     """What a drive along a path over blocks costs on the map, passages included, and the middles of its cells [cells]."""
-    cost, parts = 0.0, [start[None]]
-    for piece, *ends in _pieces(domain, shifts, nodes, block, start, goal):
-        found = _cells_along(domain, shifts, piece, block, *ends)
+    cost, parts = 0.0, [drive.start[None]]
+    for piece, part in _pieces(domain, drive, nodes, block):
+        found = _cells_along(domain, part, piece, block)
         if found is None:
             return float("inf"), np.zeros((0, 2))
         cost += found[3]
@@ -291,18 +295,17 @@ def _cost_along(
         on_path = labels[places[:, 1], places[:, 0]]
         left = on_path[:-1][(on_path[:-1] > 0) & (on_path[1:] == 0)]
         cost += sum(domain.passages[number - 1][2] for number in left) / domain.seconds(1.0)
-    return cost, np.concatenate([*parts, goal[None]])
+    return cost, np.concatenate([*parts, drive.goal[None]])
 
 
 def _pieces(
     domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
+    drive: _Drive,
     nodes: Float[np.ndarray, "k 2"],
     block: int,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-) -> list[tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "2"], Float[np.ndarray, "2"]]]:
-    """A path over blocks in pieces, each with the points where it begins and ends: the clearest cell of a block."""
+) -> list[tuple[Float[np.ndarray, "p 2"], _Drive]]:
+    """A path over blocks in pieces, each with the drive along it, which ends at the clearest cell of a block."""
+    shifts, start, goal = drive
     pieces = []
     for first in range(0, len(nodes), PIECE):
         piece = nodes[first : first + PIECE + 1]
@@ -311,7 +314,7 @@ def _pieces(
             low = (piece[-1] * block).astype(int)
             layer = domain.part(domain.clearance, low, low + block, shifts, 1)
             end = low + np.array(np.unravel_index(int(layer.argmax()), layer.shape))[::-1] + 0.5
-        pieces.append((piece, start, end))
+        pieces.append((piece, _Drive(shifts, start, end)))
         start = end
         if end is goal:
             break
@@ -320,17 +323,15 @@ def _pieces(
 
 def _pulled_piece(
     domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
+    drive: _Drive,
     nodes: Float[np.ndarray, "k 2"],
     block: int,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
     rounds: int,
 ) -> tuple[Float[np.ndarray, "q 2"], float]:
     """Cheapest path on the map along a path over blocks, and its cost; empty and infinite without one."""
     from ._travel_kernels import string_pull
 
-    found = _cells_along(domain, shifts, nodes, block, start, goal)
+    found, (_, start, goal) = _cells_along(domain, drive, nodes, block), drive
     if found is None:
         return np.zeros((0, 2)), float("inf")
     cells, clearance, low, _ = found
@@ -354,15 +355,14 @@ def _pulled_piece(
 
 def _cells_along(
     domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
+    drive: _Drive,
     nodes: Float[np.ndarray, "k 2"],
     block: int,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
 ) -> tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"], float] | None:
     """Cells of a drive along a path over blocks, the clearance around, the cell (x, y) that both begin at, its cost."""
     import cv2
 
+    shifts, start, goal = drive
     rows, columns = domain.clearance.shape
     grow = int(domain.reach / block) + 1
     low_block = np.maximum(nodes.min(axis=0).astype(int) - grow, 0)

@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from ....core.geometry import rotation_2d
 from ....core.objects import PrimitiveKind
 from ....navigation.mapping.haptic_map import HapticContact
 
@@ -120,8 +121,7 @@ class StraightWalls:
     def _against_walls(self, pose: Pose2, contact: HapticContact, direction_rad: float) -> Pose2:
         """Shift across a wall that was touched before; a new one is kept."""
         place = np.array(pose[:2])
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        turn = np.array([[c, s], [-s, c]])
+        turn = rotation_2d(pose[2]).T
         normal = np.array([math.sin(direction_rad), -math.cos(direction_rad)])
         normal = normal if normal @ turn[0] > 0 else -normal  # away from the platform
         along = np.array([-normal[1], normal[0]])

@@ -255,9 +255,20 @@ class TravelPushes:
         place: Float[np.ndarray, "3"] | None,
     ) -> Motion[SteeredPush]:
         """Turn to the object, push it, stop; straight where its place is not given."""
-        motion, settings = self._motion, self._settings
+        motion, settings, robot = self._motion, self._settings, self._robot
         yield from motion.turn_to(direction)
-        push = self._steered(id, stand, direction, length_m, place)
+        offset, lever = self._memory.friction(id)
+        speed = min(robot.v_push_m_s, robot.v_max_m_s)
+        limits = PushSettings(
+            radius_m=robot.radius_m,
+            speed_m_s=speed,
+            search_m=0.15 + 2 * self.margin_m,
+            max_force_N=robot.push_force_max_N,
+            timeout_s=min(30.0 + 3.0 * length_m / speed, motion.left_s()),
+        )
+        push = SteeredPush(
+            stand, direction, length_m, object_m=place, offset_m=offset, lever_m=lever, settings=limits
+        )
         start, looked_s, seen = motion.pose_m(), -math.inf, place
         while True:
             now_s = motion.now_s()
@@ -282,30 +293,6 @@ class TravelPushes:
             yield from motion.leave(point, settings.leave_m)
         self.behind_m = 0.0 if self._at_wall else min(settings.back_off_m, gone_m + 0.02)
         return push
-
-    def _steered(
-        self,
-        id: str,
-        stand: Float[np.ndarray, "2"],
-        direction: float,
-        length_m: float,
-        place: Float[np.ndarray, "3"] | None,
-    ) -> SteeredPush:
-        """The controller of a push, with what is known of the object's friction."""
-        robot = self._robot
-        offset, lever = self._memory.friction(id)
-        speed = min(robot.v_push_m_s, robot.v_max_m_s)
-        settings = PushSettings(
-            radius_m=robot.radius_m,
-            speed_m_s=speed,
-            search_m=0.15 + 2 * self.margin_m,
-            max_force_N=robot.push_force_max_N,
-            timeout_s=min(30.0 + 3.0 * length_m / speed, self._motion.left_s()),
-        )
-        return SteeredPush(
-            stand, direction, length_m,
-            object_m=place, offset_m=offset, lever_m=lever, settings=settings,
-        )  # fmt: skip
 
 
 def _direction(task: Task) -> float:

@@ -1,0 +1,64 @@
+"""The gate of JSON files: what is no regular file, too large, not JSON or lacks fields is refused in one line."""
+
+import os
+
+import pytest
+
+from visuohaptic.core import InputError
+from visuohaptic.core.files import load_json
+from visuohaptic.navigation.files import load_route_graph
+from visuohaptic.recognition.touch import load_state_model
+from visuohaptic.recognition.trees import load_tree
+
+
+def doubled(data):
+    return 2 * float(data["size"])
+
+
+def test_what_a_reader_makes_of_a_file(tmp_path):
+    path = tmp_path / "size.json"
+    path.write_text('{"format": 3, "size": "1.5"}')
+    assert load_json(path, "a size", doubled) == 3.0
+    assert load_json(path, "a size", doubled, version=3) == 3.0
+    with pytest.raises(InputError, match=r"size.json: found format 3, expected 4"):
+        load_json(path, "a size", doubled, version=4)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not valid JSON"),
+        ("[" * 100_000, "is not valid JSON"),  # as deep as no recursion goes
+        ("{}", r"is not a size \('size'\); measure it"),
+        ('{"size": [1]}', "is not a size"),
+        ("[1]", "is not a size"),
+        ('{"size": "ten"}', "is not a size"),
+    ],
+)
+def test_other_contents_are_refused_in_one_line(tmp_path, text, message):
+    path = tmp_path / "size.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as refused:
+        load_json(path, "a size", doubled, remedy="measure it")
+    assert "\n" not in str(refused.value)
+
+
+def test_large_files_are_refused_unread(tmp_path):
+    path = tmp_path / "large.json"
+    with path.open("wb") as stream:
+        stream.truncate((256 << 20) + 1)  # holes, which take no place on the disk
+    with pytest.raises(InputError, match=r"has 268435457 bytes, expected at most 268435456"):
+        load_json(path, "a size", doubled)
+
+
+@pytest.mark.parametrize("load", [load_tree, load_state_model, load_route_graph])
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path, load):
+    path = tmp_path / "pipe.json"
+    os.mkfifo(path)
+    # A writer that says nothing: who opens the pipe neither waits for one nor reads to an end.
+    silent = os.open(path, os.O_RDWR)
+    try:
+        with pytest.raises(InputError, match="it is a pipe, expected a file"):
+            load(path)
+    finally:
+        os.close(silent)
