@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.objects import HapticTag
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM
@@ -43,8 +44,7 @@ def after_push(
     """
     obj = _object(problem, id)
     tag = obj.tag or HapticTag()
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
-    turned = np.array([[c, s], [-s, c]])
+    turned = rotation_2d(turn_rad).T
     aside_m = np.array(obj.friction_offset_m) @ turned
     moved = replace(
         obj,

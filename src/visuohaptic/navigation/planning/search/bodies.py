@@ -160,5 +160,4 @@ def world_from_grid(
         x along the columns, y along the rows [cells].
     """
     x, y, yaw = map.origin
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)
+    return np.asarray(points) * map.resolution_m @ rotation_2d(yaw).T + (x, y)
