@@ -234,9 +234,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
             _pair(goal_m),
             _pair(moved_m),
             failure_probability=known,
-            end_covariance=tuple(
-                tuple(float(value) for value in row) for row in end_covariance(domain, step)
-            ),
+            end_covariance=tuple(map(tuple, end_covariance(domain, step).tolist())),
         )
     )
     return tasks

@@ -133,11 +133,8 @@ class Infeasibility:
         near = reach_costs(clearance, field, stands, domain.radius, domain.slow, domain.block) < FAR
         for k in np.flatnonzero(near).tolist():
             index = int(bodies[k])
-            body, shift, push = (
-                domain.bodies[index],
-                shifts[index],
-                heuristic.contacts(index)[int(numbers[k])],
-            )
+            body, shift = domain.bodies[index], shifts[index]
+            push = heuristic.contacts(index)[int(numbers[k])]
             outlines = [domain.bodies[o].outline + shifts[o] for o in chosen if o != index]
             outlines += domain.immovable_outlines
             touch = body.centre + shift + push.robot

@@ -69,8 +69,6 @@ def refine_lengths(
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
-    if deadline.passed:
-        return steps, cost
     risk = replanning_units(heuristic, steps, start) * scale
     # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
     for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
