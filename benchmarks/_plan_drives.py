@@ -34,7 +34,6 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
     from visuohaptic.navigation.planning.search import build_search_domain, grid_from_world
     from visuohaptic.navigation.planning.search._travel_kernels import UNITS, travel_field
     from visuohaptic.navigation.planning.search.drives import pull_string
-    from visuohaptic.navigation.planning.search.push_states import seed_cells
 
     problem = problem_of(request["problem"])
     domain = build_search_domain(problem)
@@ -46,9 +45,7 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
         shifts = np.zeros((len(domain.bodies), 2))
         shifts[index, 0] = MOVED_M / CELL_M
         layer, size = domain.lattice_with(shifts), (domain.radius, domain.slow)
-        (near, costs), (last, last_costs) = (
-            seed_cells(layer, point, *size, UNITS, block=domain.block) for point in (start, goal)
-        )
+        (near, costs), (last, last_costs) = (domain.seeds(layer, point) for point in (start, goal))
         field = travel_field(layer, *size, near, costs, nothing, none, none, 0, none)
         return domain.seconds(float((field[last] + last_costs).min()) * domain.block / UNITS)
 

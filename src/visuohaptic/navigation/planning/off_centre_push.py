@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -21,8 +21,7 @@ from ...core.geometry import rotation_2d
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
-from ..pushing.push_failure import PushUncertainty
-from ..pushing.quasi_static import simulate_push
+from ..pushing.push_failure import sampled_pushes
 from .off_centre_rollouts import (
     BACK_OFF_M,
     Rollout,
@@ -39,6 +38,9 @@ from .search.drives import pull_string
 from .search.search_domain import grid_from_world, world_from_grid
 
 __all__ = ["OffCentrePush", "plan_off_centre_pushes"]
+
+#: Candidates that are simulated, at most, and pushes of each with what is not known sampled.
+MAX_PLANS, SAMPLES = 6, 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,12 +73,8 @@ class OffCentrePush:
 def plan_off_centre_pushes(
     problem: PlanningProblem,
     planner: Callable[[PlanningProblem], Plan] | None = None,
-    costs: PushCosts | None = None,
     *,
     margin_m: float = 0.0,
-    samples: int = 12,
-    max_plans: int = 6,
-    rng: np.random.Generator | None = None,
 ) -> tuple[OffCentrePush, ...]:
     """Pushes that turn an object and clear a passage, the best first; empty where none was found.
 
@@ -86,16 +84,8 @@ def plan_off_centre_pushes(
         Map, objects, robot, start and goal; objects that were never touched stay where they are.
     planner
         Tells whether the problem after a push can be solved, where no push clears a passage by itself.
-    costs
-        What may be pushed.
     margin_m
         By which the problem's robot is larger than the rim that pushes [m].
-    samples
-        Simulated pushes per candidate with sampled friction, centre and pose, for its probability of failure.
-    max_plans
-        Candidates that are simulated, at most.
-    rng
-        Of the simulated pushes.
 
     Returns
     -------
@@ -106,27 +96,23 @@ def plan_off_centre_pushes(
     InputError
         The margin is not less than the robot's radius.
     """
-    costs = costs or PushCosts()
-    rng = rng if rng is not None else np.random.default_rng(0)
     if not 0 <= margin_m < problem.robot.radius_m:
         raise InputError(
             "plan_off_centre_pushes", f"found a margin of {margin_m} m, expected 0 to the robot's radius"
         )
-    domain = build_search_domain(problem, costs)
+    domain = build_search_domain(problem)
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
     ends = rollouts(domain, start, goal, margin_m)
     opening = [rollout for rollout in ends if opens_passage(rollout, rollout.pose)]
     if opening:
-        chosen = _diverse(sorted(opening, key=_seconds), max_plans)
+        chosen = _diverse(sorted(opening, key=_seconds))
     elif planner is not None:
         ranked = sorted(ends, key=lambda rollout: (-contacts_after(rollout), _seconds(rollout)))
-        chosen = [
-            rollout for rollout in _diverse(ranked, max_plans) if _solved_after(problem, rollout, planner)
-        ]
+        chosen = [rollout for rollout in _diverse(ranked) if _solved_after(problem, rollout, planner)]
     else:
         chosen = []
-    plans = [_evaluated(problem, rollout, samples, rng, costs, opens=bool(opening)) for rollout in chosen]
+    plans = [_evaluated(problem, rollout, opens=bool(opening)) for rollout in chosen]
     pushes = [push for push in plans if len(push.approach_m)]
     return tuple(sorted(pushes, key=lambda push: push.cost_s / max(1.0 - push.failure_probability, 1e-3)))
 
@@ -147,21 +133,12 @@ def _solved_after(
 
 def _predicted(rollout: Rollout) -> tuple[Float[np.ndarray, "2"], float]:
     """Displacement of the body's centroid in the map frame [m], and the direction of the drive there [rad]."""
-    yaw = rollout.scene.domain.map.origin[2]
-    turned = rotation_2d(yaw).T
+    turned = rotation_2d(rollout.scene.domain.map.origin[2]).T
     ahead = rollout.direction @ turned
     return rollout.pose[:2] @ turned, math.atan2(ahead[1], ahead[0])
 
 
-def _evaluated(
-    problem: PlanningProblem,
-    rollout: Rollout,
-    samples: int,
-    rng: np.random.Generator,
-    costs: PushCosts,
-    *,
-    opens: bool,
-) -> OffCentrePush:
+def _evaluated(problem: PlanningProblem, rollout: Rollout, *, opens: bool) -> OffCentrePush:
     robot, domain = problem.robot, rollout.scene.domain
     moved_m, direction_rad = _predicted(rollout)
     path, _ = pull_string(
@@ -172,8 +149,8 @@ def _evaluated(
     )
     tag = rollout.scene.body.obj.tag
     # Drift and turn of straight pushes say nothing here: the counters and the force do.
-    holds = 1.0 - failure_probability(tag, 0.0, robot, costs)
-    holds *= 1.0 - _missed(rollout, samples, rng, opens=opens)
+    holds = 1.0 - failure_probability(tag, 0.0, robot, PushCosts())
+    holds *= 1.0 - _missed(rollout, opens=opens)
     return OffCentrePush(
         rollout.scene.body.obj.id,
         world_from_grid(problem.map, path),
@@ -188,37 +165,36 @@ def _evaluated(
     )
 
 
-def _missed(rollout: Rollout, samples: int, rng: np.random.Generator, *, opens: bool) -> float:
+def _missed(rollout: Rollout, *, opens: bool) -> float:
     """Fraction of simulated pushes that hit something or do not leave what they should."""
     path = drive_of(rollout.scene, rollout.direction, rollout.approach_at, rollout.length_m)
+    _, along, blocked = sampled_pushes(
+        rollout.scene.model,
+        (0.0, 0.0, 0.0),
+        path,
+        rollout.scene.radius_m,
+        np.random.default_rng(0),
+        samples=SAMPLES,
+    )
     failed = 0
-    for friction, support, place in zip(
-        *PushUncertainty().samples(rollout.scene.model, (0.0, 0.0, 0.0), rng, samples), strict=True
-    ):
-        model = replace(rollout.scene.model, contact_friction=float(friction), support_m=support)
-        try:
-            trace = simulate_push(model, place, path, rollout.scene.radius_m)
-        except InputError:
-            continue  # sampled into the platform: no information
-        pose = trace.object_m[-1]
-        error_m = float(np.hypot(*(pose[:2] - rollout.pose[:2])))
-        ok = bool(fits(rollout.scene, trace.object_m).all())
-        ok = ok and (
-            opens_passage(rollout, pose) if opens else error_m < 0.05 and abs(pose[2] - rollout.pose[2]) < 0.3
-        )
-        failed += not ok
-    return failed / max(samples, 1)
+    for poses in along[~blocked]:
+        pose = poses[-1]
+        off = np.abs(pose - rollout.pose)
+        arrived = np.hypot(*off[:2]) < 0.05 and off[2] < 0.3
+        held = opens_passage(rollout, pose) if opens else arrived
+        failed += not (held and fits(rollout.scene, poses).all())
+    return failed / SAMPLES
 
 
 def _seconds(rollout: Rollout) -> float:
     return rollout.approach_s + rollout.length_m / rollout.scene.domain.robot.v_push_m_s
 
 
-def _diverse(ends: list[Rollout], max_plans: int) -> list[Rollout]:
+def _diverse(ends: list[Rollout]) -> list[Rollout]:
     """The first ones that differ in object, place or turn."""
     kept: list[Rollout] = []
     for rollout in ends:
-        if len(kept) == max_plans:
+        if len(kept) == MAX_PLANS:
             break
         if all(
             rollout.scene is not other.scene

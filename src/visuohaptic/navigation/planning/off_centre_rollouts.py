@@ -15,7 +15,6 @@ from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
 from .search.bodies import Body, lower_clearance
 from .search.object_cells import fill_cells
-from .search.push_states import seed_cells
 from .search.search_domain import SearchDomain
 
 #: Directions that are tried, and places across the object as fractions of half its width.
@@ -65,7 +64,7 @@ def rollouts(
 
     still = np.zeros((len(domain.bodies), 2))
     clearance = domain.clearance_with(still)
-    cells, costs = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=2)
+    cells, costs = domain.seeds(clearance, start, reach=2, block=1)
     if not cells.size:
         return []
     nothing = np.zeros((0, 0), np.int16)
@@ -233,21 +232,20 @@ def _reached(
     rollout: Rollout, pose: np.ndarray
 ) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "n"]]:
     """Clearance, and the cells that the robot reaches after a push."""
-    from .search._travel_kernels import UNITS, flood
+    from .search._travel_kernels import flood
 
     domain = rollout.scene.domain
     clearance = _clearance_after(rollout, pose)
-    near, _ = seed_cells(clearance, retreat(rollout), domain.radius, domain.slow, UNITS, reach=2)
+    near, _ = domain.seeds(clearance, retreat(rollout), reach=2, block=1)
     return clearance, flood(clearance, domain.radius, near)
 
 
 def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
     """Whether the goal can be reached when the body has moved by a pose."""
-    from .search._travel_kernels import UNITS
 
     domain = rollout.scene.domain
     clearance, reached = _reached(rollout, pose)
-    goal, _ = seed_cells(clearance, rollout.scene.goal, domain.radius, domain.slow, UNITS)
+    goal, _ = domain.seeds(clearance, rollout.scene.goal, block=1)
     return bool(goal.size) and bool(reached[goal].any())
 
 

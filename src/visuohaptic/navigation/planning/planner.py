@@ -15,7 +15,7 @@ from .drive_tasks import drive_tasks
 from .search.drives import pull_string
 from .search.push_lengths import end_covariance
 from .search.push_search import load_kernels, search_pushes
-from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult, seed_cells
+from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult
 from .search.search_domain import (
     SearchDomain,
     grid_from_world,
@@ -149,20 +149,20 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
     -------
     The start where the robot fits there or beside it; none where no free cell is within its radius.
     """
-    from .search._travel_kernels import UNITS, clearances_at
+    from .search._travel_kernels import clearances_at
 
     reach = int(np.ceil(domain.radius)) + 1
     low = np.maximum(np.floor(start).astype(int) - 2 * reach, 0)
     shifts = np.zeros((len(domain.bodies), 2))
     clearance = domain.part(domain.clearance, low, low + 4 * reach, shifts, 1)
-    near, _ = seed_cells(clearance, start - low, domain.radius, domain.slow, UNITS, reach=2)
+    near, _ = domain.seeds(clearance, start - low, reach=2, block=1)
     places = np.column_stack([near % clearance.shape[1], near // clearance.shape[1]]) + low + 0.5
     if near.size and domain.clear_straight(shifts, start, places).any():
         return start
     start = start - low
     if clearances_at(clearance, start[None])[0] <= 0.0:
         return None
-    cells, costs = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=reach)
+    cells, costs = domain.seeds(clearance, start, reach=reach, block=1)
     columns = clearance.shape[1]
     for cell in cells[np.argsort(costs, kind="stable")]:
         place = np.array([cell % columns + 0.5, cell // columns + 0.5])
@@ -234,9 +234,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
             _pair(goal_m),
             _pair(moved_m),
             failure_probability=known,
-            end_covariance=tuple(
-                tuple(float(value) for value in row) for row in end_covariance(domain, step)
-            ),
+            end_covariance=tuple(map(tuple, end_covariance(domain, step).tolist())),
         )
     )
     return tasks

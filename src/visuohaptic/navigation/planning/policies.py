@@ -10,6 +10,7 @@ from ...core.objects import HapticTag
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import MovableObject, PlanningProblem, PushMode
 from ..problem.push_costs import PushCosts, failure_probability
+from .drive_tasks import drive_tasks
 from .planner import plan_in_domain
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
@@ -275,14 +276,8 @@ def via_exploration(
     if not paths:
         return refused
     cost, path, contact = min(paths, key=lambda one: one[0])
-    path_m = world_from_grid(problem.map, path)
+    drive = drive_tasks(domain, path, cost)
     contact_m = world_from_grid(problem.map, body.centre + contact.contact)
-    drive = Task(
-        "navigate",
-        domain.seconds(cost),
-        float(np.hypot(*np.diff(path_m, axis=0).T).sum()),
-        tuple((float(x), float(y)) for x, y in path_m),
-    )
     touch = Task(
         "explore",
         costs.explore_time_s,
@@ -290,12 +285,12 @@ def via_exploration(
         contact_m=(float(contact_m[0]), float(contact_m[1])),
         failure_probability=failure_probability(obj.tag, 0.0, problem.robot, costs),
     )
-    onward = replace(problem, start_m=path_m[-1])
+    onward = replace(problem, start_m=world_from_grid(problem.map, path[-1]))
     known = _pushed(domain, unknown=False)
     rest = plan_in_domain(onward, domain, costs, limits, active=known)
     if not rest.reachable:
         return replace(rest, tasks=())
-    return replace(rest, tasks=(*((drive,) if len(path) > 1 else ()), touch, *rest.tasks))
+    return replace(rest, tasks=(*drive, touch, *rest.tasks))
 
 
 def _entropy(obj: MovableObject, costs: PushCosts) -> float:

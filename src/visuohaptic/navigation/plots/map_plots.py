@@ -19,15 +19,13 @@ __all__ = ["plot_navigation"]
 _RED, _INK = "#d55e00", "#1c2430"
 
 
-def plot_navigation(regions: Regions, *, path_m: np.ndarray | None = None) -> Figure:
+def plot_navigation(regions: Regions) -> Figure:
     """Distance with skeleton edges (a), and graph with regions (b), as figure 4.1 of Alt 2016.
 
     Parameters
     ----------
     regions
         With the layers and the graph they were made from.
-    path_m
-        A path (x, y) [m] to draw on top, shape (k, 2).
     """
     from matplotlib.figure import Figure
 
@@ -57,10 +55,6 @@ def plot_navigation(regions: Regions, *, path_m: np.ndarray | None = None) -> Fi
     right.set_title(
         f"b  graph: {graph.nodes} nodes, {len(graph.edges)} edges, {graph.loops} loops", loc="left"
     )
-    if path_m is not None and len(path_m):
-        grid = layers.map.cell_from_world(path_m)
-        for axes in (left, right):
-            axes.plot(grid[:, 1], grid[:, 0], color="#0072b2", linewidth=2, zorder=5)
     for axes in (left, right):
         axes.set_xticks([])
         axes.set_yticks([])

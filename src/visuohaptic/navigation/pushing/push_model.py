@@ -138,9 +138,7 @@ class PushModel:
         return replace(disc, outline_m=middle[None], support_m=disc.support_m + middle)
 
     @classmethod
-    def disc(
-        cls, radius_m: float, contact_friction: float = CONTACT_FRICTION, *, tip_m: float = 0.0
-    ) -> PushModel:
+    def disc(cls, radius_m: float, contact_friction: float = CONTACT_FRICTION) -> PushModel:
         """A round object with a flat bottom: two rings that have its limit surface to 1 %.
 
         Parameters
@@ -149,15 +147,13 @@ class PushModel:
             Of the object [m].
         contact_friction
             Coefficient of friction between platform and object.
-        tip_m
-            Floor friction times height of the push [m].
         """
         angle = np.arange(12) * (math.pi / 6)
         ring = np.column_stack([np.cos(angle), np.sin(angle)])
         # Halves of equal area; the mean radius of each.
         inner, outer = 2 / 3 * math.sqrt(0.5), 2 / 3 * (1 - 0.5**1.5) / 0.5
         points = radius_m * np.concatenate([inner * ring, outer * ring])
-        return cls(np.zeros((1, 2)), points, np.full(24, 1 / 24), contact_friction, radius_m, tip_m)
+        return cls(np.zeros((1, 2)), points, np.full(24, 1 / 24), contact_friction, radius_m)
 
     @classmethod
     def feet(

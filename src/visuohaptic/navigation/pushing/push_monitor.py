@@ -12,7 +12,6 @@ from ...core.errors import InputError
 from ...core.geometry import wrap_angle
 from .push_model import PushModel
 from .quasi_static import (
-    RELEASE_M,
     STEP_M,
     PushTrace,
     arc_path,
@@ -26,6 +25,10 @@ __all__ = ["PushEstimate", "PushMonitor"]
 CONTACT_SIGMA_M = 0.006
 #: Steps of the fit to one update.
 STEPS = 3
+#: Minimum distance of the release from the path's end [m].
+RESERVE_M = 0.1
+#: Models that a correction is tried with beside the estimate, and the fraction of all with which it has to succeed.
+SAMPLES, SUCCESSFUL = 8, 0.8
 #: Side steps of the path's end that a correction tries, in order (m).
 ASIDE_M = (0.0, 0.04, -0.04, 0.08, -0.08, 0.12, -0.12, 0.17, -0.17, 0.22, -0.22, 0.3, -0.3)
 
@@ -126,9 +129,6 @@ class PushMonitor:
         rng: np.random.Generator,
         *,
         allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None = None,
-        reserve_m: float = 0.1,
-        samples: int = 8,
-        fraction: float = 0.8,
     ) -> Float[np.ndarray, "k 3"] | None:
         """The remaining path with the smallest lateral shift of its end that still releases the object.
 
@@ -140,12 +140,6 @@ class PushMonitor:
             Of the sampled models.
         allowed
             Tells whether path and motion of the object are free of collisions.
-        reserve_m
-            Minimum distance of the release from the end [m].
-        samples
-            Number of sampled models.
-        fraction
-            Of the sampled models that has to succeed.
 
         Returns
         -------
@@ -159,11 +153,11 @@ class PushMonitor:
         aside = np.array([-chord[1], chord[0]]) / length
         candidates = [self._value]
         root = np.linalg.cholesky(self._covariance + 1e-12 * np.eye(4))
-        candidates += [self._value + root @ rng.standard_normal(4) for _ in range(samples)]
+        candidates += [self._value + root @ rng.standard_normal(4) for _ in range(SAMPLES)]
         for step in ASIDE_M:
             path = remaining_path_m if step == 0.0 else arc_path(begin[:2], end[:2] + step * aside, 0.0)
-            won = [self._drops(value, path, allowed, reserve_m) for value in candidates]
-            if won[0] and sum(won) >= fraction * len(won):
+            won = [self._drops(value, path, allowed) for value in candidates]
+            if won[0] and sum(won) >= SUCCESSFUL * len(won):
                 return path
         return None
 
@@ -172,7 +166,6 @@ class PushMonitor:
         value: Float[np.ndarray, "4"],
         path: Float[np.ndarray, "k 3"],
         allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None,
-        reserve_m: float,
     ) -> bool:
         done = np.array(self._path[:-1]) if len(self._path) > 1 else np.zeros((0, 3))
         model, start = self._with(value)
@@ -183,7 +176,7 @@ class PushMonitor:
             return False
         if allowed is not None and not allowed(path, trace):
             return False
-        return not trace.touched or remaining_m(whole, trace.last_contact) > max(reserve_m, RELEASE_M)
+        return not trace.touched or remaining_m(whole, trace.last_contact) > RESERVE_M
 
     def _with(self, value: Float[np.ndarray, "4"]) -> tuple[PushModel, Float[np.ndarray, "3"]]:
         """Model and start with the four numbers changed."""

@@ -13,7 +13,6 @@ from .push_states import SearchState as SearchState
 from .push_states import SeenFields as SeenFields
 from .push_states import needed_clearance as needed_clearance
 from .push_states import push_sequence as push_sequence
-from .push_states import seed_cells as seed_cells
 from .search_domain import SearchDomain as SearchDomain
 from .search_domain import grid_from_world as grid_from_world
 from .search_domain import world_from_grid as world_from_grid

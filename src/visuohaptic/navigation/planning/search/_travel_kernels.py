@@ -23,7 +23,7 @@ MIN_STEP = 181
 
 @kernel
 def nodes_around(
-    clearance: np.ndarray, x: float, y: float, radius: float, slow: float, units: int, reach: int, block: int
+    clearance: np.ndarray, x: float, y: float, radius: float, slow: float, reach: int, block: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Free nodes in a window of ``reach`` around a point (flat index), and what it costs to get there [units]."""
     rows, columns = clearance.shape
@@ -39,7 +39,7 @@ def nodes_around(
                 fraction = min((d / radius - 1.0) * 0.5, 1.0)
                 length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
                 nodes[count] = rr * columns + cc
-                costs[count] = int(length * (slow + fraction * (1.0 - slow)) * units + 0.5)
+                costs[count] = int(length * (slow + fraction * (1.0 - slow)) * UNITS + 0.5)
                 count += 1
     return nodes[:count].copy(), costs[:count].copy()
 

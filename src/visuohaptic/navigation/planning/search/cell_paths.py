@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int16, Int32
 
-from .push_states import seed_cells
 from .search_domain import SearchDomain
 
 __all__ = ["cheapest_cells", "resampled", "thinned", "unclear_steps"]
@@ -45,8 +44,8 @@ def cheapest_cells(
     from ._travel_kernels import FAR, UNITS, travel_field
 
     radius, slow = domain.radius, domain.slow
-    cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=1 if block > 1 else 2, block=block)
-    ends, end_costs = seed_cells(clearance, goal, radius, slow, UNITS, reach=1, block=block)
+    cells, costs = domain.seeds(clearance, start, reach=1 if block > 1 else 2, block=block)
+    ends, end_costs = domain.seeds(clearance, goal, block=block)
     nowhere = np.zeros((0, 2)), float("inf")
     if beside is not None and cells.size and ends.size:
         shifts, low = beside

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from .push_heuristic import PushHeuristic
 from .push_lengths import SWEEP_STEP
-from .push_states import Deadline, SearchLimits, SearchState, needed_clearance, seed_cells
+from .push_states import Deadline, SearchLimits, SearchState, needed_clearance
 from .search_domain import joined_outlines
 
 __all__ = ["Infeasibility"]
@@ -81,7 +81,7 @@ class Infeasibility:
             shifts, near, robot = open_states.pop()
             clearance = domain.lowered(heuristic.base, shifts, chosen, domain.block)
             if near is None:
-                near, _ = self._around(clearance, robot)
+                near, _ = domain.seeds(clearance, robot)
             reached = self._component(clearance, near)
             if reached is None:
                 continue
@@ -104,14 +104,6 @@ class Infeasibility:
     def _places(self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
         """Places of the bodies; closer than half a step they are one."""
         return np.rint(shifts[list(chosen)] * (2.0 / self.step)).astype(np.int32).tobytes()
-
-    def _around(
-        self, clearance: Float32[np.ndarray, "r c"], point: Float[np.ndarray, "2"]
-    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-        domain = self.domain
-        return seed_cells(
-            clearance, point, domain.radius, domain.slow, self.heuristic.units, block=domain.block
-        )
 
     def _component(
         self, clearance: Float32[np.ndarray, "r c"], near: Int32[np.ndarray, "k"]
@@ -141,11 +133,8 @@ class Infeasibility:
         near = reach_costs(clearance, field, stands, domain.radius, domain.slow, domain.block) < FAR
         for k in np.flatnonzero(near).tolist():
             index = int(bodies[k])
-            body, shift, push = (
-                domain.bodies[index],
-                shifts[index],
-                heuristic.contacts(index)[int(numbers[k])],
-            )
+            body, shift = domain.bodies[index], shifts[index]
+            push = heuristic.contacts(index)[int(numbers[k])]
             outlines = [domain.bodies[o].outline + shifts[o] for o in chosen if o != index]
             outlines += domain.immovable_outlines
             touch = body.centre + shift + push.robot

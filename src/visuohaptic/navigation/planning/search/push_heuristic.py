@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Int, Int16, Int32
 
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
-from .push_states import PushStep, seed_cells
+from .push_states import PushStep
 from .search_domain import SearchDomain
 
 __all__ = ["PushHeuristic"]
@@ -195,8 +195,7 @@ class PushHeuristic:
         clearance
             Of a configuration [cells].
         """
-        domain = self.domain
-        return seed_cells(clearance, self.goal, domain.radius, domain.slow, self.units, block=domain.block)
+        return self.domain.seeds(clearance, self.goal)
 
     def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:
         """Bodies that alone keep the robot from the goal while they are where the map has them.
@@ -213,7 +212,7 @@ class PushHeuristic:
         domain = self.domain
         found = []
         for index in bodies:
-            alone = np.minimum(self.base, domain.lattice_of(index, np.zeros(2)))
+            alone = domain.lowered(self.base, np.zeros((len(domain.bodies), 2)), [index], domain.block)
             cells, _ = self.goal_seeds(alone)
             if not cells.size or not flood(alone, domain.radius, cells)[start].any():
                 found.append(index)
@@ -281,7 +280,7 @@ class PushHeuristic:
         charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int32)
         none = near = np.zeros(0, np.int32)
         if robot is not None:
-            near, _ = seed_cells(self.base, robot, domain.radius, domain.slow, self.units, block=domain.block)
+            near, _ = domain.seeds(self.base, robot)
         cost = travel_field(
             clearance, domain.radius, domain.slow, *(seeds or (self.goal_cells, self.goal_costs)),
             region, charge, none if rest is None else rest, self.limit, near,

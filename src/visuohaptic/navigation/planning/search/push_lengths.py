@@ -20,7 +20,7 @@ from ...pushing.quasi_static import STEP_M, line_path
 from .bodies import lower_window
 from .drives import changed_drives_cost, drives_cells
 from .push_heuristic import PushHeuristic
-from .push_states import Deadline, PushStep, SearchResult, needed_clearance, seed_cells
+from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
 
 __all__ = [
@@ -69,8 +69,6 @@ def refine_lengths(
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
-    if deadline.passed:
-        return steps, cost
     risk = replanning_units(heuristic, steps, start) * scale
     # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
     for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
@@ -326,7 +324,7 @@ def _closed(
 ) -> Bool[np.ndarray, "n"]:
     """Whether a body at each outline [cells] cuts a drive, within a window of the lattice around all of them."""
     from ._push_search_kernels import block_patch
-    from ._travel_kernels import UNITS, flood
+    from ._travel_kernels import flood
 
     block, radius = domain.block, domain.radius
     grow = 4.0 * radius + 4.0 * block
@@ -341,9 +339,6 @@ def _closed(
         among = layer.copy()
         patch, row, column = block_patch(domain.clearance, outline, radius, radius + block, block)
         lower_window(among, patch, row - int(low[1]), column - int(low[0]))
-        (begin, _), (end, _) = (
-            seed_cells(among, drive[k] - corner, radius, domain.slow, UNITS, reach=2, block=block)
-            for k in inside[[0, -1]]
-        )
+        (begin, _), (end, _) = (domain.seeds(among, drive[k] - corner, reach=2) for k in inside[[0, -1]])
         found[number] = not (begin.size and end.size and flood(among, radius, begin)[end].any())
     return found

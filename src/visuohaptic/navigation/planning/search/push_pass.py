@@ -24,9 +24,8 @@ from .push_states import (
     SearchState,
     SeenFields,
     push_sequence,
-    seed_cells,
 )
-from .search_domain import CLEAR_SLACK_M, SearchDomain
+from .search_domain import CLEAR_SLACK_M
 
 __all__ = ["PushPass"]
 
@@ -174,7 +173,7 @@ class PushPass:
 
         domain, heuristic, queue = self.domain, self.heuristic, self.queue
         clearance = domain.lattice_with(state.shifts)
-        cells, costs = _seeds(domain, clearance, state.robot, 1 if state.depth or domain.block > 1 else 2)
+        cells, costs = domain.seeds(clearance, state.robot, reach=1 if state.depth or domain.block > 1 else 2)
         if not cells.size or any(self.seen.dominated(state, int(cell)) for cell in cells):
             return
         cost = state.travel
@@ -302,11 +301,3 @@ def _state(heuristic: PushHeuristic, entry: _Push) -> SearchState:
     parent = contact.parent
     step = push_step(heuristic, parent.shifts, contact.body, contact.number, entry.length)
     return SearchState(entry.spent, step.retreat, step.shifts_after, parent, step, parent.depth + 1)
-
-
-def _seeds(
-    domain: SearchDomain, clearance: np.ndarray, point: Float[np.ndarray, "2"], reach: int
-) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    from ._travel_kernels import UNITS
-
-    return seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=reach, block=domain.block)

@@ -35,7 +35,6 @@ from .push_states import (
     SearchLimits,
     SearchResult,
     SearchState,
-    seed_cells,
 )
 from .search_domain import SearchDomain, grid_from_world
 
@@ -119,15 +118,11 @@ class _Search:
     cells: Int32[np.ndarray, "k"] = field(init=False)  #: nodes that the robot can be on at the start
 
     def __post_init__(self) -> None:
-        from ._travel_kernels import UNITS
-
         self.deadline = Deadline.after(self.limits.budget_s)
         domain = self.domain
         self.first = SearchState(0.0, self.start, np.zeros((len(domain.bodies), 2)))
-        self.cells, _ = seed_cells(
-            domain.lattice_with(self.first.shifts), self.start, domain.radius, domain.slow, UNITS,
-            reach=1 if domain.block > 1 else 2, block=domain.block,
-        )  # fmt: skip
+        layer = domain.lattice_with(self.first.shifts)
+        self.cells, _ = domain.seeds(layer, self.start, reach=1 if domain.block > 1 else 2)
 
     def run(self) -> SearchResult:
         """The cheapest plan, or the reason why there is none."""
@@ -271,9 +266,7 @@ class _Search:
             alone = replace(
                 domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, paths={}, ends={}, boxes=[],
             )  # fmt: skip
-            cells, _ = seed_cells(
-                lattice, self.start, domain.radius, domain.slow, heuristic.units, block=alone.block
-            )
+            cells, _ = domain.seeds(lattice, self.start)
             part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
             most = min(ALONE_EXPANSIONS, limits.expansions)
             found = PushPass(part, 1.0, limits, deadline, on_map=False).run(first, most, gap=ALONE_GAP)

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Int32
 
 from ....core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 
@@ -19,7 +19,6 @@ __all__ = [
     "SeenFields",
     "needed_clearance",
     "push_sequence",
-    "seed_cells",
 ]
 
 #: A search that shares its processor may take so many times its budget on the wall.
@@ -160,47 +159,6 @@ class SeenFields:
 
 def _key(shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
     return np.rint(shifts * 4.0).astype(np.int32).tobytes()
-
-
-def seed_cells(
-    clearance: Float32[np.ndarray, "rows columns"],
-    point: Float[np.ndarray, "2"],
-    radius: float,
-    slow: float,
-    units: int,
-    *,
-    reach: int = 1,
-    block: int = 1,
-) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Free nodes of a lattice around a point and what it costs to get there.
-
-    Parameters
-    ----------
-    clearance
-        Distance to the nearest obstacle [cells].
-    point
-        Grid coordinates [cells].
-    radius
-        Of the robot [cells].
-    slow
-        Ratio of the maximum to the minimum speed.
-    units
-        Whole units of cost per node at full speed.
-    reach
-        Half width of the window around the point's node [nodes].
-    block
-        Edge of a node [cells].
-
-    Returns
-    -------
-    Flat indices of the nodes, and their costs.
-    """
-    from ._travel_kernels import nodes_around
-
-    found: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] = nodes_around(
-        clearance, float(point[0]), float(point[1]), radius, slow, units, reach, block
-    )
-    return found
 
 
 def push_sequence(state: SearchState) -> tuple[PushStep, ...]:

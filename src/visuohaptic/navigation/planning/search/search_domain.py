@@ -119,21 +119,33 @@ class SearchDomain:
             self.still[moved] = self.lowered(self.lattice, np.zeros_like(shifts), rest, self.block)
         return self.lowered(self.still[moved], shifts, moved, self.block)
 
-    def lattice_of(
-        self, index: int, shift: Float[np.ndarray, "2"]
-    ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
-        """Clearance of the lattice's nodes [cells] with one body alone.
+    def seeds(
+        self,
+        layer: Float32[np.ndarray, "r c"],
+        point: Float[np.ndarray, "2"],
+        *,
+        reach: int = 1,
+        block: int | None = None,
+    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
+        """Free nodes of a layer around a point (flat), and what it costs to get there [units].
 
         Parameters
         ----------
-        index
-            Of the body.
-        shift
-            From where the map has it [cells].
+        layer
+            Clearance [cells].
+        point
+            From the layer's corner [cells].
+        reach
+            Half width of the window around the point's node [nodes].
+        block
+            Edge of a node [cells]; that of the lattice by default.
         """
-        shifts = np.zeros((len(self.bodies), 2))
-        shifts[index] = shift
-        return self.lowered(self.lattice, shifts, [index], self.block)
+        from ._travel_kernels import nodes_around
+
+        found: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] = nodes_around(
+            layer, float(point[0]), float(point[1]), self.radius, self.slow, reach, block or self.block
+        )
+        return found
 
     def lowered(
         self,
