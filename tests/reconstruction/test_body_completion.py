@@ -71,6 +71,32 @@ def test_six_touches_complete_a_glass_of_which_nothing_was_seen():
     assert completion.done(0.01)
 
 
+def test_lines_that_pass_a_stem_are_not_above_the_rim():
+    """A wine glass: a stem of 4 mm up to 7 cm, which lines to an axis 5 mm off pass, and a bowl of 35 mm up to 15 cm."""
+    away_m = np.array([0.004, -0.003])
+    body = UprightBody(np.zeros(2), np.full(2, 0.004), (0.035, 0.035), 0.003, (0.075, 0.148), 90.0)
+    completion = BodyCompletion.standing(TABLE, body, 0.155)
+    met = 0
+    for _ in range(8):
+        plan = completion.next_touch()
+        radius = 0.004 if plan.start_m[2] < 0.07 else 0.035 if plan.start_m[2] < 0.15 else 0.0
+        way, offset = (plan.end_m - plan.start_m)[:2], plan.start_m[:2] - away_m
+        a, b, c = way @ way, 2 * way @ offset, offset @ offset - radius**2
+        inside = b**2 - 4 * a * c
+        fraction = (-b - np.sqrt(max(inside, 0.0))) / (2 * a)
+        hit = inside > 0 and fraction <= 1
+        met += hit
+        contact = plan.start_m + fraction * (plan.end_m - plan.start_m) if hit else None
+        completion.add(Touch(contact, plan.start_m, plan.end_m, sigma_m=0.0003))
+    assert met >= 4
+    mesh = completion.surface().vertices_m
+    # The rim is sought within the 7 mm between the outline and the evidence; the stem is as thin as the axis is known.
+    assert mesh[:, 2].max() == pytest.approx(0.15, abs=0.01)
+    rho_m, z_m = np.hypot(*(mesh[:, :2] - away_m).T), mesh[:, 2]
+    assert abs(np.median(rho_m[(z_m > 0.09) & (z_m < 0.14)]) - 0.035) < 0.004
+    assert np.median(rho_m[(z_m > 0.015) & (z_m < 0.045)]) < 0.02
+
+
 def test_one_touch_tells_of_its_ring_as_far_as_the_axis_is_known():
     completion = BodyCompletion.standing(TABLE, BODY, 0.12)
     theta, z_m = np.array([0.0, np.pi]), np.full(2, 0.06)

@@ -93,7 +93,7 @@ class BodyCompletion:
         return cls(visual, body, float(np.median(below)), reach_z_m)
 
     def add(self, touch: Touch) -> None:
-        """Join a touch; a line to the axis that met nothing was above the rim.
+        """Join a touch; a line to the axis that met nothing was above the rim, or passed a stem.
 
         Parameters
         ----------
@@ -104,17 +104,28 @@ class BodyCompletion:
         if touch.contact_m is not None:
             self._wall_to_m = max(self._wall_to_m, float(touch.contact_m[2]))
             self.reach_z_m = max(self.reach_z_m, self._wall_to_m)
-        elif touch.end_m is not None:
+        elif touch.end_m is not None and not self._below(touch):
             self.reach_z_m = max(min(self.reach_z_m, float(touch.end_m[2])), self.foot_z_m + 2 * _END_M)
             self._wall_to_m = min(self._wall_to_m, self.reach_z_m)
 
+    def _below(self, touch: Touch) -> bool:
+        """Whether a line met nothing below what the outlines show: a stem is thinner than the axis is off."""
+        return touch.contact_m is None and touch.end_m is not None and touch.end_m[2] < self.body.height_m[0]
+
     def _contacts(self) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"], np.ndarray, np.ndarray]:
-        """Angles [rad], heights, distances from the axis and deviations [m] of the contacts."""
-        met = [touch for touch in self.touches if touch.contact_m is not None]
-        points = np.array([touch.contact_m for touch in met]).reshape(-1, 3)
+        """Angles [rad], heights, distances from the axis and deviations [m] of the contacts, and of ends of lines past stems."""
+        # A stem that a line passes is of any radius up to what the axis is off.
+        stem_sigma_m = float(np.hypot(*self.body.axis_sigma_m) / np.sqrt(3))
+        told = [(touch.contact_m, touch.sigma_m) for touch in self.touches if touch.contact_m is not None]
+        told += [
+            (touch.end_m, stem_sigma_m)
+            for touch in self.touches
+            if touch.end_m is not None and self._below(touch)
+        ]
+        points = np.array([point for point, _ in told]).reshape(-1, 3)
         offset = points[:, :2] - self.body.axis_m
         theta, rho_m = np.arctan2(offset[:, 1], offset[:, 0]), np.hypot(offset[:, 0], offset[:, 1])
-        return theta, points[:, 2], rho_m, np.array([touch.sigma_m for touch in met])
+        return theta, points[:, 2], rho_m, np.array([sigma_m for _, sigma_m in told])
 
     def _cone_m(self, z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         found: Float[np.ndarray, "n"] = np.interp(z_m, self.body.height_m, self.body.radius_m)
@@ -248,4 +259,5 @@ class BodyCompletion:
         bound_m
             Accepted root mean square error of the wall [m].
         """
-        return len(self._contacts()[0]) >= _MIN_TOUCHES and self.expected_error_m() < bound_m
+        met = sum(touch.contact_m is not None for touch in self.touches)
+        return met >= _MIN_TOUCHES and self.expected_error_m() < bound_m

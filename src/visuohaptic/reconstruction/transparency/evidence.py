@@ -277,6 +277,8 @@ class EvidenceDetector:
 
     def _accept(self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]) -> None:
         """Take a part in a box of the volume, unless it is where another one is."""
+        from scipy import ndimage
+
         if any(region.body is not None and body.meets(region.body) for region in self._found):
             return
         grid = self.grid
@@ -284,8 +286,10 @@ class EvidenceDetector:
         points_m, body_m = grid.centres_m(cells), body.points_m(grid.voxel_m)
         for view in self._rays:
             view.limit_m[view.passed(np.concatenate([points_m, body_m]), grid.voxel_m)] = 0.0
-        # Windows, as wide as the smallest object, show a body larger by half of them; what few views pass beyond it is air.
-        cells = cells[body.contains(points_m, self.settings.radius_m)]
+        # Windows, as wide as the smallest object, show a body larger by half of them; a piece beyond it hangs in the air.
+        piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
+        own = np.bincount(piece, weights=body.contains(points_m, self.settings.radius_m))
+        cells = cells[2 * own[piece] > np.bincount(piece)[piece]]
         if len(cells) < self._min_voxels:
             cells = np.floor((body_m - grid.low_m) / grid.voxel_m).astype(int)
             cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.geometry import so3_log
+from ...core.resources import one_blas_thread
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .background import ideal_depth
@@ -66,6 +67,7 @@ def _surface(frame: DepthFrame, count: int) -> _Surface:
     return _Surface(points, normals, points.reshape(-1, 3)[spread])
 
 
+@one_blas_thread()
 def refine_poses(
     frames: Sequence[DepthFrame],
     noise: DepthNoise = SENSOR_NOISE["kinect"],
