@@ -13,7 +13,7 @@ from visuohaptic.demo.probe_chapters import _probe, default_beam, set_the_table
 from visuohaptic.demo.story import Mission
 from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.reconstruction.completion import Completion, HoleRegion
-from visuohaptic.rigs.virtual_probe import T_TIP_SENSOR, VirtualProbe
+from visuohaptic.rigs.virtual_beam import T_TIP_SENSOR, VirtualProbe
 from visuohaptic.simulation.tabletop import Bottle, SimulatedArm
 
 #: Bending stiffness across a clamped rod of spring steel, 3 E I / L^3, of Sec. 3.6.1.
