@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core.camera import Frame
-from visuohaptic.rigs.virtual_hand import STRIP, TRACKING, VirtualHand, finger_sensor
+from visuohaptic.rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
 from visuohaptic.simulation.tabletop import DeformableContainer
 from visuohaptic.tasks.manipulation import FoamFingerOnDrive
 

@@ -12,7 +12,7 @@ from ..core.objects import Estimate
 from ..recognition.touch.contents import SCALE, ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
-from ..rigs.virtual_hand import STRIP, TRACKING, VirtualHand, finger_sensor
+from ..rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
 from ..simulation.faults import FaultKind
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.framework.supervisor import SafetyLimits

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from ..core.camera.pose import Pose
 from ..io.depth.depth_sequence import DepthFrame
 from ..reconstruction.completion.outline import SLICE_M, axial_part, measured_outline
-from ..rigs.virtual_probe import VirtualProbe, probe_beam
+from ..rigs.virtual_beam import VirtualProbe, probe_beam
 from ..sensing.beam.mechanics import compliance
 from ..simulation.tabletop.arm import SimulatedArm
 from ..simulation.tabletop.depth_camera import DepthCamera

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..navigation.problem.planning_problem import MovableObject
     from ..recognition.data.readings import TouchReading
     from ..reconstruction.pipeline import Reconstruction
-    from ..rigs.virtual_hand import VirtualHand
+    from ..rigs.virtual_gripper import VirtualHand
     from ..sensing.beam.tracked import TrackedBeam
     from ..sensing.foam.sensor import FoamSensor
     from ..simulation.houses.led_platform import LedPlatform

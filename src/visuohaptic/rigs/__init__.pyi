@@ -11,7 +11,10 @@ from .squeeze_rig import Squeeze as Squeeze
 from .squeeze_rig import plot_squeeze as plot_squeeze
 from .squeeze_rig import squeeze as squeeze
 from .squeeze_rig import stiffness_N_per_m as stiffness_N_per_m
+from .virtual_beam import T_TIP_SENSOR as T_TIP_SENSOR
 from .virtual_beam import VirtualBeam as VirtualBeam
+from .virtual_beam import VirtualProbe as VirtualProbe
+from .virtual_beam import probe_beam as probe_beam
 from .virtual_beam import write_beam_example as write_beam_example
 from .virtual_completion import HOLE as HOLE
 from .virtual_completion import SIGMA_M as SIGMA_M
@@ -42,11 +45,11 @@ from .virtual_glass import VOXEL_M as VOXEL_M
 from .virtual_glass import detected as detected
 from .virtual_glass import judged as judged
 from .virtual_glass import rendered as rendered
+from .virtual_gripper import STRIP as STRIP
+from .virtual_gripper import TRACKING as TRACKING
 from .virtual_gripper import GripperSensor as GripperSensor
-from .virtual_hand import STRIP as STRIP
-from .virtual_hand import TRACKING as TRACKING
-from .virtual_hand import VirtualHand as VirtualHand
-from .virtual_hand import finger_sensor as finger_sensor
+from .virtual_gripper import VirtualHand as VirtualHand
+from .virtual_gripper import finger_sensor as finger_sensor
 from .virtual_office import BIN as BIN
 from .virtual_office import FULL_BIN as FULL_BIN
 from .virtual_office import ROBOT as ROBOT
@@ -58,9 +61,6 @@ from .virtual_office import office as office
 from .virtual_office import rooms as rooms
 from .virtual_office import tag as tag
 from .virtual_office import with_objects as with_objects
-from .virtual_probe import T_TIP_SENSOR as T_TIP_SENSOR
-from .virtual_probe import VirtualProbe as VirtualProbe
-from .virtual_probe import probe_beam as probe_beam
 from .virtual_sensor import VirtualSensor as VirtualSensor
 from .virtual_sensor import calibrate_by_press as calibrate_by_press
 from .virtual_sensor import rest_scene as rest_scene

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float32, UInt8
 
+from ..core.camera.model import Camera
 from ..core.camera.plane import PlaneView
 from ..sensing.foam.finger import FingerSensor
 from ..sensing.foam.strip.config import FoamSensorConfig
 from ..sensing.foam.strip.stripe_view import train_stripe
+from ..simulation.foam.outline import Outline
 from ..simulation.foam.rig import SensorRig
+from ..simulation.foam.strip import FoamStrip
 from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import StripLaw
 from ..simulation.rendering._finger_tag import FingerTag
 from ..simulation.rendering.appearance import Occluder
 from ..simulation.rendering.effects import CameraEffects
+from ..simulation.rendering.scene import FoamScene, SceneObject
 from ..simulation.tabletop.gripper import VirtualGripper
 from ..simulation.tabletop.gripper_setup import (
     GRIPPER_RIG,
@@ -30,11 +35,12 @@ from ..simulation.tabletop.gripper_setup import (
     GraspObject,
     gripper_look,
 )
+from ..simulation.tabletop.kitchen import KitchenTable
 from .foam_example import write_truth, write_video
 from .squeeze_rig import BOTTLE
-from .virtual_sensor import calibrate_by_press
+from .virtual_sensor import VirtualSensor, calibrate_by_press
 
-__all__ = ["GripperSensor", "write_gripper_example"]
+__all__ = ["STRIP", "TRACKING", "GripperSensor", "VirtualHand", "finger_sensor", "write_gripper_example"]
 
 #: The example: the speed of closing [m/s], and when it is filmed, before the contact [s].
 _CLOSE_M_S, _BEGIN_S = 0.03, 0.9
@@ -131,6 +137,117 @@ class GripperSensor:
         zero = sensor.zero((frames.frame() for _ in range(zero_frames)), limit=zero_frames)
         zero.save(sensor.setup.zero_path)
         return sensor
+
+
+#: How the finger looks to its sensor: black foam on bare metal.
+TRACKING = {"base_is": "brighter", "foam_is": "darker"}
+#: Its strip, read every two millimetres [m].
+STRIP = {"length_m": 0.06, "spacing_m": 0.002}
+#: The finger is followed in steps of at most this [m]: the foam remembers the way.
+STEP_M = 1e-4
+#: How much of the container is above the foam, and how far below it the table is [m].
+TOP_M, FLOOR_M = 0.05, 0.12
+
+
+def finger_sensor() -> VirtualSensor:
+    """Foam rubber on a finger, and a small camera on it 12 cm away: 0.2 mm a pixel.
+
+    A third of its depth carries some 20 N of a wall as round as a bottle's, half of it the 54 N of the firmest squeeze.
+    """
+    return VirtualSensor(
+        geometry=FoamStripGeometry(length_m=0.06, width_m=0.015, height_m=0.015, spacing_m=0.001),
+        law=StripLaw(mu_Pa=(100e3, 2.5e3), alpha=(3.0, -2.0)),
+        rig=SensorRig(distance_m=0.12, focal_px=560.0, width_px=400, height_px=224, look_ahead_m=0.012),
+        look=gripper_look(stripe=False),
+        effects=CameraEffects(1.0, 2.0, vignetting=0.2),
+        press_sigma_N=0.15,
+    )
+
+
+@dataclass
+class VirtualHand(KitchenTable):
+    """A ``KitchenTable`` whose frames show the foam of one finger; the other finger does the same from across."""
+
+    #: Closing by 12 mm/s, a finger comes 0.3 mm nearer from frame to frame: 1 N where the wall does not give way.
+    frame_rate_Hz: float = 20.0
+    finger: VirtualSensor = field(default_factory=finger_sensor)
+
+    def __post_init__(self) -> None:
+        self._strip = FoamStrip(self.finger.geometry, self.finger.law)
+        self._back_m = self.finger.geometry.back_m(self._strip.s_m)
+        self._front_m = self._strip.inner_m(self.finger.geometry.width_m)
+        self._renderer = self.finger.renderer()
+        self._stiffness_N_per_m = self._short_m = 0.0
+        self._drawn: tuple[np.ndarray, Float32[np.ndarray, "rows columns channels"]] | None = None
+        super().__post_init__()
+
+    @property
+    def camera(self) -> Camera:
+        """The camera on the finger."""
+        return self.finger.rig.camera
+
+    def image(self, t_s: float) -> UInt8[np.ndarray, "rows columns"]:
+        """The finger's foam and what is in front of it.
+
+        Parameters
+        ----------
+        t_s
+            The world's time [s].
+        """
+        camera, effects = self.camera, self.finger.effects
+        if self.arm.t_s >= self.blind_at_s:
+            return np.zeros((camera.height, camera.width), np.uint8)
+        wall, radius = self._wall(), self._radius()
+        # What stands still is drawn once (to a tenth of a micrometre); its noise is that of each frame.
+        state = np.round(np.append(self._front_m, [[radius, wall.vertices_m[0, 0]]], axis=0), 7)
+        if self._drawn is None or not np.array_equal(self._drawn[0], state):
+            bodies = (SceneObject(wall.polygon_m(), TOP_M, 150.0, 8.0),) if radius > 0 else ()
+            scene = FoamScene(t_s, self._back_m, self._front_m, bodies, floor_below_m=FLOOR_M)
+            self._drawn = state, np.atleast_3d(self._renderer.render_exact(scene))
+        return effects.developed(self._drawn[1], np.full(camera.height, t_s), self.rng)[..., 0]
+
+    def _wall(self) -> Outline:
+        """The container's section in the frame of the finger, as far as it has given way."""
+        front_m, radius = self.finger.geometry.width_m, self._radius()
+        return Outline.disc((front_m + 0.5 * self._opening + self.deformation_m, 0.0), max(radius, 1e-3))
+
+    def _balance(self) -> None:
+        """Press the foam by as much as wall and foam together are shorter than the fingers leave room for."""
+        self._fall()
+        radius = self._radius()
+        short = radius - 0.5 * self._opening
+        if short <= 0:
+            if self._short_m > 0 or self.force_N > 0:
+                self._front_m = self._strip.press([]).front_m
+            self.force_N = self.deformation_m = self._stiffness_N_per_m = self._short_m = 0.0
+            return
+        steps = max(1, math.ceil(abs(short - self._short_m) / STEP_M))
+        for reached in np.linspace(self._short_m, short, steps + 1)[1:]:
+            self._press(radius, float(reached))
+
+    def _press(self, radius_m: float, short_m: float) -> None:
+        """One step: the wall gives way by what the foam's last stiffness predicts, then the foam is pressed.
+
+        What is left of the balance goes into the next step: foam that is pressed too far and let go again would
+        remember it as unloading.
+        """
+        foam, height = short_m - self.deformation_m, self._height()
+        before_m = self._short_m - self.deformation_m
+        predicted_N = self.force_N + self._stiffness_N_per_m * (foam - before_m)
+        low, high, deformed_m = 0.0, short_m, self.deformation_m
+        for _ in range(40):
+            wall = 0.5 * (low + high)
+            rest_N = predicted_N - self._stiffness_N_per_m * (wall - deformed_m)
+            low, high = (low, wall) if self.container.force_at(height, wall) > rest_N else (wall, high)
+        self.deformation_m, self._short_m = 0.5 * (low + high), short_m
+        front_m = self.finger.geometry.width_m
+        body = Outline.disc((front_m + radius_m - short_m + self.deformation_m, 0.0), radius_m)
+        state = self._strip.press([body])
+        moved_m, change_N = short_m - self.deformation_m - before_m, state.load_N - self.force_N
+        bound = state.stiffness_N_per_m
+        slope = change_N / moved_m if abs(moved_m) > 1e-9 else bound
+        self._stiffness_N_per_m = float(np.clip(slope, 0.1 * bound, bound))
+        self.force_N, self._front_m = state.load_N, state.front_m
 
 
 def write_gripper_example(
