@@ -728,7 +728,8 @@ def _cameras(results: list[Any]) -> None:
 
 def _defaults(folder: Path, results: list[Any]) -> None:
     assert (folder / "sensor.yaml").read_text().startswith("kind: foam")
-    assert (results[1]["settings"]["radius_m"], results[1]["settings"]["setup_time_s"]) == (0.31, 4.0)
+    settings = results[1]["settings"]
+    assert [settings["radius_m"], settings["setup_time_s"]] == pytest.approx([0.31, 4.0])
 
 
 def _pdf(path: Path) -> None:

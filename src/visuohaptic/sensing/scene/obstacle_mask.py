@@ -17,7 +17,7 @@ below 0 (Page's test): the alarm rate is at most the number of cells times that 
 ``exp(-threshold)`` (Lorden 1971). The threshold follows from ``alarms_per_minute``.
 
 A face is wider than a cell, and of a plain one only the outlines say anything: the sums l and V of one, two, four and more
-neighbours across are tested beside each other, each as a cell of its own among those that the threshold counts.
+neighbours across are tested beside each other, and share the rate of alarms.
 """
 
 from __future__ import annotations
@@ -96,9 +96,11 @@ class ObstacleDetector:
         self._limit = math.log(1.0 / s.disturbed)
         # Faces of one cell, of two, four and so on: none is covered by less than half.
         self._widths = tuple(2**k for k in range(shape[1].bit_length() - 1))
-        cells = len(self._widths) * shape[0] * shape[1]
-        self._threshold = math.log(cells * _FRAMES_PER_MINUTE / s.alarms_per_minute)
-        self._needed = math.ceil(self._threshold / self._limit)
+        # Half of the alarms are those of single cells, a quarter of pairs, and so on.
+        self._thresholds = math.log(
+            shape[0] * shape[1] * _FRAMES_PER_MINUTE / s.alarms_per_minute
+        ) + math.log(2.0) * np.arange(1, len(self._widths) + 1)
+        self._needed = math.ceil(self._thresholds[0] / self._limit)
         self._step_m = self._cells.baseline_m / _COMPARISONS
         self._evidence = np.zeros((len(self._widths), *shape))
         self._keys: deque[tuple[StripImage, np.ndarray, np.ndarray]] = deque(maxlen=3 * _COMPARISONS)
@@ -201,10 +203,11 @@ class ObstacleDetector:
     def _locate(self, pair: FramePair) -> None:
         """Cells above the threshold, and the range of those that are nearest."""
         cells = self._cells
-        found = self._evidence[0] > self._threshold
-        for evidence, width in zip(self._evidence[1:], self._widths[1:], strict=True):
+        found = self._evidence[0] > self._thresholds[0]
+        wider = zip(self._evidence[1:], self._thresholds[1:], self._widths[1:], strict=True)
+        for evidence, threshold, width in wider:
             # Of the cells of a wide face those stand that say so themselves.
-            wide = _summed((evidence > self._threshold).astype(np.float64)[:, ::-1], width)[:, ::-1] > 0
+            wide = _summed((evidence > threshold).astype(np.float64)[:, ::-1], width)[:, ::-1] > 0
             found |= wide & (self._evidence[0] > 0.0)
         standing = np.flatnonzero(found.any(axis=0))
         best = np.where(found, self._evidence[0], -1.0)[:, standing].argmax(axis=0)
