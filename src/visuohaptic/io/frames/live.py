@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.errors import DeviceError, InputError, StaleFrameError
-from ...core.robots import EndlessSource
+from ...core.resources import Closing
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 __all__ = ["LiveSource", "camera_of", "find_cameras", "open_camera"]
@@ -26,7 +26,7 @@ _LIVE = re.compile(r"(?:(?P<driver>uvc|camera):)?(?P<which>.+)")
 _BARE = re.compile(r"\d+|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
 
 
-class LiveSource(EndlessSource):
+class LiveSource(Closing):
     """Frames of a live camera; implements :class:`visuohaptic.core.robots.FrameSource`.
 
     A thread takes every image from the driver, so that the newest one is never
@@ -67,6 +67,16 @@ class LiveSource(EndlessSource):
         backend.open()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera's model where it is known."""
+        return self._camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """``None``: a live camera has no end."""
+        return None
 
     def read(self, timeout_s: float = 2.0) -> Frame:
         """Wait for a frame newer than all that were read before.

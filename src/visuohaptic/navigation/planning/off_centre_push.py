@@ -17,7 +17,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.geometry import rotation_2d
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
@@ -148,7 +147,8 @@ def _solved_after(
 def _predicted(rollout: Rollout) -> tuple[Float[np.ndarray, "2"], float]:
     """Displacement of the body's centroid in the map frame [m], and the direction of the drive there [rad]."""
     yaw = rollout.scene.domain.map.origin[2]
-    turned = rotation_2d(yaw).T
+    c, s = math.cos(yaw), math.sin(yaw)
+    turned = np.array([[c, s], [-s, c]])
     ahead = rollout.direction @ turned
     return rollout.pose[:2] @ turned, math.atan2(ahead[1], ahead[0])
 
