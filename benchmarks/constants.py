@@ -179,7 +179,7 @@ class Project:
         seen = self.run(tests, order, private=change.module in self._compiled_in)
         by = re.search(r"^(?:FAILED|ERROR) (\S+)", seen["output"], re.MULTILINE)
         red = by.group(1).partition("::")[0] if by else ""
-        if red in tests and by and self.run([by.group(1)], {})["code"] not in (0, 5):
+        if red in tests and self.run([red], {})["code"] not in (0, 5):
             return self.judge(
                 change, [test for test in tests if test != red]
             )  # it fails without the change, too

@@ -43,6 +43,11 @@ def test_other_contents_are_refused_in_one_line(tmp_path, text, message):
     assert "\n" not in str(refused.value)
 
 
+def test_a_file_that_is_not_there_has_the_remedy_too(tmp_path):
+    with pytest.raises(InputError, match=r"none.json: cannot be read \(.+\); measure it"):
+        load_json(tmp_path / "none.json", "a size", doubled, remedy="measure it")
+
+
 def test_large_files_are_refused_unread(tmp_path):
     path = tmp_path / "large.json"
     with path.open("wb") as stream:

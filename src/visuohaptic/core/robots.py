@@ -19,14 +19,12 @@ from .camera.frame import Frame
 from .camera.model import Camera
 from .camera.pose import Pose
 from .errors import InputError
-from .resources import Closing
 
 __all__ = [
     "ROBOT_CONTRACT",
     "BaseState",
     "DepthImage",
     "DepthSource",
-    "EndlessSource",
     "FingerTouch",
     "FrameSource",
     "Gripper",
@@ -82,22 +80,6 @@ class FrameSource(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None: ...
-
-
-class EndlessSource(Closing):
-    """Base of frame sources that have no end: live cameras and topics."""
-
-    _camera: Camera | None = None
-
-    @property
-    def camera(self) -> Camera | None:
-        """The camera's model, where or as soon as it is known."""
-        return self._camera
-
-    @property
-    def frame_count(self) -> int | None:
-        """``None``: it has no end."""
-        return None
 
 
 @dataclass(frozen=True, slots=True)

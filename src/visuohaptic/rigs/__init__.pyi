@@ -1,8 +1,10 @@
 from .foam_example import write_example as write_example
+from .foam_example import write_truth as write_truth
 from .foam_example import write_video as write_video
 from .grasp_cases import CASES as CASES
 from .grasp_cases import Case as Case
 from .grasp_cases import best_vertex as best_vertex
+from .gripper_example import write_gripper_example as write_gripper_example
 from .mitc4 import mitc4_factor as mitc4_factor
 from .mitc4 import mitc4_stiffness as mitc4_stiffness
 from .squeeze_rig import BOTTLE as BOTTLE
@@ -61,6 +63,7 @@ from .virtual_office import office as office
 from .virtual_office import rooms as rooms
 from .virtual_office import tag as tag
 from .virtual_office import with_objects as with_objects
+from .virtual_office import write_office_example as write_office_example
 from .virtual_sensor import VirtualSensor as VirtualSensor
 from .virtual_sensor import calibrate_by_press as calibrate_by_press
 from .virtual_sensor import rest_scene as rest_scene

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,17 +36,9 @@ from ..simulation.tabletop.gripper_setup import (
     gripper_look,
 )
 from ..simulation.tabletop.kitchen import KitchenTable
-from .foam_example import write_truth, write_video
-from .squeeze_rig import BOTTLE
 from .virtual_sensor import VirtualSensor, calibrate_by_press
 
-__all__ = ["STRIP", "TRACKING", "GripperSensor", "VirtualHand", "finger_sensor", "write_gripper_example"]
-
-#: The example: the speed of closing [m/s], and when it is filmed, before the contact [s].
-_CLOSE_M_S, _BEGIN_S = 0.03, 0.9
-#: Its light and the rate factor of its videos: a few megabytes each.
-_DAYLIGHT, _CRF = CameraEffects(1.0, 1.5, vignetting=0.2), 18
-_CLOSING, _OPENING = 20, 20  #: frames each way
+__all__ = ["STRIP", "TRACKING", "GripperSensor", "VirtualHand", "finger_sensor"]
 
 
 @dataclass
@@ -248,42 +240,3 @@ class VirtualHand(KitchenTable):
         slope = change_N / moved_m if abs(moved_m) > 1e-9 else bound
         self._stiffness_N_per_m = float(np.clip(slope, 0.1 * bound, bound))
         self.force_N, self._front_m = state.load_N, state.front_m
-
-
-def write_gripper_example(
-    folder: Path | str, *, seed: int = 1, say: Callable[[str], None] = lambda text: None
-) -> Path:
-    """Write sensor files, two videos and the truth of a finger with foam and an AprilTag.
-
-    ``rest.mp4`` shows the open gripper, ``grip.mp4`` how it closes on a bottle and opens again;
-    ``truth.csv`` has time, force and position of the finger (t_s, force_N, position_m).
-
-    Parameters
-    ----------
-    folder, seed, say
-        As of :func:`~visuohaptic.rigs.foam_example.write_example`.
-    """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    rng, maker = np.random.default_rng(seed), GripperSensor(stripe=False, effects=_DAYLIGHT)
-    maker.write(folder, rng)
-    say("rendering rest.mp4")
-    still = maker.gripper(rng=rng)
-    write_video(folder / "rest.mp4", (still.frame().image for _ in range(20)), crf=_CRF)
-    gripper, truth = maker.gripper(BOTTLE, rng=rng), []
-    gripper.move(0.0, _CLOSE_M_S)
-    gripper.skip_to(_BEGIN_S)
-
-    def images() -> Iterator[UInt8[np.ndarray, "rows columns"]]:
-        for index in range(_CLOSING + _OPENING):
-            if index == _CLOSING:
-                gripper.move(gripper.drive.open_m, _CLOSE_M_S)
-            frame = gripper.frame()
-            now = gripper.truth(frame.t_s)
-            truth.append((frame.t_s - _BEGIN_S, now.force_N, now.position_m))
-            yield frame.image
-
-    say("rendering grip.mp4")
-    write_video(folder / "grip.mp4", images(), crf=_CRF)
-    write_truth(folder, ("t_s", "force_N", "position_m"), truth)
-    return folder

@@ -18,7 +18,7 @@ from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
 from ..core.errors import DeviceError, InputError, StaleFrameError
 from ..core.files import ImageMode, decode_image
-from ..core.robots import EndlessSource
+from ..core.resources import Closing
 from ..io.frames.mcap_frames import camera_from_message
 from ..io.ros.ros_image import decode_raw
 from .transports.topic_node import Received, TopicNode
@@ -36,7 +36,7 @@ class _WrongSizeError(InputError):
     """An image that is not of the camera."""
 
 
-class TopicFrames(EndlessSource):
+class TopicFrames(Closing):
     """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.core.robots.FrameSource`.
 
     The time of a frame is the stamp in its header, or that of sending where the stamp is zero. Its index is the
@@ -88,6 +88,16 @@ class TopicFrames(EndlessSource):
             self._subscriptions.append(
                 node.subscribe(info_topic(self.topic), "sensor_msgs/msg/CameraInfo", self._describe, _SENSOR)
             )
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera's model, as soon as it is known."""
+        return self._camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """``None``: a topic has no end."""
+        return None
 
     def _describe(self, received: Received) -> None:
         camera = camera_from_message(received.message, info_topic(self.topic))

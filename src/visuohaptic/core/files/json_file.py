@@ -46,7 +46,10 @@ def load_json(
     InputError
         There is no such file, it is too large, not JSON, or has not the fields that ``parse`` takes.
     """
-    text = read_text(path, MAX_JSON_BYTES)
+    try:
+        text = read_text(path, MAX_JSON_BYTES)
+    except InputError as error:
+        raise InputError(path, error.problem, remedy=error.remedy or remedy) from error
     try:
         data = json.loads(text)
     except (ValueError, RecursionError) as error:

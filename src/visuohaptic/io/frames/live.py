@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.errors import DeviceError, InputError, StaleFrameError
-from ...core.robots import EndlessSource
+from ...core.resources import Closing
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 __all__ = ["LiveSource", "camera_of", "find_cameras", "open_camera"]
@@ -27,7 +27,7 @@ _LIVE = re.compile(r"(?:(?P<driver>uvc|camera):)?(?P<which>.+)")
 _BARE = re.compile(r"\d+|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
 
 
-class LiveSource(EndlessSource):
+class LiveSource(Closing):
     """Frames of a live camera; implements :class:`visuohaptic.core.robots.FrameSource`.
 
     A thread takes every image from the driver, so that the newest one is never
@@ -73,6 +73,11 @@ class LiveSource(EndlessSource):
     def camera(self) -> Camera | None:
         """The camera's model where it is known: the one that was given, or the maker's own."""
         return self._camera or getattr(self._backend, "camera", None)
+
+    @property
+    def frame_count(self) -> int | None:
+        """``None``: a live camera has no end."""
+        return None
 
     def read(self, timeout_s: float = 2.0) -> Frame:
         """Wait for a frame newer than all that were read before.

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from ...core.errors import InputError
+from ...core.geometry import compose_2d
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ...navigation.grid.cost_grid import OBSTACLE_FROM, window_distance
 
@@ -134,13 +135,11 @@ class LocalCostmap:
                 f"found a footprint about {outline.mean(axis=0).round(2)}, expected one on the map",
                 remedy="check the frame of the footprint",
             )
-        x, y, yaw = map.origin
-        c, s = math.cos(yaw), math.sin(yaw)
-        dx, dy = low[1] * map.resolution_m, low[0] * map.resolution_m
+        corner = (low[1] * map.resolution_m, low[0] * map.resolution_m, 0.0)
         window = OccupancyMap(
             map.cells[low[0] : high[0], low[1] : high[1]].copy(),
             map.resolution_m,
-            (x + c * dx - s * dy, y + s * dx + c * dy, yaw),
+            compose_2d(map.origin, corner),
         )
         near = _covered_cells(window, outline)
         window.cells[near] = FREE

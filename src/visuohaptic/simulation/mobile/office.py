@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int8
 
 from ...core.errors import InputError
+from ...core.geometry import compose_2d, wrap_angle
 from .obstacles import SimulatedObstacle, box, cylinder, table
 
 __all__ = ["ApproachPath", "Office", "furnished_office", "obstacles_for_map"]
@@ -211,7 +212,5 @@ def _world(
     place: tuple[float, float], heading: float, resolution_m: float, origin: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """From cells to the world."""
-    x, y = place[0] * resolution_m, place[1] * resolution_m
-    c, s = math.cos(origin[2]), math.sin(origin[2])
-    yaw = (heading + origin[2] + math.pi) % (2 * math.pi) - math.pi
-    return origin[0] + c * x - s * y, origin[1] + s * x + c * y, yaw
+    x, y, yaw = compose_2d(origin, (place[0] * resolution_m, place[1] * resolution_m, heading))
+    return x, y, wrap_angle(yaw)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.robots import BaseState, MobileBase
 from ..foam.outline import Outline
 from ..foam.strip import FoamStrip, StripState
@@ -123,7 +124,7 @@ class QuickWorld(MobileBase):
         near = self._near()
         sliding: set[str] = set()
         heading = self.pose[2]
-        turn = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+        turn = rotation_2d(heading)
         for repeat in range(4):
             state = self._strip.press([cut for _, cut in near], dt_s if repeat == 0 else 0.0)
             settled = True

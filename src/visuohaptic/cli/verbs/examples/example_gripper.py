@@ -26,6 +26,6 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    from ....rigs.virtual_gripper import write_gripper_example
+    from ....rigs.gripper_example import write_gripper_example
 
     return written(args, write_gripper_example, "example gripper")

@@ -63,14 +63,14 @@ def pull_string(
         return nowhere
     pieces = _pieces(domain, drive, nodes, block)
     rounds = STRING_ROUNDS if len(pieces) == 1 else 0
-    pulled = [_pulled_piece(domain, part, piece, block, rounds) for piece, part in pieces]
+    pulled = [_pulled_piece(domain, shifts, piece, block, *part[1:], rounds) for piece, part in pieces]
     if len(pulled) > 1:
         middles = [path[len(path) // 2] for path, _ in pulled]
         path = resampled(np.concatenate([path for path, _ in pulled]), 2 * len(nodes))
         joints = [0, *(int(np.hypot(*(path - middle).T).argmin()) for middle in middles), len(path) - 1]
         parts = [path[a : b + 1] for a, b in itertools.pairwise(joints) if b > a]
         again = [
-            _pulled_piece(domain, _Drive(shifts, part[0], part[-1]), part // block, block, STRING_ROUNDS)
+            _pulled_piece(domain, shifts, part // block, block, part[0], part[-1], STRING_ROUNDS)
             for part in parts
             if deadline is None or not deadline.passed
         ]
@@ -323,15 +323,17 @@ def _pieces(
 
 def _pulled_piece(
     domain: SearchDomain,
-    drive: _Drive,
+    shifts: Float[np.ndarray, "bodies 2"],
     nodes: Float[np.ndarray, "k 2"],
     block: int,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
     rounds: int,
 ) -> tuple[Float[np.ndarray, "q 2"], float]:
     """Cheapest path on the map along a path over blocks, and its cost; empty and infinite without one."""
     from ._travel_kernels import string_pull
 
-    found, (_, start, goal) = _cells_along(domain, drive, nodes, block), drive
+    found = _cells_along(domain, _Drive(shifts, start, goal), nodes, block)
     if found is None:
         return np.zeros((0, 2)), float("inf")
     cells, clearance, low, _ = found
