@@ -254,29 +254,6 @@ def test_any_container_is_a_shell_whose_held_rim_is_stiff() -> None:
     assert np.log(stiffness[:, 8]).std() == pytest.approx(expected, rel=0.2)
 
 
-def cones(apart: float) -> FeatureSet:
-    """Three classes of walls that get stiffer by height, by slopes that are so far apart."""
-    rng, height = np.random.default_rng(0), np.linspace(0, 1, 16)
-    slope = np.repeat([-apart, 0.0, apart], 30) + rng.normal(0, 0.1, 90)
-    level = 8 + rng.normal(0, 0.1, 90) + slope * height[:, None]
-    width = 0.06 * np.exp(rng.normal(0, 0.02, (90, 1, 1))) * np.ones((90, 16, 2))
-    stiffness = np.repeat(np.exp(level.T)[:, :, None], 4, axis=2)
-    return FeatureSet.of_stiffness(stiffness, width, np.repeat(["a", "b", "c"], 30).tolist())
-
-
-def test_classes_that_pass_for_one_another_make_unknown_more_probable() -> None:
-    """Left out, a class whose slope is 3 standard deviations off passes for its neighbour; at 30 it does not."""
-    found = []
-    for apart in (0.3, 3.0):
-        data = cones(apart)
-        plain = fit_model(data, settings=ModelSettings(use_width=False))
-        warm = calibrate(
-            plain, data, np.random.default_rng(0), explorations=90, max_touches=4, false_rejection=0.5
-        )
-        found.append(warm.unknown_log_odds)
-    assert found[0] > found[1] + 1.0
-
-
 def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
     data = synthetic(30, spread=0.4)
     plain = fit_model(data, settings=ModelSettings(use_width=False))

@@ -194,10 +194,9 @@ def assemble(
     fraction = _prior(answers, prior, settings)
     usual, own = np.zeros((FEATURES, FEATURES)), np.diag(_discrepancy(settings))
     # By stiffness alone another size of a known profile is no more than another level, which no touch can tell.
-    kinds = unknown_class.unknown_kinds(np.stack([one.mean for one in learned.values()]))[
-        : 1 + settings.use_width
-    ]
-    unknown = fraction[UNKNOWN] / (len(kinds) + 1)
+    chosen, drawn = ([0, 2], unknown_class.any_containers(protocol)) if settings.use_width else ([0, 1], [])
+    kinds = unknown_class.unknown_kinds(np.stack([one.mean for one in learned.values()]))[chosen]
+    unknown = fraction[UNKNOWN] / (len(kinds) + bool(drawn))
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
@@ -215,8 +214,8 @@ def assemble(
         rows += [
             (len(answers), one.mean, near + kind, unknown / len(learned), effect, 1.0, 1.0) for kind in kinds
         ]
-    for middle, drawn in unknown_class.any_containers(protocol):
-        rows.append((len(answers), middle, usual + drawn, unknown / 2, np.zeros_like(effect), 1.0, 1.0))
+    for middle, wide in drawn:
+        rows.append((len(answers), middle, usual + wide, unknown / 2, np.zeros_like(effect), 1.0, 1.0))
     answer_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
     with np.errstate(divide="ignore"):
         log_prior = np.log(np.array(chance_of))
