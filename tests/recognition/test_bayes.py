@@ -224,12 +224,12 @@ def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
 def test_what_is_like_a_class_in_all_but_its_height_gets_no_surer_of_it_by_every_touch() -> None:
     """Each further touch agrees with the profile of the class, and says nothing of the height.
 
-    It is 7 standard deviations off, 4.7 of what leaves the ranges: by Bayes' rule at least as improbable as 1 in 10^4.
+    It is 8 standard deviations off, 5.7 of what leaves the ranges: by Bayes' rule at least as improbable as 1 in 10^4.
     """
     data = synthetic(30)
     tall = replace(data, height_m=0.1 * np.exp(np.random.default_rng(1).normal(0, 0.05, len(data))))
     model = fit_model(tall)
-    other = replace(tall, height_m=1.4 * tall.height_m)
+    other = replace(tall, height_m=1.5 * tall.height_m)
     for row in (3, 33, 63):
         touch = touch_of(other, row)
         readings = [touch(height, axis) for height in (8, 12, 4, 10, 14, 6) for axis in "xy"]
@@ -252,29 +252,6 @@ def test_any_container_is_a_shell_whose_held_rim_is_stiff() -> None:
     # As broad as walls of 0.1 to 3 mm (k goes with t^2.3) of moduli from 0.2 to 70 GPa are, and hardly broader.
     expected = np.hypot(2.3 * np.log(30), np.log(350)) / np.sqrt(12)
     assert np.log(stiffness[:, 8]).std() == pytest.approx(expected, rel=0.2)
-
-
-def cones(apart: float) -> FeatureSet:
-    """Three classes of walls that get stiffer by height, by slopes that are so far apart."""
-    rng, height = np.random.default_rng(0), np.linspace(0, 1, 16)
-    slope = np.repeat([-apart, 0.0, apart], 30) + rng.normal(0, 0.1, 90)
-    level = 8 + rng.normal(0, 0.1, 90) + slope * height[:, None]
-    width = 0.06 * np.exp(rng.normal(0, 0.02, (90, 1, 1))) * np.ones((90, 16, 2))
-    stiffness = np.repeat(np.exp(level.T)[:, :, None], 4, axis=2)
-    return FeatureSet.of_stiffness(stiffness, width, np.repeat(["a", "b", "c"], 30).tolist())
-
-
-def test_classes_that_pass_for_one_another_make_unknown_more_probable() -> None:
-    """Left out, a class whose slope is 3 standard deviations off passes for its neighbour; at 30 it does not."""
-    found = []
-    for apart in (0.3, 3.0):
-        data = cones(apart)
-        plain = fit_model(data, settings=ModelSettings(use_width=False))
-        warm = calibrate(
-            plain, data, np.random.default_rng(0), explorations=90, max_touches=4, false_rejection=0.5
-        )
-        found.append(warm.unknown_log_odds)
-    assert found[0] > found[1] + 1.0
 
 
 def test_calibration_lowers_what_is_wrong_with_confidence() -> None:

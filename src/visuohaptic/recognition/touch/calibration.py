@@ -2,15 +2,12 @@
 
 Whole objects are left out in turn, half of them moved outside the range of the others and half of them touched by a gripper
 whose pose is poor. The temperature that divides the evidence (Guo et al. 2017) has their smallest mean log loss among the known
-classes. Whole answers are left out in turn, too: their objects are unknown to the others. What is added to the log odds of
-"unknown" has the smallest log loss of known or unknown over both, by their prior, and lets only the wanted fraction of the
-known be called unknown at the end.
+classes; what is added to the log odds of "unknown" is as much as lets only the wanted fraction of them be called so at the end.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,8 +28,9 @@ FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
 #: Fraction of explorations that no temperature is bent to: a few that are wrong without a doubt would outvote all others.
 LAPSES = 0.02
-#: What is tried: a touch or two must not be outvoted, odds of 20 at most are added, a prior of 0.1 becomes one of 0.7.
-LOG_ODDS = np.linspace(-3.0, 3.0, 25)
+#: A touch or two must not be outvoted: odds of 20 at most are added, a prior of 0.1 becomes one of 0.7. Where sizes are seen
+#: nothing is: what is like a class in all but its size has a Gaussian there, and the prior stands.
+MAX_LOG_ODDS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +69,6 @@ def calibrate(
 ) -> HapticModel:
     """Fit the temperature, and what is added to the log odds of "unknown".
 
-    With two answers the second has no answers that are left out, and is as large as ``false_rejection`` allows.
-
     Parameters
     ----------
     model
@@ -104,29 +100,10 @@ def calibrate(
     temperature = float(
         min(TEMPERATURES, key=lambda value: float(np.mean([one.loss(float(value)) for one in judged])))
     )
-    # Of two answers one alone would be left, and nothing to tell apart.
-    named = model.answers[:-1] if len(model.answers) > 3 else ()
-    foreign = [
-        _explored(model, data, answer, answer == name, explorations // len(named), max_touches, rng)
-        for name in named
-    ]
-    known, unknown = (_margins(part, temperature) for part in (judged, foreign))
-    most = float(np.quantile(known[max_touches - 1 :: max_touches], false_rejection))
-    prior = model.settings.unknown_prior
-
-    def loss(log_odds: float) -> float:
-        """Log loss of known or unknown, by their prior."""
-        called = np.logaddexp(0.0, log_odds - known).mean()
-        return float((1 - prior) * called + prior * np.logaddexp(0.0, unknown - log_odds).mean())
-
-    log_odds = min(LOG_ODDS, key=loss) if foreign else most
-    log_odds = float(np.clip(min(log_odds, most), LOG_ODDS[0], LOG_ODDS[-1]))
+    last = np.concatenate([one.margin(temperature)[max_touches - 1 :: max_touches] for one in judged])
+    most = 0.0 if model.settings.use_width else MAX_LOG_ODDS
+    log_odds = float(np.clip(np.quantile(last, false_rejection), -MAX_LOG_ODDS, most))
     return replace(model, temperature=temperature, unknown_log_odds=log_odds)
-
-
-def _margins(judged: Sequence[_Judged], temperature: float) -> Float[np.ndarray, "n"]:
-    """Log odds of the most probable class against "unknown", of all explorations after each touch."""
-    return np.concatenate([one.margin(temperature) for one in judged] or [np.zeros(0)])
 
 
 def calibration_error(
@@ -190,13 +167,11 @@ def _explored(
 ) -> _Judged:
     """Explorations of the objects that are left out, by a model of the others."""
     rest = data.take(~out)
-    groups = {name: parts for name, parts in model.groups.items() if set(parts) & set(rest.classes)}
-    without = fit_model(rest, groups, settings=model.settings, protocol=model.protocol)
+    without = fit_model(rest, model.groups, settings=model.settings, protocol=model.protocol)
     found, truth = [], []
     for row in rng.choice(np.flatnonzero(out), explorations):
         one = _as_touched(data, int(row), model, rng)
-        # What is left out as a whole has no answer.
-        right = without.answers.index(str(answer[row])) if answer[row] in without.answers else -1
+        right = without.answers.index(str(answer[row]))
         order = rng.permutation(len(TOUCHES))[:max_touches]
         readings = [reading_of(one, 0, *TOUCHES[int(k)], without) for k in order]
         for count in range(1, max_touches + 1):

@@ -60,6 +60,8 @@ OUTSIDE = 1.43
 #: A pose is known to 2 mm by a calibrated gripper, and to 5 mm by one that is not.
 CARELESS = 2.5
 POSES = (1.0, CARELESS)
+#: Fraction of unknown objects that are a known class in another size: a third leaves part-full bottles undecided.
+SAME_PROFILE = 0.1
 #: Objects that the average covariance of all classes counts for: what is tried. A hundredth of an object is next to none.
 STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
@@ -194,10 +196,9 @@ def assemble(
     fraction = _prior(answers, prior, settings)
     usual, own = np.zeros((FEATURES, FEATURES)), np.diag(_discrepancy(settings))
     # By stiffness alone another size of a known profile is no more than another level, which no touch can tell.
-    kinds = unknown_class.unknown_kinds(np.stack([one.mean for one in learned.values()]))[
-        : 1 + settings.use_width
-    ]
-    unknown = fraction[UNKNOWN] / (len(kinds) + 1)
+    chosen, drawn = ([0, 2], unknown_class.any_containers(protocol)) if settings.use_width else ([0, 1], [])
+    kinds = unknown_class.unknown_kinds(np.stack([one.mean for one in learned.values()]))[chosen]
+    shares = fraction[UNKNOWN] * np.array([0.45, SAME_PROFILE, 0.45] if drawn else [0.5, 0.5])
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
@@ -212,11 +213,10 @@ def assemble(
             scaled = effect * np.array([1.0, pose, 1.0, 1.0])[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
         near = shared + one.within + one.pose
-        rows += [
-            (len(answers), one.mean, near + kind, unknown / len(learned), effect, 1.0, 1.0) for kind in kinds
-        ]
-    for middle, drawn in unknown_class.any_containers(protocol):
-        rows.append((len(answers), middle, usual + drawn, unknown / 2, np.zeros_like(effect), 1.0, 1.0))
+        for kind, share in zip(kinds, shares, strict=False):
+            rows.append((len(answers), one.mean, near + kind, share / len(learned), effect, 1.0, 1.0))
+    for middle, wide in drawn:
+        rows.append((len(answers), middle, usual + wide, shares[-1] / 2, np.zeros_like(effect), 1.0, 1.0))
     answer_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
     with np.errstate(divide="ignore"):
         log_prior = np.log(np.array(chance_of))

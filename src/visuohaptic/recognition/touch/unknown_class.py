@@ -42,11 +42,11 @@ SHELLS, POINTS, HARMONICS = 256, 49, 32
 WALLS_m, MODULI_Pa = (1e-4, 3e-3), (0.2e9, 70e9)
 
 
-def unknown_kinds(means: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "2 p p"]:
-    """Covariances by which an unknown object differs from a known class: as classes do, and in its size and material alone.
+def unknown_kinds(means: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "3 p p"]:
+    """Covariances by which an unknown object differs from a known class: as classes do, as anything may, and in its size alone.
 
-    They are learned from what the known classes differ by, as if :data:`ANYTHING` were one more class. Without the second a
-    can is a tub the surer the more it is touched: every further place agrees with the tub's profile.
+    The first and last are learned from what the known classes differ by, as if :data:`ANYTHING` were one more class. Without
+    the last a can is a tub the surer the more it is touched: every further place agrees with the tub's profile.
 
     Parameters
     ----------
@@ -61,12 +61,10 @@ def unknown_kinds(means: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "2 p p"]
         for squares, usual in ((level - level.mean(), generic[0]), (shape, generic[1])):
             learned.append(np.sqrt(((squares**2).mean(axis=1).sum() + usual**2) / len(means)))
     tall = means[:, HEIGHT] - means[:, HEIGHT].mean()
-    level, bend, size, shape, height = (
-        *learned,
-        np.sqrt(((tall**2).sum() + ANYTHING[4] ** 2) / len(means)),
-    )
+    learned.append(np.sqrt(((tall**2).sum() + ANYTHING[4] ** 2) / len(means)))
+    level, _, size, _, height = learned
     other = smooth_profile(level, 0.0, size, 0.0, height, reach=4.0, grooves=0.0)
-    return np.stack([smooth_profile(level, bend, size, shape, height, reach=4.0), other])
+    return np.stack([smooth_profile(*learned, reach=4.0), smooth_profile(*ANYTHING, reach=5.0), other])
 
 
 def any_containers(
