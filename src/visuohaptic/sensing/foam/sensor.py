@@ -174,8 +174,8 @@ class FoamSensor:
                 [np.nan_to_num(s.front.blur_px, nan=s.blur_px) / s.lens_px for s in seen], axis=0
             ),
             encoded_m=np.mean([np.nan_to_num(strip.encoded_m) for strip in seen], axis=0),
-            encoding=encoding_probability(skews),
         )
+        zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
         self._watch = self._watching(zero)
         self._forget()
