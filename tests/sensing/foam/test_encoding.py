@@ -7,6 +7,7 @@ from math import erf
 
 import numpy as np
 import pytest
+from tests.worlds import foam
 from tests.worlds import foam_disturbances as disturbances
 from tests.worlds.foam import draw_world
 from tests.worlds.foam_scene import Moment
@@ -105,3 +106,17 @@ def test_zeroing_tells_whether_a_camera_encodes(seed, encodes, tmp_path):
     told = FoamSensor(sensor.setup, zero).zero_reference
     assert told is not None
     assert told.encoding == 1 - encodes
+
+
+def test_a_shadow_beside_a_part_of_the_base_shifts_nothing(tmp_path):
+    """Its penumbra of 5 px lies along the base's edge there, whose blur it doubles; the base is where it was."""
+    sequence = foam.shadows(236)
+    sensor = foam_evidence.sensor_for(sequence.world, tmp_path)
+    zero = sensor.zero([Frame(shot.image, shot.t_s, i) for i, shot in enumerate(sequence.zero())])
+    assert zero.encoding > 0.9
+    shot, moments = sequence.moments[14]
+    sensor.read(Frame(sequence.world.image(*moments), shot.t_s, 99))
+    assert sensor.strip is not None
+    width = sensor.strip.width_m - zero.encoding * (sensor.strip.encoded_m - zero.encoded_m)
+    # Texture and noise are a few hundredths of a pixel of 0.4 mm; the shift would be 1.1 mm.
+    assert np.abs(width - zero.width_m).max() < 1e-4
