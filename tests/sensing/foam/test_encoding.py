@@ -87,7 +87,7 @@ def test_edges_that_are_too_narrow_or_too_few_decide_nothing():
     # All pixels meet the edge at the same place: their shape is that of the pixel, not that of the lens.
     assert 0.2 < encoding_probability([edge_skew(image, contour)]) < 0.8
     few = replace(contour, valid=np.arange(len(contour.valid)) < 5)
-    assert encoding_probability([edge_skew(image, few)]) == 0.5
+    assert encoding_probability([edge_skew(image, few)]) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("seed", "encodes"), [(2, False), (88, False), (44, True), (114, True)])
@@ -105,7 +105,7 @@ def test_zeroing_tells_whether_a_camera_encodes(seed, encodes, tmp_path):
     sensor.setup.camera = replace(sensor.camera, transfer_function="linear" if encodes else "srgb")
     told = FoamSensor(sensor.setup, zero).zero_reference
     assert told is not None
-    assert told.encoding == 1 - encodes
+    assert told.encoding == pytest.approx(1 - encodes)
 
 
 def test_a_shadow_beside_a_part_of_the_base_shifts_nothing(tmp_path):
