@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.sensing.foam.deflection import fill_gaps, with_cancelled_texture, with_states
+from visuohaptic.sensing.foam.material.hysteresis import HysteresisState
 from visuohaptic.sensing.foam.posterior import EdgeStates
 from visuohaptic.sensing.foam.profile import FoamReading, read_profile
 from visuohaptic.sensing.foam.strip import StripGeometry
@@ -34,7 +35,7 @@ def test_what_is_hidden_is_bounded_by_what_it_draws_along(continuum, reference_l
         for half_m in (0.005, 0.008, 0.012):
             contour = np.interp(np.abs(GEOMETRY.s_m), s, delta)
             found = filled(contour, np.abs(GEOMETRY.s_m) < half_m)
-            assert found.gap
+            assert found.covered.any()
             assert (found.hidden_m[~found.seen] >= contour[~found.seen]).all(), (depth, half_m)
 
 
@@ -57,7 +58,7 @@ def test_a_gap_at_the_end_of_the_strip_is_bounded_from_one_side() -> None:
 def test_two_points_are_bridged_and_not_hidden() -> None:
     delta = 0.004 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.01, 0.0) / 0.006)
     found = filled(delta, np.isin(np.arange(K), (45, 46)))
-    assert not found.gap
+    assert not found.covered.any()
     assert (np.abs(found.delta_m - delta) < 3.0 * found.sigma_m)[45:47].all()
 
 
@@ -125,5 +126,16 @@ def test_light_shifts_all_points_of_a_contact_alike(material) -> None:
 
 def test_what_a_shadow_may_hide_is_not_out_of_sight() -> None:
     found = filled(PLATE_M, np.zeros(K, dtype=bool))
-    assert not replace(found, hidden_m=np.where(PLATE_M > 1e-3, PLATE_M, 0.0)).gap
-    assert filled(PLATE_M, np.abs(GEOMETRY.s_m) < 0.01).gap
+    assert not replace(found, hidden_m=np.where(PLATE_M > 1e-3, PLATE_M, 0.0)).covered.any()
+    assert filled(PLATE_M, np.abs(GEOMETRY.s_m) < 0.01).covered.any()
+
+
+def test_what_is_filled_in_is_no_memory_of_the_foam(material) -> None:
+    """Half of a plate's foam is out of sight, and what is there then was never as deep as its neighbours."""
+    memory = HysteresisState.at_rest(K)
+    beyond = np.arange(K) > K // 2
+    first = filled(np.where(beyond, 0.0, 0.004), beyond)
+    assert first.delta_m[K // 2 + 3] == pytest.approx(0.004)
+    read_profile(first.contour(GEOMETRY, 0.0), material, memory=memory)
+    now = filled(np.where(beyond, 0.003, 0.0041), np.zeros(K, dtype=bool))
+    assert not read_profile(now.contour(GEOMETRY, 0.0), material, memory=memory).unloading

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -203,6 +205,28 @@ def test_unloading_is_flagged_without_a_curve_and_corrected_with_one(reference_l
     assert second.unloading
     assert second.force_N < 0.9 * first.force_N
     assert second.budget.model_N > 2 * first.budget.model_N
+
+
+def test_one_wrong_edge_is_no_turn_of_the_foam(material):
+    """An edge that is 0.8 mm too deep with an error of 0.4 mm, or one of little force with none: nothing has turned."""
+    contour = strip(0.004)
+    wrong = replace(contour, delta_m=contour.delta_m.copy(), uncertainty_m=np.zeros(60))
+    wrong.delta_m[30], wrong.uncertainty_m[30] = 0.0048, 4e-4
+    memory = HysteresisState.at_rest(60)
+    read_profile(wrong, material, memory=memory)
+    assert not read_profile(strip(0.0041), material, memory=memory).unloading
+    # Nor is the turn of the others hidden by it.
+    read_profile(strip(0.006), material, memory=memory)
+    assert read_profile(strip(0.004), material, memory=memory).reason is Reason.UNLOADING
+    flank = [replace(contour, delta_m=contour.delta_m.copy()) for _ in range(2)]
+    for frame, delta_m in zip(flank, (6e-4, 2e-4), strict=True):
+        frame.delta_m[20] = delta_m
+    memory = HysteresisState.at_rest(60)
+    read_profile(flank[0], material, memory=memory)
+    back = read_profile(flank[1], material, memory=memory)
+    assert back.unloading
+    assert back.valid
+    assert not back.point_valid[20]
 
 
 def test_release_forgets_and_rest_does_not_flag(material):

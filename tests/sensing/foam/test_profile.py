@@ -85,6 +85,21 @@ def test_doubt_is_a_model_error(material):
     assert not read_profile(S, kink, SIGMA, SEEN, material, uncertainty_m=doubt).contacts
 
 
+def test_neighbours_that_are_unclean_err_alike(material):
+    """Three points whose edges a shadow runs beside: thrice the error of one, and not the root of three of it."""
+    delta, error = np.where(np.abs(S - 0.12) < 0.02, 0.006, 0.0), np.zeros(K)
+    sigmas = []
+    for points in ([], [39], [39, 40, 41], [38, 40, 42]):
+        error[:] = 0.0
+        error[points] = 2e-4
+        found = read_profile(S, delta, SIGMA, SEEN, material, uncertainty_m=error, unclean_m=error)
+        sigmas.append(found.budget.model_N)
+    one, run, apart = (np.sqrt(sigma**2 - sigmas[0] ** 2) for sigma in sigmas[1:])
+    # They are pressed alike, far from its ends.
+    assert run == pytest.approx(3.0 * one, rel=1e-6)
+    assert apart == pytest.approx(np.sqrt(3.0) * one, rel=1e-6)
+
+
 @pytest.mark.parametrize("boundary", ["tension", "enlarged", "local"])
 def test_pressures_integrate_to_the_force(material, boundary):
     found = read_profile(S, bump(), SIGMA, SEEN, material, boundary=boundary)

@@ -54,12 +54,13 @@ class Deflection:
     raw_m: Float[np.ndarray, "K"]  #: deflection as if every edge were the foam's
     states: EdgeStates  #: what the edges are
     light_m: Float[np.ndarray, "K"]  #: standard deviation by uneven light, which neighbours share
+    unclean_m: Float[np.ndarray, "K"]  #: error of edges that are no clean steps, which neighbours share
     encoding_m: Float[np.ndarray, "K"]  #: error by the camera's encoding, which all points have at once
 
     @property
-    def gap(self) -> bool:
-        """Whether more points are hidden than can be bridged."""
-        return bool((~self.seen & (self.hidden_m > 0.0)).any())
+    def covered(self) -> Bool[np.ndarray, "K"]:
+        """Hidden points, more than can be bridged."""
+        return ~self.seen & (self.hidden_m > 0.0)
 
     def hidden_force_N(self, material: FoamMaterial, s_m: Float[np.ndarray, "K"]) -> float:
         """What the hidden points may press with at most [N].
@@ -92,10 +93,12 @@ class Deflection:
             np.isfinite(self.delta_m),
             own_noise_m=self.own_noise_m,
             uncertainty_m=np.sqrt(np.maximum(systematic, 0.0)),
+            unclean_m=self.unclean_m,
             shared_m=self.encoding_m,
             zero_sigma_m=zero_sigma_m,
             averaged=True,
             shared_noise=SHARED_NOISE,
+            measured=~self.covered,
             end_cells_m=geometry.end_cells_m,
         )
 
@@ -126,7 +129,7 @@ def measure_deflection(
     rest = zero.width_m - part * encoded
     scale = geometry.width_m / rest
     raw = scale * (rest - strip.width_m + part * strip.encoded_m)
-    noise, kink = scale * strip.width_noise_m, edge_uncertainty_m(strip)
+    noise, kink = scale * strip.width_noise_m, scale * edge_uncertainty_m(strip)
     # Derivative of the deflection by the part of the encoding's shift that is there.
     shift = scale * (strip.encoded_m - encoded * (1.0 - raw / geometry.width_m))
     encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.nan_to_num(shift)
@@ -134,13 +137,14 @@ def measure_deflection(
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
     light = strip.pixel_m * light_shift_px(strip, zero, rest_px, edges.moved_m(raw) / strip.pixel_m)
     # The error of the zero is the same in every frame: no noise of this image.
-    systematic = scale * np.hypot(kink, zero.width_sigma_m)
+    systematic = np.hypot(kink, scale * zero.width_sigma_m)
     states = edges.infer(strip, zero, rest_px, raw, np.hypot(np.hypot(sigma, systematic), encoding))
     # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
     found = fill_gaps(geometry, delta, sigma, noise, systematic, raw, states)
-    return replace(found, light_m=light, encoding_m=np.where(states.foam, encoding, 0.0))
+    unclean, encoding = (np.where(states.foam, error, 0.0) for error in (kink, encoding))
+    return replace(found, light_m=light, unclean_m=unclean, encoding_m=encoding)
 
 
 def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
@@ -251,7 +255,7 @@ def fill_gaps(
     own = np.minimum(own, np.sqrt(np.maximum(total**2 - noise**2, 0.0)))
     none = np.zeros(len(s_m))
     return Deflection(
-        delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states, none, none
+        delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states, none, none, none
     )
 
 

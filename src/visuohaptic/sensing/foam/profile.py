@@ -42,6 +42,8 @@ MODEL_FLOOR = {"tension": BODIES, "enlarged": BODIES, "local": 0.10}
 #: bodies on four foams, calibrated by one plate, are then 0.92 standard deviations (rms; 1.5 with BODIES alone, 6 under two
 #: cylinders side by side), those of 14 plates near an end 1.0.
 SHEAR_SIGMA, END_SIGMA = 0.1, 0.7
+#: Part of the force that does not count: of hidden foam, or of points that seem to have turned round.
+NEGLIGIBLE_PART = 0.02
 #: Columns of the kernel's table of regions.
 _FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)
 _TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR, _FREED, _SHARED = 9, 10, 11, 12, 13
@@ -103,6 +105,8 @@ class FoamContour:
     #: Systematic error of each deflection, independent between points: the same in every frame, so that it goes to
     #: the model's part of the budget.
     uncertainty_m: Float[np.ndarray, "K"] | None = None
+    #: Part of it that neighbours share where they have it, e.g. of edges beside which a shadow or another body runs.
+    unclean_m: Float[np.ndarray, "K"] | None = None
     #: Error that all points have at once, of the same sign or of opposite ones, e.g. by the camera's encoding.
     shared_m: Float[np.ndarray, "K"] | None = None
     zero_sigma_m: float = field(default=0.0, metadata=NON_NEGATIVE)  #: of the zero, common to all points
@@ -110,6 +114,8 @@ class FoamContour:
     averaged: bool = False
     #: Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
     shared_noise: float = 0.0
+    #: Points whose strain the foam's memory takes in, None: all; what is filled in has not been seen to move.
+    measured: Bool[np.ndarray, "K"] | None = None
     #: Length of foam before the first and after the last point, as of
     #: :attr:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry.end_cells_m`.
     end_cells_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=NON_NEGATIVE)
@@ -123,7 +129,7 @@ class FoamContour:
                 f"found shapes {shape}, {self.delta_m.shape}, {self.noise_m.shape}, {self.valid.shape}; "
                 "expected four equal ones of two points or more",
             )
-        for name in ("own_noise_m", "uncertainty_m", "shared_m"):
+        for name in ("own_noise_m", "uncertainty_m", "unclean_m", "shared_m"):
             values = getattr(self, name)
             if values is not None and values.shape != shape:
                 raise InputError("FoamContour", f"found shape {values.shape}, expected {shape}", field=name)
@@ -173,9 +179,8 @@ def read_profile(
         return _nothing_seen(points)
     seen, unloading = _seen_points(contour, material, memory)
     regions = _integrated(contour, seen, material, boundary)
-    contacts = tuple(
-        _contact(k, regions, seen, contour, material, boundary, unloading) for k in range(len(regions.table))
-    )
+    each = range(len(regions.table))
+    contacts = tuple(_contact(k, regions, seen, contour, material, boundary, unloading) for k in each)
     strain = seen.delta / material.width_m
     pressure, pressure_sigma = np.zeros(points), np.full(points, np.nan)
     pressure[seen.index], pressure_sigma[seen.index] = regions.pressure_Pa, regions.pressure_sigma_Pa
@@ -213,6 +218,7 @@ class _SeenPoints:
     common: Float[np.ndarray, "n"]  #: noise that neighbours may share
     sigma: Float[np.ndarray, "n"]  #: all noise
     uncertainty: Float[np.ndarray, "n"]  #: systematic error
+    unclean: Float[np.ndarray, "n"]  #: part of it that neighbours share where they have it
     shared: Float[np.ndarray, "n"]  #: error that all points have at once
     factor: Float[np.ndarray, "n"]  #: stress by the loading stress, from the hysteresis
     factor_sigma: Float[np.ndarray, "n"]
@@ -236,13 +242,11 @@ def _seen_points(
     shown = contour.seen
     index = np.flatnonzero(shown)
     delta, common = contour.delta_m[index].astype(np.float64), contour.noise_m[index].astype(np.float64)
-    sigma = (
-        common if contour.own_noise_m is None else np.hypot(common, np.nan_to_num(contour.own_noise_m[index]))
-    )
-    uncertainty, shared = (
+    own, uncertainty, unclean, shared = (
         np.zeros(len(index)) if error is None else np.nan_to_num(error[index].astype(np.float64))
-        for error in (contour.uncertainty_m, contour.shared_m)
+        for error in (contour.own_noise_m, contour.uncertainty_m, contour.unclean_m, contour.shared_m)
     )
+    sigma = np.hypot(common, own)
     factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
     unloading = np.zeros(len(shown), dtype=bool)
     if memory is not None:
@@ -250,14 +254,16 @@ def _seen_points(
         full, full_sigma, noise = np.zeros(len(shown)), np.zeros(len(shown)), np.zeros(len(shown))
         full[index], full_sigma[index] = strain, np.hypot(sigma, uncertainty) / material.width_m
         noise[index] = sigma / material.width_m
-        unloading = memory.update(full, full_sigma, shown, material.hysteresis, noise_sigma=noise)
+        moved = shown if contour.measured is None else shown & contour.measured
+        unloading = memory.update(full, full_sigma, moved, material.hysteresis, noise_sigma=noise)
         if material.hysteresis is not None and memory.xi is not None:
             up = material.stress(strain)
             missing, missing_sigma = material.hysteresis.reduction(up, memory.xi[index])
             factor = 1.0 - missing / np.maximum(up, 1e-9)
             factor_sigma = missing_sigma / np.maximum(up, 1e-9)
     s = contour.s_m[index].astype(np.float64)
-    return _SeenPoints(index, s, delta, common, sigma, uncertainty, shared, factor, factor_sigma), unloading
+    seen = _SeenPoints(index, s, delta, common, sigma, uncertainty, unclean, shared, factor, factor_sigma)
+    return seen, unloading
 
 
 def _integrated(
@@ -317,20 +323,22 @@ def _contact(
     # One hysteresis law for all points: its error is common to them.
     model2 += (material.height_m * float(weight @ (seen.factor_sigma[inside] * stress))) ** 2
     slope = material.slope(strain) / material.width_m
-    alone = material.height_m * weight * factor * slope * seen.common[inside]
-    image2 = float(row[_IMAGE_VAR]) + contour.shared_noise * _shared_variance(alone)
+    each = material.height_m * weight * factor * slope
+    image2 = float(row[_IMAGE_VAR]) + contour.shared_noise * _shared_variance(each * seen.common[inside])
+    model2 += _run_variance(each * seen.unclean[inside])
     budget = ErrorBudget(
         image_N=float(np.sqrt(image2)),
         calibration_N=_calibration_sigma(regions.sums[k], material),
         model_N=float(np.sqrt(model2)),
         zero_N=math.hypot(row[_ZERO_SLOPE] * contour.zero_sigma_m, row[_SHARED]),
     )
+    turned_N = material.height_m * float((weight * stress) @ unloading[seen.index[inside]])
     reason = Reason.OK
     if row[_CUT] > 0:
         reason = Reason.OCCLUDED
     elif row[_MAX_STRAIN] > material.densification_strain:
         reason = Reason.SATURATED
-    elif material.hysteresis is None and unloading[seen.index[inside]].any():
+    elif material.hysteresis is None and turned_N > NEGLIGIBLE_PART * abs(force):
         reason = Reason.UNLOADING
     return ContactRegion(
         int(seen.index[first]), int(seen.index[last]), float(seen.s[first]), float(seen.s[last]),
@@ -348,32 +356,24 @@ def _total_budget(
     contacts: tuple[ContactRegion, ...], regions: _Regions, contour: FoamContour, material: FoamMaterial
 ) -> ErrorBudget:
     """Image and model errors of contacts are independent; calibration and zero are common to all."""
+    slope, shared = regions.table[:, [_ZERO_SLOPE, _SHARED]].sum(axis=0)
     return ErrorBudget(
         image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
         calibration_N=_calibration_sigma(regions.sums.sum(axis=0), material),
         model_N=math.hypot(*(contact.budget.model_N for contact in contacts)),
-        zero_N=math.hypot(
-            regions.table[:, _ZERO_SLOPE].sum() * contour.zero_sigma_m, regions.table[:, _SHARED].sum()
-        ),
+        zero_N=math.hypot(slope * contour.zero_sigma_m, shared),
     )
 
 
 def _budget_at_rest(seen: _SeenPoints, contour: FoamContour, material: FoamMaterial) -> ErrorBudget:
     """Nothing stands out of the noise: the force is zero within the noise of the whole strip."""
-    each = material.height_m * np.gradient(seen.s) * _slope_at_rest(material)
-    image2 = float(np.sum((each * seen.sigma) ** 2)) + contour.shared_noise * _shared_variance(
-        each * seen.common
-    )
+    each = material.height_m * np.gradient(seen.s) * float(material.slope(np.zeros(1))[0]) / material.width_m
+    shared = contour.shared_noise * _shared_variance(each * seen.common)
     return ErrorBudget(
-        image_N=float(np.sqrt(image2)),
+        image_N=float(np.sqrt(np.sum((each * seen.sigma) ** 2) + shared)),
         model_N=float(np.linalg.norm(each * seen.uncertainty)),
         zero_N=math.hypot(each.sum() * contour.zero_sigma_m, each @ seen.shared),
     )
-
-
-def _slope_at_rest(material: FoamMaterial) -> float:
-    """Pressure by deflection of foam that is hardly pressed [Pa/m]."""
-    return float(material.slope(np.zeros(1))[0]) / material.width_m
 
 
 def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
@@ -385,6 +385,12 @@ def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
     window = np.ones(2 * SHARED_POINTS + 1)
     around = np.convolve(alone_N, window)[SHARED_POINTS:-SHARED_POINTS]
     return float(alone_N @ (around - alone_N))
+
+
+def _run_variance(alone_N: Float[np.ndarray, "k"]) -> float:
+    """What neighbours add to the variance [N^2] where runs of them have the same error, from that of each alone."""
+    clean = np.flatnonzero(alone_N == 0.0)
+    return float(sum(run.sum() ** 2 - run @ run for run in np.split(alone_N, clean)))
 
 
 def _nothing_seen(points: int) -> FoamReading:

@@ -19,9 +19,9 @@ from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking.contours.contour import PointReason
 from ._chain_kernels import OCCLUDER
 from .deflection import NEGLIGIBLE_N, Deflection, edge_uncertainty_m, measure_deflection, with_states
-from .material.hysteresis import HysteresisState
+from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 from .posterior import FALSE_ALARM, EdgePosterior
-from .profile import ContactRegion, FoamReading, read_profile
+from .profile import NEGLIGIBLE_PART, ContactRegion, FoamReading, read_profile
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.encoding import ENCODINGS, EdgeSkew, edge_skew, encoding_probability
 from .strip.optics import ObservedStrip, StripOptics
@@ -35,13 +35,9 @@ log = logging.getLogger(__name__)
 #: So many images are remembered: mixed-up buffers of a camera show one of the last again.
 _REMEMBERED_IMAGES = 8
 
-#: Foam gives back less than it took: where a contact was out of sight for ``_BRANCH_S`` or longer, its
-#: force is uncertain by this fraction until it is released.
+#: Foam gives back less than it took: where points were out of sight for ``_BRANCH_S`` or longer, their
+#: force is uncertain by this fraction until they are released.
 _UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
-
-
-#: What hidden foam may press with at most, beside ``NEGLIGIBLE_N``, as a part of the force.
-_UNSEEN = 0.02
 
 
 class FoamSensor:
@@ -178,8 +174,8 @@ class FoamSensor:
                 [np.nan_to_num(s.front.blur_px, nan=s.blur_px) / s.lens_px for s in seen], axis=0
             ),
             encoded_m=np.mean([np.nan_to_num(strip.encoded_m) for strip in seen], axis=0),
-            encoding=encoding_probability(skews),
         )
+        zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
         self._watch = self._watching(zero)
         self._forget()
@@ -214,9 +210,9 @@ class FoamSensor:
         geometry = self.setup.geometry
         speed = self.setup.config.max_contact_speed_m_s
         self._edges = EdgePosterior(geometry.s_m, geometry.width_m, speed)
-        self._seen_t_s: float | None = None  # when the whole front was seen last
+        self._seen_t_s = np.full(points, np.nan)  # when each point was seen last
         self._frame_s = np.inf  # shortest time between two frames
-        self._unseen_s = 0.0  # for how long the present contact was out of sight
+        self._unseen_s = np.zeros(points)  # for how long it was out of sight since its last release
         self._last_t_s: float | None = None
 
     def read(self, frame: Frame) -> ForceProfile:
@@ -242,7 +238,7 @@ class FoamSensor:
         contour = found.contour(geometry, float(np.hypot(strip.common_sigma_m, watch.sigma_m)))
         reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
         reading, wrong = with_states(reading, found, material, geometry.s_m)
-        reading = self.reading = self._with_unknown_branch(reading, strip.t_s, found.gap)
+        reading = self.reading = self._with_unknown_branch(reading, strip.t_s, found)
         reason = self._reason(reading, found, strip, wrong)
         if reason is Reason.OK:
             usable = found.states.foam & strip.usable
@@ -280,21 +276,27 @@ class FoamSensor:
         self._last_t_s = frame.t_s
         return False
 
-    def _with_unknown_branch(self, reading: FoamReading, t_s: float, gap: bool) -> FoamReading:
-        """Uncertainty of the hysteresis after a time in which the contact may have turned round unseen."""
-        if gap:
-            return reading
-        if self._seen_t_s is not None:
-            # Whether it was touched before or not: a contact may have begun and turned meanwhile.
-            away = t_s - self._seen_t_s
-            self._unseen_s += away - self._frame_s if away > 1.5 * self._frame_s else 0.0
-        self._seen_t_s = t_s
+    def _with_unknown_branch(self, reading: FoamReading, t_s: float, found: Deflection) -> FoamReading:
+        """Uncertainty of the hysteresis of points that were out of sight and may have turned round meanwhile."""
+        material, seen = self.setup.material, ~found.covered
+        # Whether it was touched before or not: a contact may have begun and turned meanwhile.
+        away = np.nan_to_num(np.where(seen, t_s - self._seen_t_s, 0.0))
+        self._unseen_s += np.where(away > 1.5 * self._frame_s, away - self._frame_s, 0.0)
+        self._seen_t_s[seen] = t_s
+        delta = np.nan_to_num(found.delta_m)
+        self._unseen_s[
+            seen & (delta < np.maximum(RELEASE_STRAIN * material.width_m, 3.0 * found.sigma_m))
+        ] = 0.0
         if not reading.contacts:
-            self._unseen_s = 0.0
-        if self._unseen_s == 0.0:
-            return reading
-        uncertainty = _UNKNOWN_BRANCH * min(1.0, self._unseen_s / _BRANCH_S) * reading.force_N
-        model = float(np.hypot(reading.budget.model_N, uncertainty))
+            self._unseen_s[:] = 0.0
+        part = np.where(seen, np.minimum(self._unseen_s / _BRANCH_S, 1.0), 0.0)
+        pressure = material.stress(np.clip(delta / material.width_m, 0.0, 1.0))
+        turned_N = (
+            _UNKNOWN_BRANCH
+            * material.height_m
+            * float(np.gradient(self.setup.geometry.s_m) @ (part * pressure))
+        )
+        model = float(np.hypot(reading.budget.model_N, turned_N))
         return replace(reading, budget=replace(reading.budget, model_N=model))
 
     def _contact(self, region: ContactRegion, found: Deflection) -> Contact:
@@ -315,7 +317,7 @@ class FoamSensor:
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
         unseen_N = found.hidden_force_N(self.setup.material, self.setup.geometry.s_m)
-        if unseen_N > NEGLIGIBLE_N + _UNSEEN * reading.force_N:
+        if unseen_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * reading.force_N:
             lost = ~found.seen & (strip.front.reason != PointReason.OCCLUDED)
             lost &= found.states.probability.argmax(axis=1) != OCCLUDER
             hidden = found.hidden_m > 0.0

@@ -101,11 +101,13 @@ class HysteresisState:
     """What every point of one strip has been through since its last release; changed by ``update``."""
 
     peak_strain: Float[np.ndarray, "K"]  #: largest strain
+    peak_sigma: Float[np.ndarray, "K"] = field(init=False)  #: standard deviation of that
     smooth: Float[np.ndarray, "K"] = field(init=False)  #: strain without most of its noise
     followed: Float[np.ndarray, "K"] = field(init=False)  #: strain that moves the elements
     xi: Float[np.ndarray, "K J"] | None = field(default=None, init=False)  #: elements, with a law
 
     def __post_init__(self) -> None:
+        self.peak_sigma = np.zeros(len(self.peak_strain))
         self.smooth = self.peak_strain.copy()
         self.followed = self.peak_strain.copy()
 
@@ -163,12 +165,16 @@ class HysteresisState:
                 remedy="start a new HysteresisState with the strip",
             )
         released = valid & (strain < np.maximum(RELEASE_STRAIN, 3 * strain_sigma))
-        self.peak_strain[released] = 0.0
-        rising = valid & (strain > self.peak_strain)
-        self.peak_strain[rising] = strain[rising]
+        self.peak_strain[released], self.peak_sigma[released] = 0.0, 0.0
+        # What is hardly known is no peak: one frame of an edge that is none of the foam must not stay.
+        sure = self.peak_strain - DROP_SIGMAS * self.peak_sigma
+        rising = valid & ~released & (strain - DROP_SIGMAS * strain_sigma > sure)
+        self.peak_strain[rising], self.peak_sigma[rising] = strain[rising], strain_sigma[rising]
         if law is not None:
             self._move(strain, strain_sigma if noise_sigma is None else noise_sigma, valid, released, law)
-        margin = np.maximum(RELATIVE_DROP * self.peak_strain, DROP_SIGMAS * np.sqrt(2.0) * strain_sigma)
+        margin = np.maximum(
+            RELATIVE_DROP * self.peak_strain, DROP_SIGMAS * np.hypot(self.peak_sigma, strain_sigma)
+        )
         unloading: Bool[np.ndarray, "K"] = valid & ~released & (strain < self.peak_strain - margin)
         return unloading
 

@@ -249,7 +249,9 @@ class StripOptics:
         sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
         noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
-        encoded = front_slope * encoded_shift_px(front) - back_slope * encoded_shift_px(base.reference)
+        # The base is one rigid edge, placed by most of its points: a shadow beside some of them does not shift it.
+        back_px = float(np.median(encoded_shift_px(base.reference)[base.reference.valid]))
+        encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
             frame.t_s, base.reference, front, base.position_px, base_px, front_px, front_m, width, sigma, noise,
             np.zeros(len(width)) if self.stripe is not None else encoded,

@@ -79,7 +79,6 @@ class ZeroReference:
         uncertainty_m: Float[np.ndarray, "K"] | float = 0.0,
         blur_ratio: Float[np.ndarray, "K"] | float = 1.0,
         encoded_m: Float[np.ndarray, "K"] | float = 0.0,
-        encoding: float = UNKNOWN_ENCODING,
         where: str = "zero",
     ) -> ZeroReference:
         """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
@@ -100,8 +99,6 @@ class ZeroReference:
             Blur of the front by that of the base.
         encoded_m
             What is too much of the widths if the camera encodes its grey levels [m].
-        encoding
-            Probability that it does.
         where
             What error messages name.
 
@@ -149,7 +146,6 @@ class ZeroReference:
             np.broadcast_to(np.asarray(blur_ratio, dtype=np.float64), seen.shape),
             np.broadcast_to(np.asarray(encoded_m, dtype=np.float64), seen.shape),
             np.clip(np.rint(image), 0, 255).astype(np.uint8),
-            encoding,
         )
 
     def save(self, path: Path | str) -> None:
