@@ -93,8 +93,8 @@ def test_traces_have_a_panel_for_each_unit_and_crosses_where_a_sample_is_not_val
     t_s, reasons = np.arange(0, 3, 0.1), ["ok"] * 30
     reasons[10:12] = ["lost", "lost"]
     known = np.where(np.array(reasons) == "ok", 40 - t_s, np.nan)
-    ramp = experiments.Trace("x", 2 * t_s, 0.1 + 0 * t_s)
-    band = experiments.Trace("z", known, 0.5 + 0 * t_s)
+    ramp = experiments.TimeSeries("x", 2 * t_s, 0.1 + 0 * t_s)
+    band = experiments.TimeSeries("z", known, 0.5 + 0 * t_s)
     figure = experiments.traces_over_time(
         t_s, {"force [N]": [ramp], "moment [mNm]": [ramp, band]}, reasons=reasons,
         events=[Event(EventKind.SLIP, 1.0)],
@@ -107,7 +107,7 @@ def test_traces_have_a_panel_for_each_unit_and_crosses_where_a_sample_is_not_val
     np.testing.assert_array_equal(lower.lines[1].get_ydata(), known)
     heights = lower.collections[1].get_paths()[0].get_extents()
     assert heights.y1 == pytest.approx(41.0)  # two sigma above the first sample
-    short = experiments.Trace("x", t_s[:-1], t_s[:-1])
+    short = experiments.TimeSeries("x", t_s[:-1], t_s[:-1])
     with pytest.raises(InputError, match="expected one length for all"):
         experiments.traces_over_time(t_s, {"force [N]": [short]}, reasons=reasons)
 

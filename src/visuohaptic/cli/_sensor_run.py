@@ -279,11 +279,11 @@ def _save_plot(
     import numpy as np
 
     from ..core.files import atomic_path
-    from ..report.charts import Trace, traces_over_time
+    from ..report.charts import TimeSeries, traces_over_time
 
     times_s, charts, reasons = zip(*drawn, strict=True)
     panels = {
-        label: [Trace(name, *np.array([chart[label][name] for chart in charts]).T) for name in names]
+        label: [TimeSeries(name, *np.array([chart[label][name] for chart in charts]).T) for name in names]
         for label, names in charts[0].items()
     }
     figure = traces_over_time(np.array(times_s), panels, reasons=reasons, events=events, title=title)

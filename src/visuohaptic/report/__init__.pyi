@@ -3,7 +3,7 @@ from .annotation import annotated_frame as annotated_frame
 from .annotation import gradient_image as gradient_image
 from .annotation import primitive_outline as primitive_outline
 from .charts import ForceRun as ForceRun
-from .charts import Trace as Trace
+from .charts import TimeSeries as TimeSeries
 from .charts import error_budget as error_budget
 from .charts import force_against_truth as force_against_truth
 from .charts import force_over_time as force_over_time

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ForceRun",
-    "Trace",
+    "TimeSeries",
     "error_budget",
     "force_against_truth",
     "force_over_time",
@@ -44,7 +44,7 @@ class ForceRun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trace:
+class TimeSeries:
     """One quantity over time."""
 
     name: str
@@ -177,7 +177,7 @@ def force_over_time(
 @styled
 def traces_over_time(
     t_s: Float[np.ndarray, "n"],
-    panels: Mapping[str, Sequence[Trace]],
+    panels: Mapping[str, Sequence[TimeSeries]],
     *,
     reasons: Sequence[str],
     events: Sequence[Event] = (),
@@ -206,7 +206,7 @@ def traces_over_time(
     Examples
     --------
     >>> t_s = np.linspace(0.0, 1.0, 30)
-    >>> traces = [Trace(axis, k * t_s, np.full(30, 0.1)) for k, axis in enumerate("xyz")]
+    >>> traces = [TimeSeries(axis, k * t_s, np.full(30, 0.1)) for k, axis in enumerate("xyz")]
     >>> figure = traces_over_time(t_s, {"force [N]": traces}, reasons=["ok"] * 30)
     """
     figure, axes = new_figure(len(panels), 1, size=(8.6, 1.0 + 2.3 * len(panels)), sharex=True)
