@@ -288,7 +288,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                     z[0], z[1], z[2] = shift[0], shift[1], 0.0
                 # Where sticking goes over into slipping Newton may go in circles; a blunter edge ends that.
                 eps = CREEP * size
-                for _ in range(3):
+                for _ in range(5):
                     solved, force_x, force_y = _newton(
                         z,
                         pulls,
