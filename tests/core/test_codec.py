@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -57,6 +57,7 @@ class Cart:
     named: Mapping[str, tuple[float, int]] = field(default_factory=dict)
     note: Any = None
     checked: bool | None = True
+    driven: Literal["front", "all"] = "front"
 
 
 CART = {"wheels": [{"radius_m": 0.1}], "corners_m": [[0, 0], [1, 0.5]]}
@@ -72,6 +73,7 @@ def test_a_record_goes_round_through_json() -> None:
         {"b": (1.5, 2), "a": (0.0, 3)},
         {"any": [1, None]},
         None,
+        driven="all",
     )
     text = json.dumps(to_dict(cart), allow_nan=False)
     again = from_dict(Cart, json.loads(text))
@@ -79,7 +81,8 @@ def test_a_record_goes_round_through_json() -> None:
     np.testing.assert_array_equal(again.order, cart.order)
     assert again.order is not None
     assert again.order.dtype == np.int64
-    assert (again.wheels, again.gear, again.note, again.checked) == (cart.wheels, Gear.HIGH, cart.note, None)
+    assert (again.wheels, again.gear, again.driven) == (cart.wheels, Gear.HIGH, "all")
+    assert (again.note, again.checked) == (cart.note, None)
     assert dict(again.named) == dict(cart.named)
     assert json.dumps(to_dict(again), allow_nan=False) == text
 
@@ -135,6 +138,7 @@ def test_numbers_as_yaml_reads_them() -> None:
         ({"order": [0, 1.5]}, "file: order: found 1.5, expected a whole number"),
         ({"order": [2**70]}, "file: order: found"),
         ({"gear": 3}, "file: gear: found 3, expected one of 1, 2"),
+        ({"driven": "rear"}, "file: driven: found 'rear', expected one of front, all"),
         ({"named": {"a": [1]}}, "file: named.a: found [1], expected a list of 2"),
         ({"named": {"a": [1, math.inf]}}, "file: named.a[1]: found inf, expected a whole number"),
         ({"checked": "yes"}, "file: checked: found 'yes', expected true or false"),
@@ -161,7 +165,7 @@ PLAIN = st.recursive(
 )
 
 
-@given(PLAIN, st.sampled_from(["wheels", "corners_m", "order", "gear", "load", "named", "checked"]))
+@given(PLAIN, st.sampled_from(["wheels", "corners_m", "order", "gear", "load", "named", "checked", "driven"]))
 def test_any_data_are_read_or_refused(value: Any, name: str) -> None:
     try:
         cart = from_dict(Cart, CART | {name: value})

@@ -96,7 +96,9 @@ def test_the_frame_makes_no_difference(seed, turn):
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 100_000))
-@example(21346)  # a step that was not solved pushed with more than the floor resists, and threw the object by 2 cm
+@example(
+    21346
+)  # a step that was not solved pushed with more than the floor resists, and threw the object by 2 cm
 def test_force_stays_in_the_friction_cone_and_the_rim_outside(seed):
     model, start, path = random_push(seed)
     trace = simulate_push(model, start, path, RADIUS_M)

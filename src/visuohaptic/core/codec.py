@@ -18,7 +18,7 @@ import math
 import sys
 import types
 import typing
-from collections.abc import Callable, Hashable, Mapping, Sized
+from collections.abc import Callable, Hashable, Mapping, Sequence, Sized
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from functools import cache, partial
@@ -185,7 +185,9 @@ def _reader(hint: Any) -> _Reader:
     if isinstance(hint, type) and is_dataclass(hint):
         return _read_dataclass(hint)
     if isinstance(hint, type) and issubclass(hint, Enum):
-        return _read_enum(hint)
+        return _read_choice(hint, [one.value for one in hint])
+    if origin is typing.Literal:
+        return _read_choice(lambda value: inner[inner.index(value)], inner)
     if hint in (str, bool, int, float, bytes):
         return _SCALARS[hint]
     return _read_array(hint)
@@ -232,16 +234,16 @@ def _read_tuple(inner: tuple[Any, ...]) -> _Reader:
     return read_tuple
 
 
-def _read_enum(kind: type[Enum]) -> _Reader:
-    def read_enum(value: Any, context: _Context, place: str) -> Any:
-        try:
-            return kind(value)
-        except ValueError:
-            raise context.refuse(
-                place, value, f"one of {', '.join(str(one.value) for one in kind)}"
-            ) from None
+def _read_choice(choose: Callable[[Any], Any], values: Sequence[Any]) -> _Reader:
+    """One of some values: members of an enumeration, or words of a ``Literal``."""
 
-    return read_enum
+    def read_choice(value: Any, context: _Context, place: str) -> Any:
+        try:
+            return choose(value)
+        except ValueError:
+            raise context.refuse(place, value, f"one of {', '.join(map(str, values))}") from None
+
+    return read_choice
 
 
 def _read_dataclass(kind: Any) -> _Reader:
