@@ -22,7 +22,6 @@ from visuohaptic.recognition.touch import (
     class_statistics,
     condition,
     doubted,
-    drawn_containers,
     evidence,
     explore,
     fit_model,
@@ -219,39 +218,6 @@ def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
         )
     for row in (2, 4):  # a rim and a flat one
         assert explore(model, touch_of(strange, row), samples=16).answer == UNKNOWN
-
-
-def test_what_is_like_a_class_in_all_but_its_height_gets_no_surer_of_it_by_every_touch() -> None:
-    """Each further touch agrees with the profile of the class, and says nothing of the height.
-
-    It is 8 standard deviations off, 5.7 of what leaves the ranges: by Bayes' rule at least as improbable as 1 in 10^4.
-    """
-    data = synthetic(30)
-    tall = replace(data, height_m=0.1 * np.exp(np.random.default_rng(1).normal(0, 0.05, len(data))))
-    model = fit_model(tall)
-    other = replace(tall, height_m=1.5 * tall.height_m)
-    for row in (3, 33, 63):
-        touch = touch_of(other, row)
-        readings = [touch(height, axis) for height in (8, 12, 4, 10, 14, 6) for axis in "xy"]
-        after = [update_belief(model, readings[:count]).as_mapping()[UNKNOWN] for count in (1, 12)]
-        assert after[0] > 0.5
-        assert after[1] > 0.5  # 1e-4 where it could only be of another profile
-
-
-def test_any_container_is_a_shell_whose_held_rim_is_stiff() -> None:
-    stiffness, width_m, height_m, held = drawn_containers()
-    assert np.isfinite(stiffness).all()
-    assert (stiffness > 0).all()
-    # A free rim has half the wall to carry it; a held one cannot move.
-    rise = np.log(stiffness[:, -1] / stiffness[:, 8])
-    assert np.median(rise[held]) > 0.5
-    assert np.median(rise[~held]) < -0.5
-    # Of 95 % of household containers: some 5 to 25 cm tall, some 3 to 15 cm wide.
-    assert np.percentile(height_m, [5, 95]) == pytest.approx([0.055, 0.23], rel=0.2)
-    assert np.percentile(width_m, [5, 95]) == pytest.approx([0.033, 0.13], rel=0.25)
-    # As broad as walls of 0.1 to 3 mm (k goes with t^2.3) of moduli from 0.2 to 70 GPa are, and hardly broader.
-    expected = np.hypot(2.3 * np.log(30), np.log(350)) / np.sqrt(12)
-    assert np.log(stiffness[:, 8]).std() == pytest.approx(expected, rel=0.2)
 
 
 def test_calibration_lowers_what_is_wrong_with_confidence() -> None:

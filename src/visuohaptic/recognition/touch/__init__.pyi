@@ -51,8 +51,6 @@ from .steps import tree_follower as tree_follower
 from .steps import tree_steps as tree_steps
 from .unknown_class import FEATURES as FEATURES
 from .unknown_class import FIRST_WIDTH as FIRST_WIDTH
-from .unknown_class import any_containers as any_containers
-from .unknown_class import drawn_containers as drawn_containers
 from .unknown_class import smooth_profile as smooth_profile
 from .unknown_class import unknown_kinds as unknown_kinds
 from .unknown_state import FALSE_ALARM as FALSE_ALARM

@@ -28,8 +28,7 @@ FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
 #: Fraction of explorations that no temperature is bent to: a few that are wrong without a doubt would outvote all others.
 LAPSES = 0.02
-#: A touch or two must not be outvoted: odds of 20 at most are added, a prior of 0.1 becomes one of 0.7. Where sizes are seen
-#: nothing is: what is like a class in all but its size has a Gaussian there, and the prior stands.
+#: A touch or two must not be outvoted: odds of 20 at most are added, a prior of 0.1 becomes one of 0.7.
 MAX_LOG_ODDS = 3.0
 
 
@@ -101,8 +100,7 @@ def calibrate(
         min(TEMPERATURES, key=lambda value: float(np.mean([one.loss(float(value)) for one in judged])))
     )
     last = np.concatenate([one.margin(temperature)[max_touches - 1 :: max_touches] for one in judged])
-    most = 0.0 if model.settings.use_width else MAX_LOG_ODDS
-    log_odds = float(np.clip(np.quantile(last, false_rejection), -MAX_LOG_ODDS, most))
+    log_odds = float(np.clip(np.quantile(last, false_rejection), -MAX_LOG_ODDS, MAX_LOG_ODDS))
     return replace(model, temperature=temperature, unknown_log_odds=log_odds)
 
 

@@ -33,8 +33,7 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.pose_error import POSE_m
 from ..data.protocol import TouchProtocol
-from . import unknown_class
-from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
+from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m, unknown_kinds
 
 __all__ = [
     "NUISANCES",
@@ -60,8 +59,6 @@ OUTSIDE = 1.43
 #: A pose is known to 2 mm by a calibrated gripper, and to 5 mm by one that is not.
 CARELESS = 2.5
 POSES = (1.0, CARELESS)
-#: Fraction of unknown objects that are a known class in another size: a third leaves part-full bottles undecided.
-SAME_PROFILE = 0.1
 #: Objects that the average covariance of all classes counts for: what is tried. A hundredth of an object is next to none.
 STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
@@ -159,7 +156,9 @@ def class_statistics(
     mean = np.stack([features[number == k].mean(axis=0) for k in range(len(counts))])
     away = features - mean[number]
     if counts.max() < 2:
-        raise InputError("fit_model", "no class has two objects, expected some: they show its spread")
+        raise InputError(
+            "fit_model", "no class has two objects, expected some that show what objects of a class differ by"
+        )
     within = _within(away, number, _discrepancy(settings))
     if data.height_m is None:
         within[:, HEIGHT, HEIGHT] = ANYTHING[4] ** 2
@@ -194,17 +193,13 @@ def assemble(
         name_of |= {member: group for member in members if member in name_of}
     answers = tuple(dict.fromkeys(name_of.values()))
     fraction = _prior(answers, prior, settings)
-    usual, own = np.zeros((FEATURES, FEATURES)), np.diag(_discrepancy(settings))
-    # By stiffness alone another size of a known profile is no more than another level, which no touch can tell.
-    chosen, drawn = ([0, 2], unknown_class.any_containers(protocol)) if settings.use_width else ([0, 1], [])
-    kinds = unknown_class.unknown_kinds(np.stack([one.mean for one in learned.values()]))[chosen]
-    shares = fraction[UNKNOWN] * np.array([0.45, SAME_PROFILE, 0.45] if drawn else [0.5, 0.5])
+    own = np.diag(_discrepancy(settings))
+    kinds = unknown_kinds(np.stack([one.mean for one in learned.values()]))
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
         # The height is among the poses.
         shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + (not one.touched) * own
-        usual = usual + (shared + one.pose) / len(learned)
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
         chance = fraction[name_of[part]] / alike / len(one.spreads) / len(POSES)
@@ -212,11 +207,11 @@ def assemble(
             whole = shared + spread**2 * one.within + pose**2 * one.pose
             scaled = effect * np.array([1.0, pose, 1.0, 1.0])[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
-        near = shared + one.within + one.pose
-        for kind, share in zip(kinds, shares, strict=False):
-            rows.append((len(answers), one.mean, near + kind, share / len(learned), effect, 1.0, 1.0))
-    for middle, wide in drawn:
-        rows.append((len(answers), middle, usual + wide, shares[-1] / 2, np.zeros_like(effect), 1.0, 1.0))
+        for kind in kinds:
+            chance = fraction[UNKNOWN] / len(learned) / len(kinds)
+            rows.append(
+                (len(answers), one.mean, shared + one.within + one.pose + kind, chance, effect, 1.0, 1.0)
+            )
     answer_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
     with np.errstate(divide="ignore"):
         log_prior = np.log(np.array(chance_of))
@@ -236,7 +231,9 @@ def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticM
     prior
         Of vision, by answer; alike by default. What is not named is no candidate.
     """
-    fraction, alike = (_prior(model.answers[:-1], given, model.settings) for given in (prior, None))
+    answers = model.answers[:-1]
+    fraction = _prior(answers, prior, model.settings)
+    alike = _prior(answers, None, model.settings)
     ratio = np.array([fraction[name] / alike[name] for name in model.answers])
     with np.errstate(divide="ignore"):
         return replace(model, log_prior=model.log_prior + np.log(ratio)[model.answer_of])
