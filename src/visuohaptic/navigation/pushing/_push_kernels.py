@@ -21,7 +21,7 @@ TOLERANCE = 3e-3
 #: Fraction of a step by which the object may move otherwise than expected before the step is looked at again.
 SURPRISE = 0.3
 #: How often a step is looked at, at most.
-ATTEMPTS = 10
+ATTEMPTS = 20
 #: Newton steps at most for one step of the platform.
 ITERATIONS = 40
 
@@ -309,11 +309,12 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                         break
                     eps *= 6.0
                 off = np.hypot(z[0] - known[0], z[1] - known[1]) + abs(z[2] - known[2])
-                # Not what was expected: look again at where that leads to, at last half of the step.
+                # Not what was expected: look again at where that leads to, by less and less of the step: between two
+                # modes of contact whole steps go to and fro.
                 if off < SURPRISE * size or not solved:
                     break
                 if attempt + 1 < ATTEMPTS:
-                    weight = 1.0 if attempt == 0 else 0.5 if attempt < 4 else 0.25
+                    weight = 1.0 if attempt == 0 else 0.5 if attempt < 4 else 1.0 / attempt
                     for a in range(3):
                         known[a] += weight * (z[a] - known[a])
         if not solved:
