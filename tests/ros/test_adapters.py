@@ -95,6 +95,7 @@ def test_a_base_drives_until_it_is_stopped(machine: Robot, ours: RosNode, stampe
         machine.silence()
         assert until(lambda: _raises(StaleFrameError, base.state))
     assert until(lambda: speeds()[-1] == (0.0, 0.0))  # leaving stops it
+    time.sleep(0.3)  # what was sent before is still under way
     count = len(machine.got)
     time.sleep(0.05)
     assert len(machine.got) == count

@@ -36,7 +36,6 @@ robot = test_nodes.robot  #: the fixture
 TF_HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
 
 
-@contextmanager
 def film(camera, image, got):
     """Publish an image again and again, until something has come in."""
     pictures = camera.advertise("image", "sensor_msgs/msg/Image")
@@ -48,6 +47,7 @@ def film(camera, image, got):
     )
 
 
+@contextmanager
 def running(name: str, **values: Any) -> Iterator[LifecycleProcess]:
     with LifecycleProcess(name, node_kind(name), values, RosOptions(domain=DOMAIN)) as process:
         process.start()
