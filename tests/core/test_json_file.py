@@ -6,6 +6,7 @@ import pytest
 
 from visuohaptic.core import InputError
 from visuohaptic.core.files import load_json
+from visuohaptic.io.depth.depth_import import import_sequence
 from visuohaptic.navigation.files import load_route_graph
 from visuohaptic.recognition.touch import load_state_model
 from visuohaptic.recognition.trees import load_tree
@@ -67,3 +68,15 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path, load):
             load(path)
     finally:
         os.close(silent)
+
+
+def test_fields_of_a_model_are_named_each_with_what_is_wrong(tmp_path):
+    """A library's own text would be many lines, with addresses of its pages."""
+    (tmp_path / "camera.json").write_text('{"width": "x", "height": 480, "fx": 600}')
+    (tmp_path / "base_T_cam.txt").write_text("1 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n")
+    (tmp_path / "depth").mkdir()
+    with pytest.raises(
+        InputError, match=r"camera\.json: width: found 'x', expected a whole number; fy: is missing"
+    ) as told:
+        import_sequence(tmp_path, tmp_path / "out")
+    assert "http" not in str(told.value)

@@ -187,16 +187,12 @@ def traces_over_time(
 
     Parameters
     ----------
-    t_s
-        Times [s].
+    t_s, events, title
+        As of :func:`force_over_time`.
     panels
         Traces of each pair of axes, by their label with the unit.
     reasons
         ``ok``, or why a sample is not valid, one text per sample: those are crosses.
-    events
-        Marked by name.
-    title
-        Of the figure.
 
     Raises
     ------

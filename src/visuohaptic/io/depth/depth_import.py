@@ -29,7 +29,15 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, image_size, load_json, load_yaml_model, read_bytes, save_yaml
+from ...core.files import (
+    MAX_IMAGE_BYTES,
+    checked_model,
+    image_size,
+    load_json,
+    load_yaml_model,
+    read_bytes,
+    save_yaml,
+)
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth, write_depth
 from .depth_sequence import _image_files, _matched
 from .poses import StampedPose, read_poses, write_poses
@@ -169,7 +177,7 @@ def _layout_of(source: Path, camera: Path | str | None) -> str:
 
 def _arm(source: Path) -> _Layout:
     path = source / "camera.json"
-    info = load_json(path, "a valid camera.json", _CameraJson.model_validate)
+    info = load_json(path, "a camera.json", lambda data: checked_model(path, data, _CameraJson))
     table = source / "base_T_cam.txt"
     poses = read_poses(table)
     numbers = np.loadtxt(table, usecols=0, dtype=np.float64, ndmin=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -93,9 +94,9 @@ class RepeatedBase(Closing, MobileBase):
         self._lock = threading.Lock()
         self._command: tuple[float, float] | None = None
 
+    @abstractmethod
     def _send(self) -> None:
         """Send the velocities once."""
-        raise NotImplementedError
 
     def _check(self) -> None:
         if self._repeater is not None:
