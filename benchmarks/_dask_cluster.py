@@ -80,11 +80,12 @@ class DaskCluster:
         self.__enter__()
 
     def wait(self) -> None:
-        """Until all workers have come."""
+        """Until the scheduler answers and all workers have come."""
         import distributed
 
         with distributed.Client(self.address, timeout="60s", set_as_default=False) as client:
-            client.wait_for_workers(len(self.workers), timeout=120)
+            if self.workers:
+                client.wait_for_workers(len(self.workers), timeout=120)
 
     @staticmethod
     def ports(worker: subprocess.Popen[bytes]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib
 import os
 import signal
 import threading
@@ -104,6 +105,7 @@ def test_a_worker_killed_and_the_scheduler_restarted_change_nothing(tmp_path: Pa
     folder = tmp_path / "tasks"
     tasks = _tasks(folder, 0.3)
     with DaskCluster(2, tmp_path) as cluster:
+        cluster.wait()  # on a busy machine its processes take long
         assert cluster_hosts(cluster.address) == ["127.0.0.1"]
 
         def disturb() -> None:
@@ -132,6 +134,22 @@ def test_a_worker_with_other_versions_is_refused(tmp_path: Path, monkeypatch: py
     assert "has numpy" in str(error)
     assert "expected 1.0 as here; install the same versions on all machines" in str(error)
     assert _checked(abs, -1, _versions()) == (1, None)
+
+
+def test_workers_that_are_late_are_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="pip install 'visuohaptic[cluster]'")
+    with DaskCluster(0, tmp_path) as cluster:
+        cluster.wait()
+        module = importlib.import_module("visuohaptic.core.map_tasks")
+        with monkeypatch.context() as patched:
+            patched.setattr(module, "CONNECT_S", 5.0)
+            with pytest.raises(
+                InputError, match=r"cluster: found no worker at tcp://.*; start at least one: dask"
+            ):
+                cluster_hosts(cluster.address)
+        cluster.add_worker()
+        monkeypatch.setattr(module, "CONNECT_S", 120.0)
+        assert cluster_hosts(cluster.address) == ["127.0.0.1"]
 
 
 def test_an_address_without_a_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

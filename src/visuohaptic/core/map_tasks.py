@@ -131,7 +131,7 @@ def map_tasks(
 
 
 def cluster_hosts(address: str) -> list[str]:
-    """Hosts on which a cluster has workers now.
+    """Hosts on which a cluster has workers, once there is one.
 
     Parameters
     ----------
@@ -141,13 +141,18 @@ def cluster_hosts(address: str) -> list[str]:
     Raises
     ------
     InputError
-        No scheduler answers, or it has no workers.
+        No scheduler answers, or no worker of its comes within :data:`CONNECT_S`.
     """
     with _connected(address, CONNECT_S) as client:
-        hosts = sorted({urlsplit(worker).hostname or worker for worker in client.nthreads()})
-    if not hosts:
-        raise InputError("cluster", f"found no worker at {address}", remedy="start at least one: dask worker")
-    return hosts
+        try:  # workers that were started just before need seconds
+            client.wait_for_workers(1, timeout=CONNECT_S)
+        except TimeoutError as error:
+            raise InputError(
+                "cluster",
+                f"found no worker at {address} within {CONNECT_S:.0f} s",
+                remedy="start at least one: dask worker",
+            ) from error
+        return sorted({urlsplit(worker).hostname or worker for worker in client.nthreads()})
 
 
 def _in_processes(
