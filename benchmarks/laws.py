@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -93,7 +92,6 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--report", type=Path, help="keeps each test as it is done")
     given = parser.parse_args(words)
     journal = Journal(given.report, {"campaign": "laws", "examples": given.examples})
-    os.environ.pop("CI", None)
     folders = [str(ROOT / "tests" / package) for package in given.packages]
     pytest.main(
         ["-q", "-p", "no:cacheprovider", "--no-header", *folders],

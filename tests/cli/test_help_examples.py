@@ -453,7 +453,7 @@ def _robot() -> Iterator[None]:
         camera.wait_until_heard()
         for number, picture in enumerate([*zero, *pushed]):
             camera.publish(messages.compressed_image(10.0 + number / 30, picture, "bumper", 98))
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + 60.0
         while len(heard) < len(pushed) and time.monotonic() < end:
             time.sleep(0.01)
         Path("heard.json").write_text(json.dumps(heard))

@@ -8,9 +8,8 @@ import sys
 from pathlib import Path
 
 _ROOM_BYTES = 2 << 30
-_PATIENCE_S = (
-    20.0  # the gates need milliseconds; the start of Python and OpenCV on a busy machine a few seconds
-)
+#: The gates need milliseconds; the start of Python and OpenCV on a busy machine seconds.
+_PATIENCE_S = 60.0
 
 
 def _in_small_room() -> None:

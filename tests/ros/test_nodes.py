@@ -30,7 +30,7 @@ from .conftest import until
 IMAGE = "/bumper/image/compressed"
 #: A domain of this process alone.
 DOMAIN = 101 + os.getpid() % 100
-PATIENCE_S = 30.0
+PATIENCE_S = 90.0
 
 
 class Robot(RclpyNode):

@@ -52,7 +52,7 @@ class Browser:
 
     @staticmethod
     def _port(file: Path) -> int:
-        deadline_s = time.monotonic() + 30
+        deadline_s = time.monotonic() + 90
         while time.monotonic() < deadline_s:
             if file.is_file() and len(lines := file.read_text().splitlines()) >= 2:
                 return int(lines[0])
@@ -72,7 +72,7 @@ class Browser:
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._socket.recv(timeout=30))
+            message = json.loads(self._socket.recv(timeout=90))
             self._note(message)
             if message.get("id") == self._number:
                 if "error" in message:
