@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from benchmarks._zhou2016 import support_points
-from benchmarks.nav_push import real_push_errors
+from benchmarks.nav_push import real_centres, real_ends, real_push_errors
+
+from visuohaptic.navigation.pushing.push_failure import CENTRE_FRACTION, CENTRE_NUMBERS
 
 
 @pytest.mark.data
@@ -20,6 +22,23 @@ def test_real_pushes_are_foreseen_to_a_fifth_of_their_way(data):
     assert np.median(ours) < 0.0015
     assert np.median(ours) < 0.2 * np.median(moved)
     assert np.median(ours) < 0.6 * np.median(peer)
+
+
+@pytest.mark.data
+def test_the_prior_of_the_centre_of_friction_is_what_real_pushes_show(data):
+    centres = real_centres(data / "navigation" / "dev" / "push" / "zhou2016")
+    assert len(centres) == CENTRE_NUMBERS
+    # 0.048, by any friction from 0.4 to 0.5 between 0.047 and 0.052.
+    assert np.sqrt(np.mean(centres**2)) == pytest.approx(CENTRE_FRACTION, rel=0.15)
+
+
+@pytest.mark.data
+def test_the_declared_ellipsoid_holds_real_ends(data):
+    """Of 100 pushes of a flat bottom, told its outline alone."""
+    squares = real_ends(data / "navigation" / "dev" / "push" / "zhou2016", samples=160)
+    assert len(squares) == 100
+    # 90 % of 100 with twice the binomial deviation of 3.
+    assert 0.84 <= np.mean(squares < 6.251) <= 0.96
 
 
 def test_supports_are_read_from_the_name():

@@ -36,7 +36,7 @@ class Task:
     displacement_m: Point | None = None  #: motion of the object
     turn_rad: float = 0.0  #: of the object, about its centre
     failure_probability: float = 0.0
-    #: of a push, second moment of x, y [m] and turn [rad] of the object about its planned end
+    #: of a push, x, y [m] and turn [rad] of the object about its planned end: its 90 % ellipsoid holds 90 % of the ends
     end_covariance: tuple[tuple[float, ...], ...] = ()
     sigma_s: float = 0.0  #: standard deviation of the duration, where it is known
 

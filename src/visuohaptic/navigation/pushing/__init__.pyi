@@ -1,6 +1,7 @@
 from .contact_candidates import PushContact as PushContact
 from .contact_candidates import push_contacts as push_contacts
 from .push_failure import PushUncertainty as PushUncertainty
+from .push_failure import covariance_of_ends as covariance_of_ends
 from .push_failure import sampled_pushes as sampled_pushes
 from .push_model import PushModel as PushModel
 from .push_model import load_of_feet as load_of_feet

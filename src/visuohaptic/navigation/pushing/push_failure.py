@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from .push_model import PushModel
 
-__all__ = ["PushUncertainty", "sampled_pushes"]
+__all__ = ["PushUncertainty", "covariance_of_ends", "sampled_pushes"]
 
 #: A platform that would begin in the object begins so much earlier (m): up to 4 sigma of place and turn.
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
@@ -18,8 +18,13 @@ BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
 INSIDE_M = 1e-3
 #: Largest factor of the load's distance from its centre: the bottom of a disc stands on its rim.
 RIM = math.sqrt(2.0)
-#: Numbers of a sample: contact friction, load, centre of friction along x and y, place along x and y, yaw.
-NUMBERS = 7
+#: Numbers of a sample: contact friction, load, scale of the centre of friction, its x and y, place along x and y, yaw.
+NUMBERS = 8
+#: Distance of the centre of friction from the centroid along either axis, by the lever of the bottom: root mean square
+#: of six numbers of real pushes (``benchmarks.nav_push.real_centres``): a centre of mass, two of pressure on flat bottoms.
+CENTRE_FRACTION, CENTRE_NUMBERS = 0.05, 6
+#: Of a normal vector of three numbers, nine in ten squared lengths are below this.
+CHI2_90 = 6.251
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +38,9 @@ class PushUncertainty:
     #: :data:`~visuohaptic.navigation.pushing.push_model.CONTACT_FRICTION`: steel on aluminium, dry, slides like 0.45
     #: (Zhou 2016), plastic that chatters on its feet like 0.1 (``benchmarks.plan_evidence push_ends``).
     contact_friction: float = 0.25
-    #: of the centre of friction, along x and y: 1 to 1.5 cm, of things of 0.2 to 0.55 m
-    centre_m: float = 0.0125
+    #: of the centre of friction, along x and y; ``None`` where no push of the object was seen: then
+    #: :data:`CENTRE_FRACTION` of its lever, whose own uncertainty is drawn as well (Student's t)
+    centre_m: float | None = None
     place_m: float = 0.01  #: of the object against the platform, along x and y
     yaw_rad: float = 0.05
 
@@ -47,8 +53,7 @@ class PushUncertainty:
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n k 2"], Float[np.ndarray, "n 3"]]:
         """Contact frictions, supports [m] and poses about the nominal ones.
 
-        The samples are spread evenly over all numbers at once (a Kronecker sequence with a random beginning): moments
-        of 40 are as good as those of several hundred independent ones.
+        The samples are spread evenly over all numbers at once (a Kronecker sequence with a random beginning).
 
         Parameters
         ----------
@@ -61,7 +66,7 @@ class PushUncertainty:
         count
             Of the samples.
         """
-        from scipy.special import ndtri
+        from scipy.special import gammaincinv, ndtri
 
         # The generalised golden ratio: x^(d + 1) = x + 1.
         ratio = 2.0
@@ -69,11 +74,18 @@ class PushUncertainty:
             ratio = (1.0 + ratio) ** (1.0 / (NUMBERS + 1))
         steps = ratio ** -np.arange(1.0, NUMBERS + 1.0)
         even = (rng.random(NUMBERS) + np.outer(np.arange(count), steps)) % 1.0
-        normal = ndtri(np.clip(even[:, 2:], 1e-9, 1.0 - 1e-9))
+        even = np.clip(even, 1e-9, 1.0 - 1e-9)
+        normal = ndtri(even[:, 3:])
         friction = model.contact_friction + self.contact_friction * (2.0 * even[:, 0] - 1.0)
         spread = 1.0 + (RIM - 1.0) * even[:, 1, None, None]
         away = (model.support_m - model.centre_m) * spread
-        support = model.centre_m + away + self.centre_m * normal[:, None, :2]
+        centre_m: float | Float[np.ndarray, "n 1"]
+        if self.centre_m is None:
+            half = 0.5 * CENTRE_NUMBERS
+            centre_m = CENTRE_FRACTION * model.lever_m * np.sqrt(half / gammaincinv(half, even[:, 2:3]))
+        else:
+            centre_m = self.centre_m
+        support = model.centre_m + away + (centre_m * normal[:, :2])[:, None]
         sigma = np.array([self.place_m, self.place_m, self.yaw_rad])
         poses = np.asarray(object_m, dtype=np.float64) + sigma * normal[:, 2:]
         return np.maximum(0.0, friction), support, poses
@@ -125,11 +137,11 @@ def sampled_pushes(
     friction, supports, before = uncertainty.samples(model, object_m, rng, samples)
     along, blocked = before[:, None].repeat(len(path), axis=1), np.ones(samples, dtype=bool)
     trace = np.zeros((len(path) + 1, 8))
+    gyration_m = np.maximum(np.sqrt((supports**2).sum(axis=2) @ model.load), 1e-3)
     for k, support in enumerate(supports):
-        gyration = max(float(np.sqrt(model.load @ (support**2).sum(axis=1))), 1e-3)
         for line in paths:
             push_object(
-                model.outline_m, model.round_m, support, model.load, gyration, model.tip_m, float(friction[k]),
+                model.outline_m, model.round_m, support, model.load, gyration_m[k], model.tip_m, friction[k],
                 radius_m, line, before[k], trace,
             )  # fmt: skip
             if trace[0, GAP] >= -INSIDE_M:
@@ -137,3 +149,19 @@ def sampled_pushes(
                 blocked[k] = False
                 break
     return before, along, blocked
+
+
+def covariance_of_ends(errors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 3"]:
+    """Covariance of the normal distribution about zero whose 90 % ellipsoid holds 90 % of the errors.
+
+    Second moments, scaled: pushes that stick and pushes that slip do not end as one normal distribution has it.
+
+    Parameters
+    ----------
+    errors
+        Of simulated ends: x, y [m], turn [rad]; a hundred or more.
+    """
+    moments = errors.T @ errors / len(errors)
+    squares = np.einsum("ni,ni->n", errors, np.linalg.solve(moments, errors.T).T)
+    scaled: Float[np.ndarray, "3 3"] = moments * (np.quantile(squares, 0.9) / CHI2_90)
+    return scaled

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d
-from ...pushing.push_failure import PushUncertainty, sampled_pushes
+from ...pushing.push_failure import PushUncertainty, covariance_of_ends, sampled_pushes
 from ...pushing.push_model import PushModel
 from ...pushing.quasi_static import STEP_M, line_path
 from .bodies import lower_window
@@ -39,8 +39,10 @@ __all__ = [
 SWEEP_STEP = 0.5
 #: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
 TRACKING_M = 0.003
-#: Simulated pushes.
-SAMPLES = 40
+#: Simulated pushes, and how many of them a price is made of: an ellipsoid in three dimensions needs more than a share.
+SAMPLES, PRICED = 160, 40
+#: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
+LONG_STEP_M = 2.0 * STEP_M
 #: Pushes are simulated so many times as far as they are asked for: their lengths are refined.
 BEYOND = 1.5
 #: Of the ends that touch a drive, so many are asked whether there is another one: their share is known to 0.18.
@@ -243,13 +245,13 @@ def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]
     key = step.body, step.contact
     if key not in domain.ends or domain.ends[key][0] < length_m:
         # Whole steps: however far it is simulated, the beginning is the same.
-        reach_m = float(np.ceil(BEYOND * length_m / STEP_M)) * STEP_M
+        reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
         model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
         place_m, yaw_rad = body.obj.pose_sigma
         unknown = PushUncertainty(place_m=place_m, yaw_rad=yaw_rad)
         _, poses, _ = sampled_pushes(
             model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
-            line_path(begin, begin + reach_m * ahead), domain.robot.radius_m,
+            line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,
             np.random.default_rng(0), uncertainty=unknown, samples=SAMPLES,  # one plan, one answer
         )  # fmt: skip
         domain.ends[key] = reach_m, poses
@@ -261,7 +263,7 @@ def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]
 
 
 def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3 3"]:
-    """Second moment of x, y [m] and turn [rad] about the planned end, map frame.
+    """Covariance of x, y [m] and turn [rad] about the planned end, map frame, whose 90 % ellipsoid holds 90 % of the ends.
 
     Parameters
     ----------
@@ -270,7 +272,8 @@ def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3
     """
     errors = end_errors(domain, step)
     errors[:, :2] = errors[:, :2] @ rotation_2d(domain.map.origin[2]).T
-    return errors.T @ errors / SAMPLES + np.diag([TRACKING_M, TRACKING_M, 0.0]) ** 2
+    errors[:, :2] += TRACKING_M * np.random.default_rng(0).standard_normal((SAMPLES, 2))
+    return covariance_of_ends(errors)
 
 
 def replanning_units(
@@ -298,7 +301,7 @@ def replanning_units(
     total = 0.0
     for index, step in enumerate(steps):
         again = next((k for k in range(index + 1, len(steps)) if steps[k].body == step.body), len(steps))
-        body, errors = domain.bodies[step.body], end_errors(domain, step)
+        body, errors = domain.bodies[step.body], end_errors(domain, step)[:PRICED]
         c, s = np.cos(errors[:, 2]), np.sin(errors[:, 2])
         turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
         ends = body.centre + step.shifts_after[step.body] + errors[:, :2] / domain.map.resolution_m
@@ -310,7 +313,7 @@ def replanning_units(
             if len(near):
                 some = near[:: -(-len(near) // LOOKED_AT)]
                 cut = _closed(domain, steps[k - 1].shifts_after, step.body, some, drives[k])
-                closed = max(closed, float(cut.mean()) * len(near) / SAMPLES)
+                closed = max(closed, float(cut.mean()) * len(near) / PRICED)
         total += closed * heuristic.shortest_push(step.body)
     return total
 
