@@ -7,7 +7,14 @@ import pytest
 
 from visuohaptic.core import CalibrationError, InputError, Reason
 from visuohaptic.core.camera import Pose
-from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, SteadyReference, TemplateMeasurement
+from visuohaptic.sensing.beam import (
+    Beam,
+    BeamSensor,
+    BeamSetup,
+    BeamZero,
+    SteadyReference,
+    TemplateMeasurement,
+)
 from visuohaptic.simulation.beam import POSE_NOISE, RodRig, noisy_pose
 
 
@@ -88,6 +95,27 @@ def test_the_total_is_the_sum_of_its_parts_and_covers_the_truth(bench, vector):
     # The data sheet alone: 2 % of E and 4 x 0.7 % of d leave 3 to 4 % of the force.
     sigma = np.sqrt(np.diag(reading.calibration))
     assert 0.02 < sigma[1] / wrench[1] < 0.08
+
+
+def test_noise_that_the_tracker_does_not_declare_is_that_of_the_zero(bench, vector, tmp_path):
+    # Compressed video: poses scatter by 2.7 times what the tracker says. Frames at rest are no drift then.
+    rng, undeclared = np.random.default_rng(8), 2.7
+    still = bench.templates(np.zeros(6))
+
+    def seen():
+        poses = [noisy_pose(t.T_camera_template, undeclared**2 * t.covariance, rng) for t in still]
+        return [TemplateMeasurement(t.name, p, t.covariance) for t, p in zip(still, poses, strict=True)]
+
+    sensor = BeamSensor(bench.setup)
+    zero = sensor.zero([(k / 30, seen()) for k in range(60)])
+    readings = [sensor.read(10 + k / 30, seen()) for k in range(100)]
+    assert all(reading.wrench.valid for reading in readings)
+    squares = [vector(r.wrench) @ np.linalg.solve(r.noise + r.zero, vector(r.wrench)) for r in readings]
+    assert np.mean(squares) == pytest.approx(6, rel=0.3)  # 100 draws, and one of the zero
+    zero.save(tmp_path / "zero.yaml")
+    assert BeamZero.load(tmp_path / "zero.yaml", list(bench.setup.xi)).noise == pytest.approx(
+        zero.noise, rel=1e-5
+    )
 
 
 def test_camera_and_sensor_may_move(bench, vector):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -204,6 +204,7 @@ class BeamSensor:
     def _measure(self, t_s: float, relative: RelativePoses, reason: Reason) -> BeamReading:
         assert self._zero is not None
         setup = self.setup
+        relative = replace(relative, covariance=self._zero.noise * relative.covariance)
         motion = section_motion(
             relative, self._zero.rest, setup.xi, setup.T_reference_sensor, setup.beam.length_m
         )

@@ -39,6 +39,8 @@ class _ZeroFile(Section):
     frames: Annotated[int, Field(ge=1)]
     templates: Annotated[list[_ZeroTemplate], Field(min_length=1, max_length=32)]
     covariance: Annotated[list[list[FiniteFloat]], Field(max_length=192)]
+    #: Absent in files of older versions: the declared noise is then taken as it is.
+    noise: Annotated[FiniteFloat, Field(ge=1.0)] = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +50,7 @@ class BeamZero:
     t_s: float  #: time of the last frame that went in
     frames: int
     rest: RelativePoses  #: mean poses in the reference template, and the covariance of the means
+    noise: float = 1.0  #: variance of the poses of a frame by the declared one, as they scattered at rest
 
     @classmethod
     def from_frames(
@@ -99,18 +102,18 @@ class BeamZero:
         covariance = np.mean([frame.covariance for frame in whole], axis=0)
         lever = whole[-1].shared
         common = 0.0 if shared is None else lever @ shared @ lever.T
-        covariance = covariance - common  # of what is new in each frame
+        covariance, noise = covariance - common, 1.0  # of what is new in each frame
         scatter = np.hstack(offsets)
         if len(whole) >= 4:
             _refuse_motion(where, names, scatter, covariance)
-            # Noise that the tracker does not declare must not make the zero look better than it is.
-            seen_sigma = scatter.std(axis=0, ddof=1)
-            covariance = covariance * max(1.0, float(np.mean(seen_sigma**2 / np.diag(covariance))))
+            # Noise that the tracker does not declare, as of compressed video, is in the zero and in every frame.
+            noise = max(1.0, float(np.mean(scatter.var(axis=0, ddof=1) / np.diag(covariance))))
+            covariance = covariance * noise
             # Nor errors that stay for many frames, as those of compressed video: they do not average out.
             wander = 0.5 * _creep(scatter)
             covariance = covariance * max(1.0, len(whole) * float(np.mean(wander**2 / np.diag(covariance))))
         mean_covariance = covariance / len(whole) + common
-        return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), mean_covariance, lever))
+        return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), mean_covariance, lever), noise)
 
     def save(self, path: Path | str) -> None:
         """Write as YAML, whole or not at all.
@@ -129,9 +132,8 @@ class BeamZero:
             for name, pose in zip(self.rest.names, self.rest.poses, strict=True)
         ]
         covariance = [[float(f"{value:.6g}") for value in row] for row in self.rest.covariance]
-        save_yaml(
-            path, {"t_s": self.t_s, "frames": self.frames, "templates": templates, "covariance": covariance}
-        )
+        about = {"t_s": self.t_s, "frames": self.frames, "noise": float(f"{self.noise:.6g}")}
+        save_yaml(path, about | {"templates": templates, "covariance": covariance})
 
     @classmethod
     def load(cls, path: Path | str, names: Sequence[str]) -> BeamZero:
@@ -162,7 +164,8 @@ class BeamZero:
         if np.linalg.eigvalsh(covariance).min() < -1e-6 * np.abs(covariance).max():
             raise InputError(path, "is not positive definite", field="covariance")
         poses = tuple(Pose.from_quaternion(t.quaternion_xyzw, t.translation_m) for t in data.templates)
-        return cls(data.t_s, data.frames, RelativePoses(tuple(found), poses, covariance, np.zeros((size, 6))))
+        rest = RelativePoses(tuple(found), poses, covariance, np.zeros((size, 6)))
+        return cls(data.t_s, data.frames, rest, data.noise)
 
 
 def _mean_pose(poses: Sequence[Pose]) -> tuple[Pose, np.ndarray]:
