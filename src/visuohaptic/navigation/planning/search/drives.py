@@ -6,11 +6,11 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Int32
 
 from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import Deadline, PushStep
-from .search_domain import SearchDomain
+from .search_domain import Corridor, SearchDomain
 
 __all__ = ["changed_drives_cost", "drive_cost", "drives_cells", "drives_cost", "pull_string"]
 
@@ -20,6 +20,8 @@ STRING_WINDOW = 80
 STRING_ROUNDS = 12
 #: Nodes of a path over the lattice that are followed on the map at once.
 PIECE = 60
+#: Pieces whose cells are kept: some plans' worth.
+MAX_PIECES = 64
 
 
 class _Drive(NamedTuple):
@@ -360,16 +362,27 @@ def _cells_along(
     drive: _Drive,
     nodes: Float[np.ndarray, "k 2"],
     block: int,
-) -> tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"], float] | None:
-    """Cells of a drive along a path over blocks, the clearance around, the cell (x, y) that both begin at, its cost."""
+) -> Corridor | None:
+    """Cells of a drive along a path over blocks: what is priced at last is driven."""
+    key = _key(*drive, nodes, np.array(block))
+    if key not in domain.pieces:
+        if len(domain.pieces) >= MAX_PIECES:
+            domain.pieces.clear()
+        domain.pieces[key] = _found_along(domain, drive, nodes, block)
+    return domain.pieces[key]
+
+
+def _found_along(
+    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
+) -> Corridor | None:
     import cv2
 
     shifts, start, goal = drive
     rows, columns = domain.clearance.shape
-    grow = int(domain.reach / block) + 1
-    low_block = np.maximum(nodes.min(axis=0).astype(int) - grow, 0)
+    # Chords of a path stay in the box around it; the layer's distances know what is outside.
+    low_block = np.maximum(nodes.min(axis=0).astype(int) - 2, 0)
     low = low_block * block
-    high = np.minimum((nodes.max(axis=0).astype(int) + 1 + grow) * block, (columns, rows))
+    high = np.minimum((nodes.max(axis=0).astype(int) + 3) * block, (columns, rows))
     clearance = domain.part(domain.clearance, low, high, shifts, 1)
     # Along the path over blocks, and two blocks beside it.
     near = np.zeros((np.array(clearance.shape) // block + 2).tolist(), np.uint8)

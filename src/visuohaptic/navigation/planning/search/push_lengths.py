@@ -72,11 +72,15 @@ def refine_lengths(
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
     risk = replanning_units(heuristic, steps, start) * scale
+    refused: set[tuple[float, ...]] = set()  # what was too expensive stays so
     # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
     for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
         first = longer = sign * step_m / domain.map.resolution_m
         while not deadline.passed:
-            tried = _replayed(heuristic, steps, index, steps[index].length + longer)
+            lengths = tuple(round(step.length + longer * (k == index), 6) for k, step in enumerate(steps))
+            tried = (
+                () if lengths in refused else _replayed(heuristic, steps, index, steps[index].length + longer)
+            )
             pushes = heuristic.pushes_units(tried) * scale
             tried_cost = float("inf")
             if tried:
@@ -87,10 +91,11 @@ def refine_lengths(
                 tried_risk = replanning_units(heuristic, tried, start) * scale
             if tried_cost + tried_risk < cost + risk:
                 steps, cost, risk, longer = tried, tried_cost, tried_risk, 2.0 * longer
-            elif longer != first:
-                longer = first
-            else:
+                continue
+            refused.add(lengths)
+            if longer == first:
                 break
+            longer = first
     return steps, cost
 
 

@@ -264,7 +264,7 @@ class _Search:
                 break
             body, first = (domain.bodies[index],), SearchState(0.0, self.start, np.zeros((1, 2)))
             alone = replace(
-                domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, paths={}, ends={}, boxes=[],
+                domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, pieces={}, paths={}, ends={}, boxes=[],
             )  # fmt: skip
             cells, _ = domain.seeds(lattice, self.start)
             part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)

@@ -31,6 +31,8 @@ CLEAR_SLACK_M = 1e-6
 MAX_PATCHES = 5000
 #: Nodes of lattices that are kept.
 MAX_STILL_NODES = 20_000_000
+#: Cells along a path, the clearance around, the cell (x, y) that both begin at, and what the path costs [cells].
+Corridor = tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"], float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +69,9 @@ class SearchDomain:
     drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]] = (
         field(default_factory=dict, repr=False)
     )
+
+    #: their last pieces on the map: cells, clearance around, where both begin, cost
+    pieces: dict[tuple[bytes, ...], Corridor | None] = field(default_factory=dict, repr=False)
 
     #: the same over the lattice: blocks, cost
     paths: dict[tuple[bytes, ...], tuple[Float[np.ndarray, "k 2"], float]] = field(
