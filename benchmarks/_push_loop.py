@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from visuohaptic.navigation.pushing import PushModel, PushMonitor, line_path, simulate_push
 from visuohaptic.navigation.pushing.quasi_static import remaining_m
-from visuohaptic.simulation.floor import FloorBody, FloorPush
+from visuohaptic.reproduce.pushes import FloorBody, FloorPush
 
 RADIUS_M = 0.17
 #: Noise of the tracked contact point (m).

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from visuohaptic.core.geometry import polygon_centroid
 from visuohaptic.navigation.pushing import PushModel, arc_path, load_of_feet, patch_points
-from visuohaptic.simulation.floor import FloorBody, FloorPush, FloorTrace
+from visuohaptic.reproduce.pushes import FloorBody, FloorPush, FloorTrace
 
 RADIUS_M = 0.17
 KINDS = ("box", "disc", "polygon", "ell")

@@ -15,7 +15,7 @@ import numpy as np
 from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_arc, follow_displacement, follow_load
 from visuohaptic.deformation.shapes import grid_mesh
 from visuohaptic.deformation.shells import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
-from visuohaptic.rigs import mitc4_factor, mitc4_stiffness
+from visuohaptic.reproduce.worlds import mitc4_factor, mitc4_stiffness
 
 X, Y, Z, RX, RY, RZ = range(6)
 

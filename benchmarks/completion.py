@@ -22,7 +22,7 @@ from scipy.stats import spearmanr
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
 from visuohaptic.reconstruction.completion import Completion
-from visuohaptic.rigs import HOLE, SIGMA_M, TOUCHES, explore, touches_to_tenth
+from visuohaptic.reproduce.worlds import HOLE, SIGMA_M, TOUCHES, explore, touches_to_tenth
 from visuohaptic.simulation.tabletop import Bottle, random_bottle
 
 from . import harness

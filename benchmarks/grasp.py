@@ -10,7 +10,7 @@ import numpy as np
 from visuohaptic.deformation.maps import object_map
 from visuohaptic.deformation.shapes import load_object
 from visuohaptic.grasping import GraspTask, confirm_grasp, grasp_scores, plan_grasps
-from visuohaptic.rigs import CASES, best_vertex
+from visuohaptic.reproduce.chapter_6.figure_6_12 import CASES, best_vertex
 
 from .harness import cpu_seconds
 

@@ -30,7 +30,7 @@ from visuohaptic.recognition.touch import (
     update_belief,
 )
 from visuohaptic.recognition.trees import train_tree, walk
-from visuohaptic.rigs import virtual_containers as world
+from visuohaptic.reproduce.worlds import virtual_containers as world
 
 from ._journal import Journal
 from .recog_trees import training_set

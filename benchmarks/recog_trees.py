@@ -17,7 +17,7 @@ from visuohaptic.deformation.maps import BuildPlan, build, plan_jobs
 from visuohaptic.deformation.shapes import class_names
 from visuohaptic.recognition.data import FeatureSet, load_feature_set, read_build
 from visuohaptic.recognition.trees import feature_name, mean_touches, train_tree
-from visuohaptic.rigs import virtual_containers as world
+from visuohaptic.reproduce.worlds import virtual_containers as world
 
 from .harness import cpu_seconds
 

@@ -42,7 +42,7 @@ from visuohaptic.reconstruction.transparency import (
     refine_poses,
 )
 from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, ViewEvidence, reading_tables
-from visuohaptic.rigs import VOXEL_M, detected, judged, rendered
+from visuohaptic.reproduce.worlds import VOXEL_M, detected, judged, rendered
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 from ._journal import Journal

@@ -92,6 +92,7 @@ NO_FILE = {
     "example glass",
     "example gripper",
     "example office",
+    "example task",
     "reproduce",
     "warmup",
     "doctor",

@@ -533,6 +533,20 @@ def _example_office(folder: Path, results: list[Any]) -> None:
     assert (folder / "try" / "plan.png").stat().st_size > 10_000
 
 
+def _example_task(folder: Path, results: list[Any]) -> None:
+    """The claim is true, and the decisions can be made again from the trace alone."""
+    assert [result["outcome"] for result in results] == ["opened", "mapped"]
+    assert results[0]["really_open"]
+    assert results[1]["flags_right"] > 0.8 * results[1]["contacts"]
+    from visuohaptic.tasks.framework import Trace
+
+    for name, ending in (("cap", "opened"), ("room", "mapped")):
+        trace = Trace.load(folder / name / "trace.jsonl")
+        assert trace.ending is not None
+        assert trace.ending.outcome == ending
+    assert yaml.safe_load((folder / "room" / "map.yaml").read_text())["resolution"] == pytest.approx(0.025)
+
+
 def _example_glass(folder: Path, results: list[Any]) -> None:
     """A bottle is found within its radius, and the surface around it is completed."""
     written, model, completed = results
@@ -678,6 +692,7 @@ STORIES: dict[str, Story] = {
     "example gripper": Story(_example_files("force_N", "grip.mp4")),
     "example glass": Story(_example_glass),
     "example office": Story(_example_office),
+    "example task": Story(_example_task),
     "map inspect": Story(lambda f, r: _office_size(r), _office),
     "map build": Story(_map_build, _scans),
     "map graph": Story(_map_graph, _office),

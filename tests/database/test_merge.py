@@ -191,3 +191,11 @@ def test_what_only_an_older_version_knows_is_kept() -> None:
     for both in (merge_objects(old, new), merge_objects(new, old)):
         assert (both.name, dict(both.state)) == ("cup", {"lid": "on", "fill": 0.5})
         assert both.provenance["name"] == old.provenance["name"]
+
+
+def test_an_estimate_without_weight_changes_nothing() -> None:
+    """A sigma of 1 nm beside one of 10 km: the weight of the second is below the resolution of a number."""
+    found = combine([Estimate(1.0, 1e-9), Estimate(2.0, 1e4)])
+    assert found.value == pytest.approx(1.0)
+    assert found.sigma == pytest.approx(1e-9)
+    assert found.spread == pytest.approx(0.0, abs=1e-9)

@@ -250,3 +250,14 @@ def test_calibration_error_of_an_honest_and_of_a_boasting_forecaster() -> None:
     assert calibration_error(np.full(20_000, 0.99), rng.random(20_000) < 0.5) == pytest.approx(
         0.49, abs=0.015
     )
+
+
+def test_the_calibration_error_of_answers_by_hand() -> None:
+    """Of ten bins: the first two answers lie in the last one, the third in the first."""
+    found = calibration_error(np.array([0.905, 0.95, 0.04]), np.array([1.0, 0.0, 0.0]))
+    assert found == pytest.approx((2 * abs((0.905 + 0.95) / 2 - 0.5) + 0.04) / 3)
+
+
+def test_a_touch_lasts_as_long_as_the_gripper_needs() -> None:
+    """Two seconds to contact and back, and 3 mm at 5 mm/s."""
+    assert TouchProtocol().touch_s == pytest.approx(2.6)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 pytest.importorskip("small_gicp")
 pytest.importorskip("trimesh")
@@ -14,7 +15,7 @@ from benchmarks._prior_world import containers, seen_cloud
 
 from visuohaptic.core import InputError
 from visuohaptic.recognition.visual import describe_cloud, fit_shape, shape_views, thinned
-from visuohaptic.recognition.visual.shape import visible_from
+from visuohaptic.recognition.visual.shape import _Surface, visible_from
 
 
 def _box(rng: np.random.Generator, size: tuple[float, float, float], count: int = 3000) -> np.ndarray:
@@ -76,8 +77,6 @@ def test_fit_finds_the_pose() -> None:
     fit = fit_shape(stored, side @ turned.T + shift, view)
     moved = box @ fit.T_cloud_object[:3, :3].T + fit.T_cloud_object[:3, 3]
     # A box looks the same after half a turn: compare the point sets, not the points.
-    from scipy.spatial import cKDTree
-
     gap = cKDTree(box @ turned.T + shift).query(moved)[0]
     # Points are 5 mm apart on average; a pose that is wrong would show as centimetres.
     assert np.sqrt(np.mean(gap**2)) < 0.005
@@ -116,3 +115,12 @@ def test_clouds_that_are_none(cloud: np.ndarray) -> None:
         describe_cloud(cloud)
     with pytest.raises(InputError, match=r"cloud|points_m"):
         shape_views(cloud)
+
+
+def test_distances_are_to_the_plane_on_the_surface_and_to_the_rim_beside_it() -> None:
+    """A sheet of points 5 mm apart; the tangent plane goes on for 10 mm beyond its rim."""
+    x, y = np.meshgrid(np.arange(0.0, 0.1001, 0.005), np.arange(0.0, 0.1001, 0.005))
+    sheet = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    surface = _Surface(cKDTree(sheet), sheet, np.tile([0.0, 0.0, 1.0], (len(sheet), 1)))
+    seen = np.array([[0.0525, 0.05, 0.003], [0.109, 0.05, 0.003], [0.111, 0.05, 0.003]])
+    assert surface.distances(seen) == pytest.approx([0.003, 0.003, np.hypot(0.011, 0.003)])

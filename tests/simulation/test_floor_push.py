@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.simulation.floor import FloorBody, FloorPush
+from visuohaptic.reproduce.pushes import FloorBody, FloorPush
 
 pytest.importorskip("mujoco")
 

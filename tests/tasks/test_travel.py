@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, tag, with_objects
 
+from visuohaptic.core import Estimate, HapticTag
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushMode
 from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld
 from visuohaptic.tasks.mobile.travel import (
@@ -19,6 +20,7 @@ from visuohaptic.tasks.mobile.travel import (
     records_to_json,
     travel,
 )
+from visuohaptic.tasks.mobile.travel.travel_memory import TravelMemory
 
 pytest.importorskip("mujoco")
 
@@ -148,3 +150,19 @@ def test_what_is_to_be_brushed_aside_is_driven_past(offset):
     # Aside: the crate stands in the bay or beside the corridor's axis, and the robot has passed it.
     assert world.item_pose_m("crate")[1] > 1.45
     assert done.problem.objects[0].tag.explored > 3
+
+
+def test_an_exploration_keeps_the_counters_of_earlier_attempts():
+    memory = TravelMemory(scene([MovableObject("box", box(1.95, 1.45, 0.4), None)], [LIGHT])[0])
+    memory.refused("box", fixed=False)
+    memory.explored("box", HapticTag(static_friction_N=Estimate(8.0, 0.8), fixed=False, explored=1))
+    (found,) = memory.problem(np.array([1.0, 1.0, 0.0])).objects
+    assert found.tag is not None
+    assert (found.tag.explored, found.tag.failed) == (2, 1)
+    assert found.tag.static_friction_N == Estimate(8.0, 0.8)
+    memory.explored("box", HapticTag(fixed=True, explored=1, failed=1, min_static_friction_N=20.0))
+    (found,) = memory.problem(np.array([1.0, 1.0, 0.0])).objects
+    assert found.tag is not None
+    # What does not move now is fixed, whatever moved before.
+    assert (found.tag.explored, found.tag.failed, found.tag.fixed) == (3, 2, True)
+    assert found.tag.min_static_friction_N == 20.0

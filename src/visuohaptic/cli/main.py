@@ -55,6 +55,7 @@ _TABLE = (
     ("examples", "example gripper", "write a small simulated recording to try the sensor of a finger on"),
     ("examples", "example glass", "write a small simulated sequence of clear bottles to find and complete"),
     ("examples", "example office", "write a map with tagged objects to plan on"),
+    ("examples", "example task", "run a task in its simulated world and write its trace"),
     ("planning", "map inspect", "summarise a map, and where a robot can drive on it"),
     ("planning", "map build", "build an occupancy map from laser scans and odometry"),
     ("planning", "map graph", "compute distance, cost, skeleton graph and regions of a map"),

@@ -10,8 +10,8 @@ from ..deformation.shapes.container import class_names
 from ..deformation.shapes.mesher import mesh_container
 from ..deformation.shapes.variants import draw_variant
 from ..recognition.data.data_set import FeatureSet, load_feature_set, save_feature_set
-from ..rigs.virtual_containers import GROUPS, description
 from .output import Output
+from .worlds.virtual_containers import GROUPS, description
 
 __all__ = ["CONFUSABLE", "DISTINCT", "FIVE", "grouped", "training_features"]
 

@@ -119,6 +119,36 @@ def test_axes_that_were_not_loaded_keep_the_data_sheet():
     assert found.correction.matrix[1, 1] == pytest.approx(0.02, abs=2e-3)
 
 
+def test_a_calibration_again_starts_from_the_one_before():
+    """A rod that is known to read 30 % more is no surprise, and an axis that is not loaded now keeps what was found."""
+    rng = np.random.default_rng(8)
+    data_sheet = prior_correction(BEAM)
+    known = Correction(0.3 * np.eye(6) + 1.5 * np.eye(6, k=4), data_sheet.row_covariance)
+    loads = session(axes=(1, 2))
+    read = loads @ (np.eye(6) + known.matrix).T + rng.normal(0, 1, loads.shape) * 1e-4
+    record = LoadRecord(loads, read, "wrench", np.arange(10))
+    with pytest.raises(CalibrationError, match=r"times as far along f[yz] as its data sheet says"):
+        calibrate_beam(record, BEAM)
+    found = calibrate_beam(record, BEAM, prior=known).correction.matrix
+    # Loads of 1.5 N with a noise of 0.1 mN: 1e-4 of the force; what was not loaded is not touched at all.
+    assert found[[1, 2], [1, 2]] == pytest.approx([0.3, 0.3], abs=1e-3)
+    assert found[[0, 0, 3], [0, 4, 3]] == pytest.approx(known.matrix[[0, 0, 3], [0, 4, 3]], rel=1e-6)
+
+
+@pytest.mark.parametrize(("fraction", "counts"), [(0.04, False), (0.06, True)])
+@pytest.mark.parametrize("reach_N", [0.2, 3.0])
+def test_an_axis_counts_as_loaded_from_a_twentieth_of_the_largest_load(reach_N, fraction, counts):
+    rng = np.random.default_rng(9)
+    loads = (
+        session(axes=(1,)) * reach_N / REACH[1] / 2
+    )  # from -reach / 2 to reach / 2: the largest load is half of it
+    loads = np.vstack([loads, loads])
+    loads[:, 2] = np.where(np.arange(10) < 5, 0.0, 0.5 * fraction * reach_N)
+    read = loads + rng.normal(0, 1, loads.shape) * 1e-6 * reach_N
+    found = calibrate_beam(LoadRecord(loads, read, "wrench", np.arange(10)), BEAM)
+    assert any(note.startswith("fz was not loaded") for note in found.notes) is not counts
+
+
 def test_motions_of_the_tip_do_as_well_as_readings():
     loads = session()
     moved = []

@@ -185,3 +185,18 @@ def test_a_bad_configuration_names_its_field(folder):
         path.write_text(text.replace(old, new))
         with pytest.raises(InputError, match=message):
             BeamSensorConfig.load(path)
+
+
+def test_turns_are_read_as_they_are_named(tmp_path):
+    """A quarter turn about X, then one about Z, is a third of a turn about (1, 1, 1)."""
+    rows = {
+        "roll_deg,pitch_deg,yaw_deg": "90,0,90",
+        "roll_rad,pitch_rad,yaw_rad": f"{np.pi / 2},0,{np.pi / 2}",
+        "rx_rad,ry_rad,rz_rad": ",".join(3 * [f"{2 * np.pi / 3 / np.sqrt(3)}"]),
+    }
+    for header, cells in rows.items():
+        path = tmp_path / "loads.csv"
+        path.write_text(f"{','.join(AXES)},x_m,y_m,z_m,{header}\n1,0,0,0,0,0,0.001,0.002,0.003,{cells}\n")
+        found = read_loads(path)
+        assert found.observed[0, :3] == pytest.approx([1e-3, 2e-3, 3e-3])
+        assert found.observed[0, 3:] == pytest.approx(np.full(3, 2 * np.pi / 3 / np.sqrt(3)), rel=1e-6)

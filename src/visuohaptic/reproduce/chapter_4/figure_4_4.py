@@ -23,9 +23,9 @@ from ...navigation.pushing.push_model import PushModel, load_of_feet, patch_poin
 from ...navigation.pushing.quasi_static import PushTrace, arc_path
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, box, rooms
-from ...simulation.floor.floor_push import FloorBody, FloorPush
 from .._building import draw_map, outline
 from ..output import Columns, Output
+from ..pushes.floor_push import FloorBody, FloorPush
 
 __all__ = ["run"]
 

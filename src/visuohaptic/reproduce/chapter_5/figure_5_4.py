@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from ...reconstruction.fusion.depth_fusion import TsdfVolume
-from ...rigs.virtual_glass import HIGH_M, LOW_M, detected, judged, rendered
 from ...simulation.tabletop.glass_scenes import glass_scene
 from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output
+from ..worlds.virtual_glass import HIGH_M, LOW_M, detected, judged, rendered
 
 __all__ = ["run"]
 

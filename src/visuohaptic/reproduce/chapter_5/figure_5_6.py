@@ -14,10 +14,10 @@ import numpy as np
 from ...core.geometry import rotation_2d
 from ...io.depth.depth_sequence import DepthFrame
 from ...reconstruction.mesh import SurfaceMesh
-from ...rigs.virtual_glass import detected, judged, rendered
 from ...simulation.tabletop.glass_scenes import SCENE_KINDS, glass_scene
 from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output
+from ..worlds.virtual_glass import detected, judged, rendered
 
 __all__ = ["run"]
 

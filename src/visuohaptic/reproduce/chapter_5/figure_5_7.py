@@ -14,10 +14,10 @@ import numpy as np
 from ...reconstruction.completion.surface_completion import Completion
 from ...reconstruction.completion.touch import Touch
 from ...reconstruction.mesh import SurfaceMesh
-from ...rigs.virtual_completion import SIGMA_M, errors_m, scene, true_points
 from ...simulation.tabletop.bottles import Bottle, random_bottle
 from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output
+from ..worlds.virtual_completion import SIGMA_M, errors_m, scene, true_points
 
 __all__ = ["run"]
 

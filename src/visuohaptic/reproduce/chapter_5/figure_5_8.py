@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ...report.style import COLOURS, draw_axes
-from ...rigs.virtual_completion import TOUCHES, explore, touches_to_tenth
 from ...simulation.tabletop.bottles import random_bottle
 from ..output import Output
+from ..worlds.virtual_completion import TOUCHES, explore, touches_to_tenth
 
 __all__ = ["run"]
 

@@ -12,9 +12,9 @@ import numpy as np
 from ...recognition.trees.tree import train_tree
 from ...recognition.trees.tree_nodes import feature_name
 from ...report.style import COLOURS, draw_axes
-from ...rigs.virtual_containers import GROUPS
 from .._features import CONFUSABLE, FIVE, training_features
 from ..output import Columns, Output
+from ..worlds.virtual_containers import GROUPS
 
 __all__ = ["TREES", "run"]
 

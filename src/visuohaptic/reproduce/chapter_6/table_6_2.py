@@ -17,9 +17,9 @@ from ...recognition.touch.haptic_model import fit_model
 from ...recognition.trees.tree import train_tree
 from ...recognition.trees.tree_nodes import walk
 from ...report.style import draw_axes
-from ...rigs import virtual_containers as world
 from .._features import grouped, training_features
 from ..output import Output
+from ..worlds import virtual_containers as world
 from .table_6_1 import TREES
 
 __all__ = ["run"]

@@ -3,6 +3,9 @@ from .direct_push import DirectPush as DirectPush
 from .direct_push import DirectPushSettings as DirectPushSettings
 from .direct_push import contact_points as contact_points
 from .direct_push import plan_direct_push as plan_direct_push
+from .floor_push import FloorBody as FloorBody
+from .floor_push import FloorPush as FloorPush
+from .floor_push import FloorTrace as FloorTrace
 from .goal_maps import GoalMap as GoalMap
 from .goal_maps import goal_map as goal_map
 from .local_costmap import FootprintSamples as FootprintSamples

@@ -106,10 +106,10 @@ def calibrate_beam(
     prior_rows = prior.row_covariance * (scale[:, None, None] ** 2 / np.multiply.outer(scale, scale)[None])
     matrix, rows, zero = np.zeros((6, 6)), np.zeros((6, 6, 6)), np.zeros(6)
     for k in range(6):
-        spread = np.sqrt(np.diag(prior_rows[k]))
-        _refuse_surprise(record, k, free[k], free_sigma[k], spread, loaded)
+        spread, mean = np.sqrt(np.diag(prior_rows[k])), prior.matrix[k] * scale[k] / scale
+        _refuse_surprise(record, k, free[k], mean, np.hypot(spread, free_sigma[k]))
         matrix[k], rows[k], zero[k] = _ridge(
-            load, read[:, k] - load[:, k], prior.matrix[k] * scale[k] / scale, prior_rows[k], free_rest[:, k]
+            load, read[:, k] - load[:, k], mean, prior_rows[k], free_rest[:, k]
         )
         rows[k, k, k] += load_tolerance**2
     residual = (read - zero) @ np.linalg.inv(np.eye(6) + matrix).T - load
@@ -241,10 +241,10 @@ def _refuse_noise(
 
 
 def _refuse_surprise(
-    record: LoadRecord, k: int, free: np.ndarray, sigma: np.ndarray, prior: np.ndarray, loaded: np.ndarray
+    record: LoadRecord, k: int, free: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> None:
-    """Refuse a beam that is not the one of the data sheet."""
-    surprise = np.where(loaded, np.abs(free) / np.hypot(prior, sigma), 0.0)
+    """Refuse a beam that is not the one of the data sheet, or of an earlier calibration."""
+    surprise = np.abs(free - mean) / sigma
     j = int(np.argmax(surprise))
     if surprise[j] <= MAX_SURPRISE:
         return

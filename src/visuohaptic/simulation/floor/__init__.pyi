@@ -1,9 +1,6 @@
 from .floor_model import FloorObject as FloorObject
 from .floor_model import FloorRobot as FloorRobot
 from .floor_model import floor_mjcf as floor_mjcf
-from .floor_push import FloorBody as FloorBody
-from .floor_push import FloorPush as FloorPush
-from .floor_push import FloorTrace as FloorTrace
 from .floor_senses import FloorSenses as FloorSenses
 from .floor_senses import SenseErrors as SenseErrors
 from .floor_world import FloorBase as FloorBase

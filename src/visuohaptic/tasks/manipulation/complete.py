@@ -313,7 +313,7 @@ def complete_by_touch(
 
     >>> from visuohaptic.core import Reason
     >>> from visuohaptic.reconstruction.completion import Completion
-    >>> from visuohaptic.rigs import virtual_completion
+    >>> from visuohaptic.reproduce.worlds import virtual_completion
     >>> from visuohaptic.simulation.tabletop import ProbeCell, SimulatedArm, random_bottle
     >>> rng = np.random.default_rng(4)
     >>> bottle = random_bottle(rng, "elliptic")

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d, wrap_angle
 from ....core.objects import HapticTag
+from ....database.tags import merge_tags
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ....navigation.planning.search.object_cells import clear_cells, fill_cells
 from ....navigation.planning.search.search_domain import grid_from_world
@@ -270,7 +271,7 @@ class TravelMemory:
         )  # fmt: skip
 
     def explored(self, id: str, tag: HapticTag) -> None:
-        """What an exploration has found.
+        """What an exploration has found joins what is known; whether it is fixed is what was found last.
 
         Parameters
         ----------
@@ -280,7 +281,11 @@ class TravelMemory:
             What was felt.
         """
         known = self._known[id]
-        known.item = replace(known.item, tag=tag)
+        joined = merge_tags(known.item.tag or HapticTag(), tag)
+        known.item = replace(
+            known.item,
+            tag=joined.updated(fixed=tag.fixed, min_static_friction_N=tag.min_static_friction_N),
+        )
 
     def reset_failures(self) -> bool:
         """Give objects that were refused by these pushes another chance, once; returns whether there are any."""

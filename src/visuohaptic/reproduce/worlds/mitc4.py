@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..deformation.shells.factor import Factor, factorise
-from ..deformation.shells.ordering import front_tree
-from ..deformation.shells.shell_material import IsotropicMaterial
+from ...deformation.shells.factor import Factor, factorise
+from ...deformation.shells.ordering import front_tree
+from ...deformation.shells.shell_material import IsotropicMaterial
 
 __all__ = ["mitc4_factor", "mitc4_stiffness"]
 
@@ -82,7 +82,7 @@ def mitc4_factor(
     fixed
         Mask (v, 6) of fixed degrees of freedom.
     """
-    from ..deformation.shells._front_kernels import constrain
+    from ...deformation.shells._front_kernels import constrain
 
     held = matrices.copy()
     constrain(held, np.ascontiguousarray(quads), fixed)

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.files import parse_yaml
-from ..core.geometry import so3_exp, vertex_normals
-from ..deformation.shapes.container import ContainerDescription, load_container
-from ..deformation.shapes.mesher import STIFF_CAP_M, mesh_container
-from ..deformation.shapes.variants import draw_variant
-from ..deformation.shells.shell_material import IsotropicMaterial
-from ..recognition.data.places import HEIGHTS
+from ...core.errors import InputError
+from ...core.files import parse_yaml
+from ...core.geometry import so3_exp, vertex_normals
+from ...deformation.shapes.container import ContainerDescription, load_container
+from ...deformation.shapes.mesher import STIFF_CAP_M, mesh_container
+from ...deformation.shapes.variants import draw_variant
+from ...deformation.shells.shell_material import IsotropicMaterial
+from ...recognition.data.places import HEIGHTS
 from .mitc4 import mitc4_factor, mitc4_stiffness
 
 __all__ = [
@@ -254,7 +254,7 @@ def explore_container(thing: RealObject, rng: np.random.Generator) -> Any:
     rng
         Source of noise.
     """
-    from ..recognition.data.readings import TouchReading, fit_curve
+    from ...recognition.data.readings import TouchReading, fit_curve
 
     def touch(height: int, axis: str) -> TouchReading:
         column = 0 if axis == "x" else 2

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..io.depth.depth_sequence import DepthFrame
-from ..reconstruction.fusion.depth_noise import SENSOR_NOISE
-from ..reconstruction.fusion.volume import SpaceGrid
-from ..reconstruction.transparency.detector import TransparencyDetector
-from ..reconstruction.transparency.evidence import EvidenceDetector
-from ..reconstruction.transparency.pose_refinement import refine_poses
-from ..reconstruction.transparency.regions import TransparentRegion
-from ..simulation.tabletop.depth_camera import DepthCamera
-from ..simulation.tabletop.glass_scenes import GlassScene
+from ...io.depth.depth_sequence import DepthFrame
+from ...reconstruction.fusion.depth_noise import SENSOR_NOISE
+from ...reconstruction.fusion.volume import SpaceGrid
+from ...reconstruction.transparency.detector import TransparencyDetector
+from ...reconstruction.transparency.evidence import EvidenceDetector
+from ...reconstruction.transparency.pose_refinement import refine_poses
+from ...reconstruction.transparency.regions import TransparentRegion
+from ...simulation.tabletop.depth_camera import DepthCamera
+from ...simulation.tabletop.glass_scenes import GlassScene
 
 __all__ = ["HIGH_M", "LOW_M", "VOXEL_M", "detected", "judged", "rendered"]
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..reconstruction.completion.hole_region import HoleRegion
-from ..reconstruction.completion.surface_completion import Completion, CompletionSettings
-from ..reconstruction.completion.touch import Touch
-from ..reconstruction.mesh import SurfaceMesh
-from ..simulation.tabletop.bottles import Bottle
+from ...reconstruction.completion.hole_region import HoleRegion
+from ...reconstruction.completion.surface_completion import Completion, CompletionSettings
+from ...reconstruction.completion.touch import Touch
+from ...reconstruction.mesh import SurfaceMesh
+from ...simulation.tabletop.bottles import Bottle
 
 __all__ = [
     "HOLE",

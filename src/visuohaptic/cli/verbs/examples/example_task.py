@@ -1,0 +1,54 @@
+"""``visuohaptic example task``: a task at work in its simulated world, step by step.
+
+cap    an arm opens a crown cap with what it sees and feels (Alt 2016, Table 3.1)
+room   a platform maps a room by touch, fixed and movable objects apart (Fig. 3.11)
+
+reads
+  nothing
+writes, into --out
+  trace.jsonl                settings, every observation, command and change of state, and the ending
+  map.yaml, map.pgm          room: what was felt, to plan on
+
+example
+  visuohaptic example task cap --out cap
+  visuohaptic example task room --contacts 8 --out room
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_arguments", "run"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("task", choices=("cap", "room"), help="which")
+    parser.add_argument("--out", type=Path, required=True, help="folder")
+    parser.add_argument("--contacts", type=int, default=22, help="of the room, after which it ends (22)")
+    parser.add_argument("--seed", type=int, default=0, help="of the world and its noise (0)")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    truth: dict[str, Any]
+    if args.task == "cap":
+        from ....rigs.virtual_crown_cap import open_virtual_cap
+
+        bottle = open_virtual_cap(args.seed, "tracked")
+        trace, truth = bottle.opening.trace, {"really_open": bottle.really_open}
+    else:
+        from ....rigs.virtual_touch_map import map_virtual_room
+
+        room = map_virtual_room(args.seed, args.contacts)
+        trace, score = room.mapping.trace, room.score
+        truth = {"contacts": score.contacts, "flags_right": score.flags_right, "iou": score.iou}
+    args.out.mkdir(parents=True, exist_ok=True)
+    trace.save(args.out / "trace.jsonl")
+    if args.task == "room":
+        room.mapping.haptic_map.occupancy().save(args.out / "map.yaml")
+    for line in (*trace.story(), *(f"{name}: {value}" for name, value in truth.items())):
+        args.report(line)
+    return {"trace": str(args.out / "trace.jsonl"), "outcome": trace.ending and trace.ending.outcome} | truth

@@ -1,0 +1,118 @@
+"""Files that grow for a whole run: what is written stays, two runs do not mix, and what a killed one left is kept."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+from pathlib import Path
+
+import pytest
+
+from visuohaptic.core import InputError
+from visuohaptic.core.files import PartFile, atomic_path, check_unlocked, csv_line, whole_lines, write_text
+
+fcntl = pytest.importorskip("fcntl")
+
+
+def test_the_name_is_given_at_the_end(tmp_path: Path) -> None:
+    target = tmp_path / "run.csv"
+    target.write_text("of yesterday")
+    with_name = PartFile(target)
+    assert with_name.write(b"t_s,force_N\n") == 12
+    assert with_name.write(csv_line([0.1, "a,b", True, 3])) == 17
+    assert with_name.tell() == 29
+    assert target.read_text() == "of yesterday"
+    assert (tmp_path / "run.csv.part").read_bytes() == b't_s,force_N\n0.1,"a,b",true,3\n'
+    with_name.finish()
+    assert with_name.closed
+    assert target.read_bytes() == b't_s,force_N\n0.1,"a,b",true,3\n'
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+    with pytest.raises(InputError, match="is closed"):
+        with_name.write(b"more")
+
+
+def test_what_a_killed_run_has_left_is_kept_under_numbers(tmp_path: Path, caplog) -> None:
+    for text in ("first", "second"):
+        (tmp_path / "run.csv.part").write_text(text)
+        with caplog.at_level(logging.WARNING):
+            PartFile(tmp_path / "run.csv").discard()
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "run.unfinished1.csv.part": "first",
+        "run.unfinished2.csv.part": "second",
+    }
+    assert "run.unfinished2.csv.part makes it whole" in caplog.text
+
+
+def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
+    first = PartFile(tmp_path / "run.csv")
+    first.write(b"a row\nhalf a r")
+    for refused in (lambda: PartFile(tmp_path / "run.csv"), lambda: whole_lines(first.part)):
+        with pytest.raises(InputError, match="another run is writing this file; wait for its end"):
+            refused()
+    first.write(b"ow\n")
+    first.finish()
+    check_unlocked(tmp_path / "run.csv")
+    assert whole_lines(tmp_path / "run.csv") == ["a row", "half a row"]
+
+
+def test_a_line_without_its_end_is_left_out_and_noise_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes("é\nhalf".encode())
+    assert whole_lines(tmp_path / "a") == ["é"]
+    (tmp_path / "a").write_bytes(b"ok\n\xff\n")
+    with pytest.raises(InputError, match=r"is not UTF-8 text \(byte 3\)"):
+        whole_lines(tmp_path / "a")
+
+
+@pytest.mark.parametrize("use", [PartFile, lambda target: atomic_path(target).__enter__()])
+def test_a_place_where_no_file_can_be_is_refused(tmp_path: Path, use) -> None:
+    with pytest.raises(InputError, match=r"its folder does not exist; create .*nowhere"):
+        use(tmp_path / "nowhere" / "run.csv")
+    with pytest.raises(InputError, match="is a folder"):
+        use(tmp_path)
+
+
+class FullDisk:
+    """A stream that takes so many bytes."""
+
+    closed = False
+
+    def __init__(self, room: int) -> None:
+        self.room, self.taken = room, b""
+
+    def write(self, data: memoryview) -> int:
+        if not self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        count = min(self.room, len(data), 4)
+        self.room -= count
+        self.taken += bytes(data[:count])
+        return count
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_full_disk_ends_the_run_and_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = PartFile(tmp_path / "run.csv")
+    disk = FullDisk(10)
+    monkeypatch.setattr(part, "_stream", disk)
+    assert part.write(b"12345678") == 8  # in two pieces
+    with pytest.raises(
+        InputError, match=r"No space left .*; make room and run: visuohaptic recording recover"
+    ):
+        part.write(b"abcd")
+    assert disk.taken == b"12345678ab"
+    assert part.closed
+
+
+def test_an_atomic_file_is_there_whole_or_as_it_was(tmp_path: Path) -> None:
+    target = tmp_path / "map.yaml"
+    write_text(target, "old")
+    with pytest.raises(OSError, match="No space") as caught, atomic_path(target) as temporary:
+        temporary.write_text("half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert caught.value.filename == str(target)
+    assert [path.name for path in tmp_path.iterdir()] == ["map.yaml"]
+    assert target.read_text() == "old"

@@ -1,0 +1,158 @@
+"""Layouts of published data sets, written here by hand: their depth, colour, camera and poses arrive in a sequence."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.io.depth import DepthSequence, import_sequence, write_poses
+
+SIZE = (16, 12)
+DEPTH_M = (0.5 + 0.01 * np.arange(SIZE[0] * SIZE[1]).reshape(SIZE[1], SIZE[0])).astype(np.float32)
+PLACE_M = np.array([0.1, -0.2, 0.3])
+
+
+def _image(path: Path, units: float, *, rotate: int = 0) -> None:
+    """Depth in 16 bit, with the bits turned to the left as the Amazon Picking Challenge's camera stores them."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    values = np.rint(DEPTH_M / units).astype(np.uint16)
+    cv2.imwrite(str(path), ((values << rotate) | (values >> (16 - rotate))) if rotate else values)
+
+
+def _colour(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((SIZE[1], SIZE[0], 3), 90, np.uint8))
+
+
+def _arm(folder: Path) -> Path:
+    for number in (3, 12):
+        _image(folder / "depth" / f"depth_{number}.png", 0.001)
+        _colour(folder / "color" / f"depth_{number}.jpg")
+    _image(folder / "depth" / "depth_99.png", 0.001)  # no pose
+    camera = {"width": 16, "height": 12, "fx": 20.0, "fy": 20.0, "cx": 7.5, "cy": 5.5, "depth_unit_m": 0.001}
+    (folder / "camera.json").write_text(json.dumps(camera))
+    rows = [f"{number} {PLACE_M[0]} {PLACE_M[1]} {PLACE_M[2]} 0 0 0 1" for number in (3, 12)]
+    (folder / "base_T_cam.txt").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def _apc(folder: Path) -> Path:
+    for name in ("frame-000000", "frame-000001"):
+        _image(folder / f"{name}.depth.png", 1e-4, rotate=3)
+        _colour(folder / f"{name}.color.png")
+    _colour(folder / "overview.png")
+    pose = np.eye(4)
+    pose[:3, 3] = PLACE_M
+    rows = "\n".join(" ".join(f"{value}" for value in row) for row in pose)
+    (folder / "cam.info.txt").write_text(
+        "# Color camera intrinsic matrix\n20 0 7.5\n0 20 5.5\n0 0 1\n\n"
+        f"# Camera-to-world extrinsics for frame-000000\n{rows}\n"
+    )
+    return folder
+
+
+def _cleargrasp(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    names = "camera_name: D435\nxres: 16\nyres: 12\nfx: 20.0\nfy: 20.0\ncx: 7.5\ncy: 5.5\n"
+    (folder / "camera_intrinsics.yaml").write_text(names)
+
+    def field(name: str, kind: str, body: bytes) -> bytes:
+        return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<I", len(body)) + body
+
+    head = b"v/1\x01" + struct.pack("<I", 2)
+    head += field("channels", "chlist", b"R\0" + struct.pack("<iIii", 2, 0, 1, 1) + b"\0")
+    head += field("compression", "compression", b"\0")
+    head += field("dataWindow", "box2i", struct.pack("<4i", 0, 0, 15, 11)) + b"\0"
+    blocks = [struct.pack("<iI", y, 64) + row.astype("<f4").tobytes() for y, row in enumerate(DEPTH_M)]
+    places = [struct.pack("<Q", len(head) + 8 * 12 + 72 * y) for y in range(12)]
+    for kind in ("transparent", "opaque"):
+        data = head + b"".join(places + blocks)
+        (folder / f"000000000-{kind}-depth-img.exr").write_bytes(data)
+    _colour(folder / "000000000-transparent-rgb-img.jpg")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("make", "layout", "frames", "skipped", "place_m", "colours"),
+    [
+        (_arm, "arm", 2, ["base_T_cam.txt has no pose of it"], PLACE_M, 2),
+        (_apc, "apc", 1, ["cam.info.txt has no pose of frame-000001"], PLACE_M, 1),
+        (_cleargrasp, "cleargrasp", 1, [], np.zeros(3), 1),
+    ],
+)
+def test_a_layout_arrives_whole(tmp_path, make, layout, frames, skipped, place_m, colours):
+    found = import_sequence(make(tmp_path / "source"), tmp_path / "out")
+    assert (found.layout, found.frames) == (layout, frames)
+    assert len(found.skipped) == len(skipped)
+    assert all(why in line for why, line in zip(skipped, found.skipped, strict=True))
+    read = list(DepthSequence(tmp_path / "out"))
+    assert len(read) == frames
+    for frame in read:
+        # The sequence keeps 0.1 or 1 mm.
+        np.testing.assert_allclose(frame.depth_m, DEPTH_M, atol=6e-4)
+        np.testing.assert_allclose(frame.T_world_camera.translation_m, place_m, atol=1e-9)
+        np.testing.assert_allclose(frame.camera.matrix, [[20, 0, 7.5], [0, 20, 5.5], [0, 0, 1]])
+    assert len(list((tmp_path / "out" / "color").iterdir())) == colours
+
+
+def test_a_plain_folder_needs_all_that_it_does_not_say(tmp_path):
+    source = tmp_path / "source"
+    _image(source / "000000.png", 0.001)
+    Camera(*SIZE, np.array([[20, 0, 7.5], [0, 20, 5.5], [0, 0, 1.0]])).save(tmp_path / "camera.yaml")
+    write_poses(tmp_path / "poses.txt", [(4.0, Pose(np.eye(3), PLACE_M))])
+    told = {"camera": tmp_path / "camera.yaml", "poses": tmp_path / "poses.txt"}
+    with pytest.raises(InputError, match="a plain folder needs camera, poses and depth_scale_m"):
+        import_sequence(source, tmp_path / "out", **told)
+    with pytest.raises(InputError, match=r"has no camera.json, cam.info.txt or camera_intrinsics.yaml"):
+        import_sequence(source, tmp_path / "out")
+    with pytest.raises(InputError, match="layout: found 'kinect', expected auto, "):
+        import_sequence(source, tmp_path / "out", layout="kinect")
+    found = import_sequence(source, tmp_path / "out", depth_scale_m=0.001, **told)
+    assert (found.layout, found.frames, found.skipped) == ("plain", 1, [])
+    (frame,) = DepthSequence(tmp_path / "out")
+    assert frame.t_s == pytest.approx(4.0)
+    with pytest.raises(InputError, match="is not empty; name a new folder"):
+        import_sequence(source, tmp_path / "out", depth_scale_m=0.001, **told)
+    with pytest.raises(InputError, match="is not a folder"):
+        import_sequence(source / "nowhere", tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# Color camera intrinsic matrix\n20 0 x\n", "line 2: found '20 0 x', expected numbers"),
+        ("# Color camera intrinsic matrix\n20 0 7.5\n0 20\n", "the rows of .* have different lengths"),
+        (
+            "# Depth camera intrinsic matrix\n1 0 0\n0 1 0\n0 0 1\n",
+            "has no 3 x 3 color camera intrinsic matrix",
+        ),
+        ("# Color camera intrinsic matrix\n1 0\n0 1\n", "has no 3 x 3 color camera intrinsic matrix"),
+    ],
+)
+def test_a_bad_text_of_matrices_is_told_by_its_line(tmp_path, text, said):
+    source = _apc(tmp_path / "source")
+    (source / "cam.info.txt").write_text(text)
+    with pytest.raises(InputError, match=said):
+        import_sequence(source, tmp_path / "out")
+
+
+def test_folders_without_a_usable_image_say_which(tmp_path):
+    source = _apc(tmp_path / "source")
+    for path in source.glob("*.depth.png"):
+        path.unlink()
+    with pytest.raises(InputError, match=r"has no frame-NNNNNN\.depth\.png"):
+        import_sequence(source, tmp_path / "out")
+    source = _cleargrasp(tmp_path / "glass")
+    with pytest.raises(InputError, match="kind: found 'clear', expected transparent or opaque"):
+        import_sequence(source, tmp_path / "out", kind="clear")
+    (source / "000000000-opaque-depth-img.exr").write_bytes(b"v/1\x01 and no more")
+    with pytest.raises(InputError, match="not one image of the source can be used; the first: "):
+        import_sequence(source, tmp_path / "out", kind="opaque")
+    assert not (tmp_path / "out").exists()
