@@ -64,6 +64,8 @@ from .shells.corotational import PressureLaw as PressureLaw
 from .shells.corotational import ShellState as ShellState
 from .shells.fourier_shell import RevolutionShell as RevolutionShell
 from .shells.fourier_shell import pinch_stiffness as pinch_stiffness
+from .shells.laminate import Laminate as Laminate
+from .shells.laminate import Ply as Ply
 from .shells.shell import ShellMesh as ShellMesh
 from .shells.shell import ShellModel as ShellModel
 from .shells.shell import enclosed_volume as enclosed_volume

@@ -20,7 +20,6 @@ from ..core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
 from ..deformation.nonlinear.contents import liquid_level_m
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import enclosed_volume
-from ..deformation.shells.shell_material import MATERIALS
 
 __all__ = [
     "GripperModel",
@@ -86,15 +85,14 @@ class Load:
 
 
 def wall_density_kg_per_m3(container: ShellObject) -> float | None:
-    """Density of the wall's material [kg/m^3], or None where the library does not have it.
+    """Density of the wall's material [kg/m^3], or None where it is not known.
 
     Parameters
     ----------
     container
         Parametric or imported container.
     """
-    entry = MATERIALS.get(container.material.name)
-    return None if entry is None or entry.density_kg_per_m3 is None else entry.density_kg_per_m3.value
+    return container.material.density_kg_per_m3
 
 
 def object_load(

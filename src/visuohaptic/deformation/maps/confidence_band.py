@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from ...core.objects import StiffnessMap
 from ..nonlinear.contents import Contents, closed_compliance
 from ..shapes.mesher import ShellObject
+from ..shells.laminate import Laminate
 from ..shells.shell import ShellMesh, ShellModel
 from ..shells.shell_material import IsotropicMaterial
 from ..shells.stiffness_map import DualTips, dual_tip_map, opposing_points
@@ -85,8 +86,7 @@ def object_stiffness(
         by_wall = np.log(thicker / stiffness) / np.log1p(STEP)
         by_modulus = np.ones_like(stiffness)
         if contents is not None and contents.closed:
-            old = container.material
-            stiffer = IsotropicMaterial(old.youngs_modulus_Pa * (1 + STEP), old.poisson_ratio, old.name)
+            stiffer = container.material.stiffer(1 + STEP)
             by_modulus = np.log(_stiffness(container, stiffer, 1.0, tips, contents) / stiffness) / np.log1p(
                 STEP
             )
@@ -97,7 +97,7 @@ def object_stiffness(
 
 def _stiffness(
     container: ShellObject,
-    constants: IsotropicMaterial,
+    constants: IsotropicMaterial | Laminate,
     thicker: float,
     tips: DualTips,
     contents: Contents | None,

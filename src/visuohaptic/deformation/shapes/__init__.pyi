@@ -40,4 +40,5 @@ from .variants import draw_variants as draw_variants
 from .wall_profile import WallProfile as WallProfile
 from .wall_profile import unit_section as unit_section
 from .wall_properties import WallProperties as WallProperties
+from .wall_properties import load_laminate as load_laminate
 from .wall_properties import wall_thickness as wall_thickness

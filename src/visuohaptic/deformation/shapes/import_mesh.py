@@ -132,7 +132,7 @@ def import_container(
     )
     if cast:
         notes.append(_cast_cost(mesh, found, thick, closed=closed and not open_top, around=around))
-    constants, modulus_spread = given.elastic_constants(*material_constants(given.material or "PET"))
+    constants, modulus_spread = given.elastic_constants(*material_constants("PET"))
     return ShellObject(
         mesh,
         fixed,

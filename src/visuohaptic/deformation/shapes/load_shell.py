@@ -7,7 +7,6 @@ from pathlib import Path
 
 from ...core.errors import InputError
 from ...io.meshes.mesh import FORMATS
-from ..shells.shell_material import material
 from .container import ContainerDescription, class_names, load_container
 from .import_mesh import MeshConvention, import_container
 from .mesher import ShellObject, mesh_container, with_elastic_base
@@ -96,13 +95,10 @@ def _changed(
     changes: dict[str, object] = {}
     if open_top:
         changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
-    if wall.material is not None:
-        material(wall.material)
-        changes |= {"material": wall.material, "youngs_modulus": None}
-    if wall.thickness_m is not None:
+    if (whole_m := wall.whole_m) is not None:
         # The whole wall: a mesh has no other, and so it is the same for both.
         sections = [section.model_copy(update={"wall": None}) for section in container.sections]
-        changes |= {"wall": (wall.thickness_m, wall.thickness_m), "sections": sections}
+        changes |= {"wall": (whole_m, whole_m), "sections": sections}
     if wall.thickness_spread is not None:
         changes["wall_spread"] = (wall.thickness_spread, wall.thickness_spread)
     return container.model_copy(update=changes)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ..shells.laminate import Laminate
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
 from ..shells.shell_material import IsotropicMaterial, material_constants
 from .container import ContainerDescription
@@ -42,7 +43,7 @@ class ShellObject:
     fixed: Bool[np.ndarray, "v"]  #: vertices of the foot
     lid: Int[np.ndarray, "l 3"]  #: triangles that close the volume; they have no stiffness
     axis_point_m: tuple[float, float]  #: x and y of the height axis
-    material: IsotropicMaterial
+    material: IsotropicMaterial | Laminate
     youngs_modulus_spread: float = 0.0  #: relative standard deviation
     wall_spread: float = 0.1  #: relative standard deviation of the thickness
     name: str = "object"

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..shells.laminate import Laminate
 from ..shells.shell import ShellMesh, ShellModel
 from .mesher import ShellObject
 
@@ -190,6 +191,8 @@ def detect_symmetry(container: ShellObject, *, tolerance: float = TOLERANCE) -> 
 
 
 def _image(container: ShellObject, axis: int, tolerance: float = TOLERANCE) -> Int[np.ndarray, "v"] | None:
+    if isinstance(container.material, Laminate) and not container.material.mirrored:
+        return None
     mirrored = container.mesh.vertices_m.copy()
     mirrored[:, axis] *= -1.0
     return _falls_on(container, mirrored, tolerance)

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ...core.errors import InputError
+from ...core.files import load_yaml_model
 from ...core.ranges import POSITIVE, check_ranges, within
-from ..shells.shell_material import IsotropicMaterial
+from ..shells.laminate import Laminate, Ply
+from ..shells.shell_material import IsotropicMaterial, material_constants
+from .quantities import Angle, Length, Pressure
 
 __all__ = [
     "WallProperties",
     "harmonics",
+    "load_laminate",
     "measured_thickness",
     "row_median",
     "thickness_range",
@@ -31,7 +38,9 @@ HARMONICS, ROWS_TOGETHER = 4, 9
 class WallProperties:
     """What a user says of a wall; what is None is as the description or the mesh has it."""
 
-    material: str | None = None  #: of the library; PET by default where a mesh is read
+    material: str | None = (
+        None  #: of the library, or a YAML file of plies; PET by default where a mesh is read
+    )
     thickness_m: float | None = field(default=None, metadata=POSITIVE)  #: of the whole wall
     thickness_spread: float | None = field(
         default=None, metadata=within(0, 0.5)
@@ -42,15 +51,27 @@ class WallProperties:
     def __post_init__(self) -> None:
         check_ranges(self)
 
+    @property
+    def whole_m(self) -> float | None:
+        """Thickness that is given, or that of the plies [m]."""
+        if self.thickness_m is None and self._plies is not None:
+            return load_laminate(self._plies)[0].thickness_m
+        return self.thickness_m
+
+    @property
+    def _plies(self) -> str | None:
+        file = self.material is not None and self.material.lower().endswith((".yaml", ".yml"))
+        return self.material if file else None
+
     def elastic_constants(
-        self, material: IsotropicMaterial, modulus_spread: float
-    ) -> tuple[IsotropicMaterial, float]:
-        """Constants of the wall, those that are given in place of the material's.
+        self, material: IsotropicMaterial | Laminate, modulus_spread: float
+    ) -> tuple[IsotropicMaterial | Laminate, float]:
+        """Constants of the wall, those that are given in place of the description's.
 
         Parameters
         ----------
         material
-            Constants of the material.
+            Constants where no material is given.
         modulus_spread
             Relative standard deviation of its Young's modulus.
 
@@ -58,9 +79,24 @@ class WallProperties:
         -------
         tuple
             Constants, and the relative standard deviation of the modulus: 0 for one that is given.
+
+        Raises
+        ------
+        InputError
+            No such material, or a modulus beside plies.
         """
+        if self._plies is not None:
+            material, modulus_spread = load_laminate(self._plies)
+        elif self.material is not None:
+            material, modulus_spread = material_constants(self.material)
         if self.youngs_modulus_Pa is None and self.poisson_ratio is None:
             return material, modulus_spread
+        if isinstance(material, Laminate):
+            raise InputError(
+                self.material or material.name,
+                "found a modulus or Poisson's ratio beside plies, which have their own",
+                remedy="write them into the file",
+            )
         given = self.youngs_modulus_Pa is not None
         # A material that was named keeps its name, and with it its density.
         name = "given" if given and self.material is None else material.name
@@ -70,6 +106,66 @@ class WallProperties:
             name,
         )
         return constants, 0.0 if given else modulus_spread
+
+
+class _PlyEntry(BaseModel):
+    """One layer of a file: a material of the library, or moduli along and across the grain."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    thickness: Length
+    material: str | None = None
+    along: Pressure | None = None
+    across: Pressure | None = None
+    shear: Pressure | None = None
+    poisson: float | None = None
+    angle: Angle = (0.0, 0.0)
+    density: float | None = None
+
+    @model_validator(mode="after")
+    def _single(self) -> _PlyEntry:
+        if (self.material is None) == (self.along is None):
+            raise ValueError("expected either material or along, Young's modulus along the grain")
+        if self.material is not None:
+            material_constants(self.material)
+        return self
+
+
+class _PlyFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    plies: list[_PlyEntry] = Field(min_length=1, max_length=64)
+
+
+def load_laminate(path: Path | str) -> tuple[Laminate, float]:
+    """Read plies, from the inside outwards, and the relative standard deviation of their moduli in bending.
+
+    Parameters
+    ----------
+    path
+        YAML file: ``plies``, each with ``thickness`` and either ``material`` of the library or ``along`` the grain,
+        ``across``, ``shear``, ``poisson``, ``angle`` from the height, ``density`` [kg/m^3]. Of ranges the middle counts;
+        their halves are two standard deviations.
+
+    Raises
+    ------
+    InputError
+        With every field that is wrong.
+    """
+    plies, spreads = [], []
+    for entry in load_yaml_model(path, _PlyFile).plies:
+        constants, spread = material_constants(entry.material or "PET")
+        along = constants.youngs_modulus_Pa
+        if entry.along is not None:
+            along, spread = fmean(entry.along), 0.25 * (entry.along[1] - entry.along[0]) / fmean(entry.along)
+            constants = IsotropicMaterial(along, 0.3, "given")
+        across, shear = (None if span is None else fmean(span) for span in (entry.across, entry.shear))
+        density = constants.density_kg_per_m3 if entry.density is None else entry.density
+        nu = constants.poisson_ratio if entry.poisson is None else entry.poisson
+        plies.append(Ply(fmean(entry.thickness), along, nu, across, shear, fmean(entry.angle), density))
+        spreads.append(spread)
+    found = Laminate(tuple(plies), Path(path).stem)
+    return found, float(np.linalg.norm(found.shares * spreads))
 
 
 def thickness_range(low_m: float, high_m: float) -> tuple[float, float]:
@@ -110,7 +206,7 @@ def wall_thickness(
     tuple
         Heights and thickness there [m], relative standard deviation, notes for the user.
     """
-    thickness_m, spread = given.thickness_m, given.thickness_spread
+    thickness_m, spread = given.whole_m, given.thickness_spread
     if not len(measured_m):
         one = USUAL_WALL_m if thickness_m is None else thickness_m
         notes = [] if thickness_m else [f"the mesh has one surface: its wall is taken as {1e3 * one:.2g} mm"]

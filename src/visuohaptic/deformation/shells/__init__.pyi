@@ -6,6 +6,8 @@ from .factor import factorise as factorise
 from .factor import sparse_matrix as sparse_matrix
 from .fourier_shell import RevolutionShell as RevolutionShell
 from .fourier_shell import pinch_stiffness as pinch_stiffness
+from .laminate import Laminate as Laminate
+from .laminate import Ply as Ply
 from .ordering import FrontTree as FrontTree
 from .ordering import front_tree as front_tree
 from .shell import ShellMesh as ShellMesh

@@ -60,6 +60,23 @@ def _add_congruent(out: np.ndarray, b: np.ndarray, d: np.ndarray, weight: float)
 
 
 @kernel
+def mean_strain(xy: np.ndarray) -> np.ndarray:
+    """Mean strain (3, 9) from the boundary, times twice the area: exact for constant stress."""
+    alpha = 1.5
+    mean = np.zeros((3, 9))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        x_kj, x_ki, x_ij = xy[k, 0] - xy[j, 0], xy[k, 0] - xy[i, 0], xy[i, 0] - xy[j, 0]
+        y_jk, y_ik, y_ji = xy[j, 1] - xy[k, 1], xy[i, 1] - xy[k, 1], xy[j, 1] - xy[i, 1]
+        mean[0, 3 * i], mean[2, 3 * i] = y_jk, x_kj
+        mean[1, 3 * i + 1], mean[2, 3 * i + 1] = x_kj, y_jk
+        mean[0, 3 * i + 2] = alpha * y_jk * (y_ik - y_ji) / 6
+        mean[1, 3 * i + 2] = alpha * x_kj * (x_ki - x_ij) / 6
+        mean[2, 3 * i + 2] = alpha * (x_ki * y_ik - x_ij * y_ji) / 3
+    return mean
+
+
+@kernel
 def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0: float) -> np.ndarray:
     """OPT membrane (9, 9) in (u, v, theta_z) per corner; ``stiffness`` is force per length.
 
@@ -70,24 +87,7 @@ def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0
     y12, y23, y31 = xy[0, 1] - xy[1, 1], xy[1, 1] - xy[2, 1], xy[2, 1] - xy[0, 1]
     x21, x32, x13 = -x12, -x23, -x31
     y21, y32, y13 = -y12, -y23, -y31
-    alpha = 1.5
-    # Basic part: mean strain from the boundary, exact for constant stress.
-    mean = np.zeros((3, 9))
-    mean[0, 0], mean[2, 0] = y23, x32
-    mean[1, 1], mean[2, 1] = x32, y23
-    mean[0, 2] = alpha * y23 * (y13 - y21) / 6
-    mean[1, 2] = alpha * x32 * (x31 - x12) / 6
-    mean[2, 2] = alpha * (x31 * y13 - x12 * y21) / 3
-    mean[0, 3], mean[2, 3] = y31, x13
-    mean[1, 4], mean[2, 4] = x13, y31
-    mean[0, 5] = alpha * y31 * (y21 - y32) / 6
-    mean[1, 5] = alpha * x13 * (x12 - x23) / 6
-    mean[2, 5] = alpha * (x12 * y21 - x23 * y32) / 3
-    mean[0, 6], mean[2, 6] = y12, x21
-    mean[1, 7], mean[2, 7] = x21, y12
-    mean[0, 8] = alpha * y12 * (y32 - y13) / 6
-    mean[1, 8] = alpha * x21 * (x23 - x31) / 6
-    mean[2, 8] = alpha * (x23 * y32 - x31 * y13) / 3
+    mean = mean_strain(xy)
     out = np.zeros((9, 9))
     _add_congruent(out, mean, stiffness, 0.25 / area)
     # Higher-order part: natural strains of the deviatoric corner rotations. The squared lengths of the
@@ -217,12 +217,17 @@ def rotate_elements(frames: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
 
 @kernel
 def element_frames(
-    vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    membrane: np.ndarray,
+    plate: np.ndarray,
+    beta0: np.ndarray,
+    coupling: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames (f, 3, 3), corners about the centroid (f, 3, 2), local stiffness (f, 18, 18).
 
     ``membrane`` and ``plate`` (f, 3, 3): force per length and moment per length for unit strain
-    and curvature, in the element's frame.
+    and curvature, in the element's frame; ``coupling``: force per length for unit curvature, none by no rows.
     """
     count = faces.shape[0]
     frames = np.empty((count, 3, 3))
@@ -233,14 +238,30 @@ def element_frames(
         frame, xy, area = triangle_frame(a, b, c)
         in_plane = membrane_stiffness(xy, area, membrane[e], beta0[e])
         across = np.zeros((9, 9))
+        bending = np.zeros((3, 9))
         for k in range(3):
             # The midpoints of the sides, in natural coordinates (xi, eta).
             xi, eta = 0.5 if k < 2 else 0.0, 0.5 if k > 0 else 0.0
-            _add_congruent(across, plate_curvature(xy, area, xi, eta), plate[e], area / 3)
+            curvature = plate_curvature(xy, area, xi, eta)
+            _add_congruent(across, curvature, plate[e], area / 3)
+            for i in range(3):
+                for j in range(9):
+                    bending[i, j] += area / 3 * curvature[i, j]
         for i in range(9):
             for j in range(9):
                 stiffness[e, MEMBRANE[i], MEMBRANE[j]] = 0.5 * (in_plane[i, j] + in_plane[j, i])
                 stiffness[e, PLATE[i], PLATE[j]] = 0.5 * (across[i, j] + across[j, i])
+        if len(coupling):
+            # Means over the triangle: definite with the membrane's and the plate's parts of constant strain.
+            stretch = mean_strain(xy)
+            for i in range(9):
+                for j in range(9):
+                    value = 0.0
+                    for p in range(3):
+                        for q in range(3):
+                            value += stretch[p, i] * coupling[e, p, q] * bending[q, j]
+                    value *= 0.5 / area
+                    stiffness[e, MEMBRANE[i], PLATE[j]] = stiffness[e, PLATE[j], MEMBRANE[i]] = value
         for i in range(3):
             for j in range(3):
                 frames[e, i, j] = frame[i, j]

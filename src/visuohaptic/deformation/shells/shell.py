@@ -18,6 +18,7 @@ from ...core.errors import InputError
 from ...core.geometry import area_vectors
 from ...core.objects import Material
 from .factor import Factor, factorise, sparse_matrix
+from .laminate import Laminate, wall_directions
 from .ordering import FrontTree, front_tree
 from .shell_material import IsotropicMaterial
 
@@ -105,7 +106,7 @@ class ShellModel:
     mesh
         Mid-surface and thickness.
     material
-        Of the whole wall: constants, a material of the library, or its name.
+        Of the whole wall: constants, plies, a material of the library, or its name.
     fixed
         What is held: vertex numbers or a mask (v,) of vertices that are clamped in all six
         degrees of freedom, or a mask (v, 6) of single degrees of freedom (displacements x, y, z, then rotations).
@@ -123,13 +124,13 @@ class ShellModel:
     def __init__(
         self,
         mesh: ShellMesh,
-        material: IsotropicMaterial | Material | str,
+        material: IsotropicMaterial | Laminate | Material | str,
         fixed: Any,
         *,
         springs: Float[np.ndarray, "v 6"] | None = None,
     ) -> None:
         self.mesh = mesh
-        self.material = IsotropicMaterial.of(material)
+        self.material = material if isinstance(material, Laminate) else IsotropicMaterial.of(material)
         self.fixed = _held(fixed, len(mesh.vertices_m))
         self.springs = None if springs is None else np.asarray(springs, dtype=float)
         if self.springs is not None and self.springs.shape != self.fixed.shape:
@@ -147,17 +148,18 @@ class ShellModel:
         return len(self.mesh.vertices_m)
 
     @property
-    def sections(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Membrane and plate stiffness of each face (f, 3, 3), and the membrane's beta_0 (f,)."""
-        stress = plane_stress(self.material)
-        thickness, fraction = np.asarray(self.mesh.thickness_m), np.asarray(self.mesh.fraction)
+    def sections(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Membrane and plate stiffness of each face (f, 3, 3), the membrane's beta_0 (f,), coupling (f or 0, 3, 3)."""
+        mesh, material = self.mesh, self.material
+        thickness = np.asarray(mesh.thickness_m)[:, None, None]
+        wall = np.asarray(mesh.fraction)[:, None, None] * thickness
         # Felippa 2003: beta_0 = (1 - 4 nu^2) / 2 is best in bending; kept away from zero for stability.
-        beta0 = max(0.5 * (1 - 4 * self.material.poisson_ratio**2), 0.01)
-        return (
-            (fraction * thickness)[:, None, None] * stress,
-            (fraction * thickness**3 / 12)[:, None, None] * stress,
-            np.full(len(thickness), beta0),
-        )
+        beta0 = np.full(len(thickness), max(0.5 * (1 - 4 * material.poisson_ratio**2), 0.01))
+        if isinstance(material, IsotropicMaterial):
+            stress = plane_stress(material)
+            return wall * stress, wall * thickness**2 / 12 * stress, beta0, np.zeros((0, 3, 3))
+        a, b, d = wall_directions(mesh.vertices_m, mesh.faces, material.sections)
+        return wall * a, wall * thickness**2 * d, beta0, wall * thickness * b
 
     @cached_property
     def element_matrices(self) -> Float[np.ndarray, "f 18 18"]:

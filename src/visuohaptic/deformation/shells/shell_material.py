@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from ...core.errors import InputError
@@ -37,6 +37,22 @@ class IsotropicMaterial:
         """Lambda and mu of 3D elasticity [Pa] (Alt 2016, Eq. (2.2))."""
         young, nu = self.youngs_modulus_Pa, self.poisson_ratio
         return young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
+
+    @property
+    def density_kg_per_m3(self) -> float | None:
+        """That of the library; None where it does not have the material."""
+        entry = MATERIALS.get(self.name)
+        return None if entry is None or entry.density_kg_per_m3 is None else entry.density_kg_per_m3.value
+
+    def stiffer(self, factor: float) -> IsotropicMaterial:
+        """The same wall with another modulus.
+
+        Parameters
+        ----------
+        factor
+            Of Young's modulus.
+        """
+        return replace(self, youngs_modulus_Pa=factor * self.youngs_modulus_Pa)
 
     @classmethod
     def of(cls, found: Material | IsotropicMaterial | str) -> IsotropicMaterial:

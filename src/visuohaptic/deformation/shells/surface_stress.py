@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.geometry import area_vectors, vertex_normals
+from .laminate import Laminate
 from .shell import ShellMesh, plane_stress
 from .shell_material import IsotropicMaterial
 
@@ -18,19 +19,21 @@ __all__ = ["surface_stress"]
 
 
 def surface_stress(
-    mesh: ShellMesh, material: IsotropicMaterial, points_m: Float[np.ndarray, "v 3"]
+    mesh: ShellMesh, material: IsotropicMaterial | Laminate, points_m: Float[np.ndarray, "v 3"]
 ) -> Float[np.ndarray, "v"]:
-    """Von Mises stress at the vertices [Pa], the larger of both faces of the wall.
+    """Von Mises stress at the vertices [Pa], the larger of both faces of the wall; NaN of a laminate.
 
     Parameters
     ----------
     mesh
         At rest.
     material
-        Of the whole wall, linear elastic.
+        Of the whole wall, linear elastic. Plies fail each in its own way, which von Mises does not tell.
     points_m
         Its vertices as they are [m].
     """
+    if isinstance(material, Laminate):
+        return np.full(len(mesh.vertices_m), np.nan)
     faces = mesh.faces
     rest, turned = _frames(mesh.vertices_m, faces), _frames(points_m, faces)
     inverse = np.linalg.inv(rest[0])

@@ -30,7 +30,9 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
     """
     parser.add_argument("object", help=f"YAML description, class, mesh (STL, PLY, OBJ, GLB, DAE){also}")
     wall = parser.add_argument_group("wall")
-    wall.add_argument("--material", help="of the library; a mesh is of PET by default")
+    wall.add_argument(
+        "--material", help="of the library, or a YAML file of plies; a mesh is of PET by default"
+    )
     wall.add_argument(
         "--thickness",
         metavar="M",
