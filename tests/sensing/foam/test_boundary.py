@@ -187,7 +187,8 @@ def test_what_a_plate_leaves_open_of_tension_and_expansion_cancels_in_forces(mat
         found.append(reading.force_N)
         declared.append(reading.budget.calibration_N)
     # 60 draws tell a standard deviation to a tenth; the fit adds the residuals, as large as the scatter, to its variance.
-    assert 0.9 < np.median(declared) / np.std(found) < 1.8
+    # 1.3; without the correlation 1.7.
+    assert 0.9 < np.median(declared) / np.std(found) < 1.5
 
 
 def test_foam_that_spreads_sideways_is_right_after_a_plate_was_weighed() -> None:

@@ -286,7 +286,6 @@ def test_a_narrow_gap_before_a_dark_body_does_not_hide_the_flanks() -> None:
     frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
     assert frames["valid"].all()
     error = frames["force_N"] - frames["truth_N"]
-    assert (
-        np.abs(error[2:] / frames["truth_N"][2:]).max() < 0.1
-    )  # from 1 mm on; a quarter with the edges as they look
+    # From two thirds of a millimetre on; 0.30 with the edges as they look.
+    assert np.abs(error[2:] / frames["truth_N"][2:]).max() < 0.17
     assert np.abs(error / frames["sigma_N"]).max() < 3.0

@@ -32,8 +32,7 @@ _BRIDGED_POINTS = 2
 _RISES_ON = 0.3
 #: ... and where it does not fall by more than this factor: steeper than any foam, an edge lies between.
 _STEEPEST = 8.0
-#: Error of the shift by an encoding that is there: the blur of an encoded edge is that of the light to a tenth, and so is
-#: the exponent of cameras.
+#: Error of the shift by an encoding that is there: exponents of cameras of 2.07 and 2.33 make so much of it.
 _SHIFT_ERROR = 0.1
 #: Error that a frame may have beside its standard deviations [N].
 NEGLIGIBLE_N = 0.05
