@@ -64,7 +64,11 @@ def test_a_slice_of_the_campaign_counts_alarms(tmp_path, monkeypatch, tiles: gro
 def test_a_plain_box_is_seen_from_30_cm_on_parquet() -> None:
     """Grain along the drive, and a box whose outlines alone are seen: 28.6 cm where each cell stands for itself."""
     drive = scene_evidence.run_drive("parquet", "plain", 0)["frames"]
-    said = [(near, x) for _, near, _, x in drive if near is not None]
-    right = [x for near, x in said if abs(near - x) < scene_evidence.RIGHT_M]
-    assert max(right) > 0.295  # 30.3 cm; a frame is 3 mm of the drive, a comparison up to 8 mm
-    assert len(right) == len(said)
+    said = np.array([(near, sigma, x) for _, near, sigma, x in drive if near is not None])
+    error = said[:, 0] - said[:, 2]
+    assert said[:, 2].max() > 0.295  # 30.3 cm; a frame is 3 mm of the drive, a comparison up to 8 mm
+    assert np.abs(error).max() < scene_evidence.RIGHT_M
+    # One column of cells has a likelihood that is flat over 5 cm: 18 mm and 4.9 standard deviations by its curvature. Five
+    # comparisons tell the rms to a third.
+    assert np.sqrt(np.mean(error**2)) < 0.012
+    assert np.sqrt(np.mean((error / said[:, 1]) ** 2)) < 1.7

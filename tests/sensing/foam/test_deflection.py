@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.foam.deflection import fill_gaps, with_cancelled_texture, with_states
+from visuohaptic.sensing.foam.deflection import (
+    edge_uncertainty_m,
+    fill_gaps,
+    with_cancelled_texture,
+    with_states,
+)
 from visuohaptic.sensing.foam.material.hysteresis import HysteresisState
 from visuohaptic.sensing.foam.posterior import EdgeStates
 from visuohaptic.sensing.foam.profile import FoamReading, read_profile
@@ -89,6 +95,23 @@ def read_with(material, delta, runs) -> tuple[FoamReading, FoamReading, float]:
     found = replace(found, states=replace(found.states, runs=runs))
     before = read_profile(found.contour(GEOMETRY, 0.0), material)
     return before, *with_states(before, found, material, GEOMETRY.s_m)
+
+
+def test_texture_in_the_residual_is_not_counted_twice() -> None:
+    """An edge between uneven levels: its error by texture is declared by the tracker, what it leaves in the residual is not
+    another one. A kink whose residual is that of 30 noise variances errs by 30 times the noise, all of it coherent."""
+    textured = SimpleNamespace(chi2=np.array([1.5, 3.0, 30.0]))
+    strip = SimpleNamespace(
+        front=textured,
+        usable=np.array([True, True, False]),
+        low_confidence=np.array([False, False, True]),
+        width_sigma_m=np.array([3e-5, 3e-5, 3e-5]),
+        width_noise_m=np.full(3, 4e-6),
+    )
+    clean, uneven, kink = edge_uncertainty_m(strip)
+    assert clean == 0.0
+    assert uneven < 0.5 * 3e-5
+    assert kink == pytest.approx(30 * 4e-6)
 
 
 def test_a_run_that_may_be_no_foam_is_in_sigma_and_refuses_the_frame(material) -> None:

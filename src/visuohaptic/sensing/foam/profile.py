@@ -286,6 +286,7 @@ def _integrated(
         material.softening_end,
     )  # fmt: skip
     table, sums = table[:count], sums[:count]
+    table[:, _RELIEF] *= boundary == "tension"  # no other law takes it away
     first, last = table[:, _FIRST].astype(np.int64), table[:, _LAST].astype(np.int64)
     narrow = seen.s[last] - seen.s[first] < NARROW_PER_WIDTH * material.width_m
     spurious = (table[:, _MAX_STRAIN] < RELEASE_STRAIN) & narrow
@@ -313,9 +314,8 @@ def _contact(
     force = float(row[_FORCE])
     model2 = (MODEL_FLOOR[boundary] * force) ** 2 + float(row[_SAMPLING_VAR]) + float(row[_UNCERTAINTY_VAR])
     if boundary == "tension":
-        tension = material.tension
-        shear = math.hypot(tension.sigma, SHEAR_SIGMA * tension.ratio) * float(row[_RELIEF])
-        model2 += shear**2 + (END_SIGMA * tension.ratio * float(row[_FREED])) ** 2
+        sheared = SHEAR_SIGMA * float(row[_RELIEF]), END_SIGMA * float(row[_FREED])
+        model2 += (material.tension.ratio * math.hypot(*sheared)) ** 2
     elif boundary == "enlarged":
         # What unit kappa would take away: the published law declares it as its model error.
         relief = contour_force(seen.s[inside], seen.delta[inside], material)[1] if last > first else 0.0
@@ -328,7 +328,7 @@ def _contact(
     model2 += _run_variance(each * seen.unclean[inside])
     budget = ErrorBudget(
         image_N=float(np.sqrt(image2)),
-        calibration_N=_calibration_sigma(regions.sums[k], material),
+        calibration_N=material.force_sigma_N(regions.sums[k], -float(row[_RELIEF])),
         model_N=float(np.sqrt(model2)),
         zero_N=math.hypot(row[_ZERO_SLOPE] * contour.zero_sigma_m, row[_SHARED]),
     )
@@ -348,20 +348,16 @@ def _contact(
     )  # fmt: skip
 
 
-def _calibration_sigma(sums: Float[np.ndarray, "p"], material: FoamMaterial) -> float:
-    return float(np.sqrt(max(sums @ material.covariance @ sums, 0.0)))
-
-
 def _total_budget(
     contacts: tuple[ContactRegion, ...], regions: _Regions, contour: FoamContour, material: FoamMaterial
 ) -> ErrorBudget:
     """Image and model errors of contacts are independent; calibration and zero are common to all."""
-    slope, shared = regions.table[:, [_ZERO_SLOPE, _SHARED]].sum(axis=0)
+    total = regions.table.sum(axis=0)
     return ErrorBudget(
         image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
-        calibration_N=_calibration_sigma(regions.sums.sum(axis=0), material),
+        calibration_N=material.force_sigma_N(regions.sums.sum(axis=0), -float(total[_RELIEF])),
         model_N=math.hypot(*(contact.budget.model_N for contact in contacts)),
-        zero_N=math.hypot(slope * contour.zero_sigma_m, shared),
+        zero_N=math.hypot(total[_ZERO_SLOPE] * contour.zero_sigma_m, total[_SHARED]),
     )
 
 

@@ -19,20 +19,76 @@ from ...tracking.contours.contour import PIXEL_PX
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["light_shift_px", "neighbours", "row_median"]
+__all__ = ["blur_excess_px2", "gap_shift_px", "light_shift_px", "neighbours", "row_median"]
 
 #: Part a of the step that a shadow within the blur has: the squares of shifts by those of the blur are 0.05 to 0.19 over
 #: 1,300 places of shadows of 10 to 60 %.
 _SHADOW_PART = 0.11
 #: Lengths of both parts of the plateau in which the light is compared [px].
 _PLATEAU_PX = 4.0
+#: An excess of the blur by so many standard deviations is a gap's: one edge in forty at rest has it by chance.
+_CHANCE_SIGMAS = 2.0
+
+
+def blur_excess_px2(
+    strip: ObservedStrip, zero: ZeroReference, moved_px: Float[np.ndarray, "K"]
+) -> Float[np.ndarray, "K"]:
+    """What the square of each edge's blur has more than lens and motion make [px^2]; NaN where no edge was seen.
+
+    Parameters
+    ----------
+    strip, zero
+        What this image shows, and the strip at rest.
+    moved_px
+        How far each edge has moved since the last frame [px].
+    """
+    seen = strip.usable & (not strip.stripe)
+    excess = np.where(seen, strip.front.blur_px**2 - (zero.blur_ratio * strip.lens_px) ** 2, np.nan)
+    # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
+    return np.where(excess > 0.0, np.maximum(excess - moved_px**2 / 12.0, 0.0), excess)
+
+
+def gap_shift_px(
+    strip: ObservedStrip,
+    zero: ZeroReference,
+    rest_px: Float[np.ndarray, "K"],
+    excess_px2: Float[np.ndarray, "K"],
+) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+    """How far beyond the front each edge lies by a gap before a body, and the error of that [px].
+
+    Between foam and body lies a gap of floor. Narrower than the blur, both its edges look like one; the part a of it that is
+    the body's is known: what the contrast has more than that to the floor at rest.
+
+    Parameters
+    ----------
+    strip, zero
+        What this image shows, and the strip at rest.
+    rest_px
+        Place of the front at rest along each line [px].
+    excess_px2
+        From :func:`blur_excess_px2`; that of edges at rest shows how uncertain it is.
+    """
+    ends = 2.0 * np.hypot(strip.lens_px, PIXEL_PX) + _PLATEAU_PX * np.array([0.0, 2.0])
+    place = (rest_px[:, None] + np.concatenate([-ends[::-1], ends])) / strip.step_px[:, None]
+    sums = _sums(zero.image)
+    (at_rest,) = _means((sums,), np.clip(np.rint(place), 0, sums.shape[1] - 1).astype(np.int64))
+    contrast, beyond = strip.front.contrast, strip.front.level
+    still = np.abs(strip.front.position_px - rest_px) < 1.0
+    error = float(np.nanstd(excess_px2[still])) if np.isfinite(excess_px2[still]).any() else math.inf
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = 1.0 + (beyond / contrast - 1.0) * (1.0 - at_rest[:, 2] / at_rest[:, 0])
+        square, sigma = part / (1.0 - part) * excess_px2, np.abs(part / (1.0 - part)) * error
+        shift = np.sqrt(np.maximum(square - _CHANCE_SIGMAS * sigma, 0.0))
+        sigma = np.where(shift > 0.0, 0.5 * sigma / shift, 0.0)
+    found = np.isfinite(shift) & np.isfinite(sigma)
+    return np.where(found, np.sign(part) * shift, 0.0), np.where(found, np.minimum(sigma, shift), 0.0)
 
 
 def light_shift_px(
     strip: ObservedStrip,
     zero: ZeroReference,
     rest_px: Float[np.ndarray, "K"],
-    moved_px: Float[np.ndarray, "K"],
+    excess_px2: Float[np.ndarray, "K"],
 ) -> Float[np.ndarray, "K"]:
     """Standard deviation of each edge's place by uneven light [px], which neighbours share.
 
@@ -42,17 +98,13 @@ def light_shift_px(
         What this image shows, and the strip at rest.
     rest_px
         Place of the front at rest along each line [px].
-    moved_px
-        How far each edge has moved since the last frame [px].
+    excess_px2
+        From :func:`blur_excess_px2`, without what is explained otherwise.
     """
     if strip.stripe:
         return np.zeros(len(rest_px))
     front = np.where(strip.usable, strip.front.position_px, np.nan)
-    lens, here = zero.blur_ratio * strip.lens_px, strip.front.blur_px
-    # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
-    excess = np.where(np.isfinite(front), here**2 - lens**2, np.nan)
-    excess = np.where(excess > 0.0, np.maximum(excess - moved_px**2 / 12.0, 0.0), excess)
-    local = [excess]
+    local = [excess_px2]
     blur = np.hypot(strip.lens_px, PIXEL_PX)
     ends = blur * 2.0 + _PLATEAU_PX * np.arange(3.0)
     floor = np.where(np.abs(front - rest_px) < 2.0 * blur, rest_px, np.nan)

@@ -104,6 +104,8 @@ class ObstacleDetector:
         self._step_m = self._cells.baseline_m / _COMPARISONS
         self._evidence = np.zeros((len(self._widths), *shape))
         self._keys: deque[tuple[StripImage, np.ndarray, np.ndarray]] = deque(maxlen=3 * _COMPARISONS)
+        #: by how much the last ranges of the nearest face were not where the one before had them [m]
+        self._misses: deque[float] = deque(maxlen=_COMPARISONS)
         self._restart()
 
     def _restart(self) -> None:
@@ -114,6 +116,7 @@ class ObstacleDetector:
         self._sigma = np.zeros(3)
         self._standing, self._at_border = np.zeros((0, 2)), False
         self._range_m = self._sigma_m = self._y_m = math.nan
+        self._misses.clear()
 
     @property
     def sight_m(self) -> float:
@@ -214,11 +217,20 @@ class ObstacleDetector:
         self._standing = np.column_stack([cells.range_m[best], cells.lateral_m[standing]])
         self._at_border = False
         if not len(standing):
+            self._range_m = math.nan
+            self._misses.clear()
             return
-        # Neighbours whose ranges differ by a cell are one face.
-        one = best <= best.min() + 1
+        # One face are the cells that may stand at the range of the nearest one as well: of a plain face all say little alone.
+        around = slice(max(int(best.min()) - 1, 0), int(best.min()) + 2)
+        one = (self._evidence[0][around][:, standing] > 0.0).any(axis=0)
         nearest, face = int(np.median(best[one])), standing[one]
         found, sigma = cells.locate(pair, nearest, face)
+        if math.isfinite(self._range_m):
+            self._misses.append(found - self._range_m)
+            # Two ranges of one face differ by both their errors.
+            sigma = math.hypot(
+                sigma, float(np.linalg.norm(self._misses)) / math.sqrt(2.0 * len(self._misses))
+            )
         # The range is measured in units of the drive.
         away = found - cells.eye_x_m
         self._standing[one, 0] = found

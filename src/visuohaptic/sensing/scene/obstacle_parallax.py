@@ -51,6 +51,8 @@ _TAILS = (64.0, 16.0, 4.0, 1.0)
 _STEPS = (2e-4, 2e-4, 5e-4)
 #: A face whose range is wrong by a step of the cells moves by this much too much or too little [bins].
 _STEP_BINS = 0.7
+#: Half cells on either side over which the range of a face is looked for.
+_NEAR_CELLS = 8
 #: Where the strip shows the horizon, ranges end after this many steps.
 _MAX_RANGES = 48
 
@@ -311,22 +313,28 @@ class FaceCells:
         laterals
             Indices of the lateral cells that show the face.
         """
-        found, step = float(self.range_m[at]), float(self.range_m[1] - self.range_m[0])
-        bend = 1.0
-        for width in (0.5 * step, 0.5 * step, 0.25 * step, 0.25 * step):
-            # The pixels are the same for all three ranges: those of the next cell, above the foot, where the mean
-            # around a pixel of the face is not that of the floor.
-            k = int(np.clip(round((found - self.range_m[0]) / step + 1.0), 0, len(self.range_m) - 1))
-            rows, cell = self._cells[k]
-            seen = np.isin(cell, laterals)
-            below, middle, beyond = (
-                float(self._ratio(pair, found + side * width, rows).ravel()[seen].sum())
-                / self.settings.correlated_bins
-                for side in (-1, 0, 1)
-            )
-            bend = max(2.0 * middle - below - beyond, 1e-3) / width**2
-            found += float(np.clip(0.5 * (beyond - below) / (bend * width), -width, width))
-        return found, math.hypot(1.0 / math.sqrt(bend), _SYSTEMATIC_BINS / _STEP_BINS * step)
+        step = float(self.range_m[1] - self.range_m[0])
+        # The same pixels for all ranges: those of the next cell, above the foot, where the mean around a pixel of the
+        # face is not that of the floor.
+        rows, cell = self._cells[min(at + 1, len(self._cells) - 1)]
+        seen = np.isin(cell, laterals)
+
+        def likelihood(x_m: float) -> float:
+            return float(self._ratio(pair, x_m, rows).ravel()[seen].sum()) / self.settings.correlated_bins
+
+        # Of a plain face the likelihood is wide and rugged: its mean and width over all ranges near, not its curvature.
+        ranges = self.range_m[at] + 0.5 * step * np.arange(-_NEAR_CELLS, _NEAR_CELLS + 1)
+        each = np.array([likelihood(float(x)) for x in ranges])
+        weight = np.exp(each - each.max())
+        found = float(weight @ ranges / weight.sum())
+        spread = math.sqrt(float(weight @ (ranges - found) ** 2 / weight.sum()))
+        if spread < 0.5 * step:
+            for width in (0.5 * step, 0.25 * step):
+                below, middle, beyond = (likelihood(found + side * width) for side in (-1, 0, 1))
+                bend = max(2.0 * middle - below - beyond, (width / step) ** 2) / width**2
+                found += float(np.clip(0.5 * (beyond - below) / (bend * width), -width, width))
+            spread = math.hypot(spread, 1.0 / math.sqrt(bend))
+        return found, math.hypot(spread, _SYSTEMATIC_BINS / _STEP_BINS * step)
 
     def _ratio(self, pair: FramePair, x_m: float, rows: slice) -> Float32[np.ndarray, "rows columns"]:
         """Log ratio of every pixel of some rows; 0 where a plane was out of view in the earlier frame."""

@@ -156,7 +156,8 @@ def calibrate_tension(
             f"found a tension ratio of {kappa:.2f} +- {sigma:.2f}, expected 0 to 2",
             remedy="the plate and the strip calibration disagree; repeat both",
         )
-    return Tension(max(float(kappa), 0.0), sigma, True, float(expansion), expansion_sigma)
+    correlation = float(covariance[0, 1]) / (sigma * expansion_sigma)
+    return Tension(max(float(kappa), 0.0), sigma, True, float(expansion), expansion_sigma, correlation)
 
 
 def _regressed(

@@ -73,13 +73,37 @@ class FoamMaterial:
     @cached_property
     def narrow(self) -> StressCurve:
         """Loading curve under bodies narrower than the strip: less what the foam's lateral expansion takes away."""
-        strain = np.linspace(0.0, self.loading.max_strain, 201)
-        taken = np.linalg.lstsq(self.loading.basis(strain), -self.loading.stress(strain) * strain**2)[0]
+        taken, sigma = self._taken, self.tension.lateral_sigma
         return replace(
             self.loading,
             parameters=self.loading.parameters + self.tension.lateral * taken,
-            covariance=self.loading.covariance + self.tension.lateral_sigma**2 * np.outer(taken, taken),
+            covariance=self.loading.covariance + sigma**2 * np.outer(taken, taken),
         )
+
+    @cached_property
+    def _taken(self) -> Float[np.ndarray, "p"]:
+        """Derivative of the parameters of :attr:`narrow` by the lateral expansion [Pa]."""
+        strain = np.linspace(0.0, self.loading.max_strain, 201)
+        stress = -self.loading.stress(strain) * strain**2
+        result: Float[np.ndarray, "p"] = np.linalg.lstsq(self.loading.basis(strain), stress)[0]
+        return result
+
+    def force_sigma_N(self, by_parameters: Float[np.ndarray, "p"], by_ratio_N: float) -> float:
+        """Standard deviation of a force from the calibration of curve and tension [N].
+
+        Parameters
+        ----------
+        by_parameters
+            Derivative of the force by the parameters of :attr:`narrow` [m^2].
+        by_ratio_N
+            Derivative of the force by the ratio of the tension [N].
+        """
+        tension = self.tension
+        by_lateral_N = float(by_parameters @ self._taken)
+        shared = tension.correlation * tension.sigma * tension.lateral_sigma
+        variance = float(by_parameters @ self.covariance @ by_parameters)
+        variance += (tension.sigma * by_ratio_N) ** 2 + 2.0 * shared * by_ratio_N * by_lateral_N
+        return float(np.sqrt(max(variance, 0.0)))
 
     @property
     def covariance(self) -> Float[np.ndarray, "p p"]:
@@ -250,6 +274,7 @@ def _schema() -> type[BaseModel]:
         calibrated=(bool, False),
         lateral=(float, Field(0.0, ge=-2, le=3)),
         lateral_sigma=(float, Field(0.3, ge=0, le=5)),
+        correlation=(float, Field(0.0, ge=-1, le=1)),
     )
     elements = (list[float], Field(min_length=1, max_length=MAX_PARAMETERS))
     hysteresis_fields: dict[str, Any] = {

@@ -49,6 +49,8 @@ class Tension:
     lateral: float = field(default=0.0, metadata=within(-2.0, 3.0))
     #: standard deviation of ``lateral``; the default is its rms over the foams of ``benchmarks.foam_tension``
     lateral_sigma: float = field(default=0.3, metadata=within(0.0, 5.0))
+    #: correlation of the errors of ``ratio`` and ``lateral``: one plate's force tells their sum better than either
+    correlation: float = field(default=0.0, metadata=within(-1.0, 1.0))
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -71,8 +71,12 @@ def encoded_shift_px(contour: Contour) -> Float[np.ndarray, "k"]:
     contour
         One contour in one frame.
     """
-    blur = np.hypot(contour.blur_px, PIXEL_PX)
-    shift: Float[np.ndarray, "k"] = np.sign(contour.contrast) * blur * _encoded_quantile(_dark(contour))
+    dark = _dark(contour)
+    quantile, lost = _encoded_quantile(dark), dark**_EXPONENT
+    # Half way the grey level of light with this blur rises by so much less than that of a blurred grey edge.
+    wider = _EXPONENT * (1.0 - dark) / (1.0 - lost) * (0.5 * (1.0 + dark)) ** (_EXPONENT - 1.0)
+    blur = np.hypot(contour.blur_px, PIXEL_PX) / (wider * np.exp(0.5 * quantile**2))
+    shift: Float[np.ndarray, "k"] = np.sign(contour.contrast) * blur * quantile
     return shift
 
 
