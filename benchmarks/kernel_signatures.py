@@ -175,7 +175,7 @@ def run_reconstruction() -> None:
     )
     from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid, SparseTsdfVolume
     from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
-    from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_body
+    from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_bodies
 
     camera = Camera.simple(80, 60, 70.0)
     frames = []
@@ -192,7 +192,7 @@ def run_reconstruction() -> None:
     outline = OutlineView.of_view(
         frames[0], [np.zeros_like(depth_m)], depth_m, next(iter(SENSOR_NOISE.values())), 1.0
     )
-    fit_body([outline], np.array([-0.1, -0.1, 0.0]), np.array([0.1, 0.1, 0.2]))
+    fit_bodies([outline], np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.2]]), np.ones(2))
     corners_m = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
     surface = RbfSurface(corners_m, np.zeros(8))
     surface(corners_m)

@@ -12,7 +12,12 @@ from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
-from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, UprightBody, _Outlines, fit_body
+from visuohaptic.reconstruction.transparency.outline_fit import (
+    OutlineView,
+    UprightBody,
+    _Outlines,
+    fit_bodies,
+)
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -54,12 +59,19 @@ def views(rng: np.random.Generator, turns: np.ndarray, lost: float) -> list[Outl
     return found
 
 
+def fit(seen: list[OutlineView], low_m: np.ndarray, high_m: np.ndarray) -> UprightBody | None:
+    """The likeliest body where every voxel of a box tells the same."""
+    x, y, z = (np.arange(low, high, 0.01) for low, high in zip(low_m, high_m, strict=True))
+    points_m = np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
+    return next(iter(fit_bodies(seen, points_m, np.ones(len(points_m)))), None)
+
+
 @pytest.mark.parametrize(("count", "arc_rad"), [(12, 6.0), (8, 2.5)])
 def test_the_axis_follows_from_the_outlines(count, arc_rad):
     rng = np.random.default_rng(count)
     seen = views(rng, np.linspace(0, arc_rad, count), 0.5)
     # The part that was found reaches 3 cm away from the cameras' side and has no foot.
-    body = fit_body(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
+    body = fit(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
     assert body is not None
     # Half a window is 2.5 px, 14 mm: eight outlines with two sides each know their middle to a fourth of that.
     assert np.linalg.norm(body.axis_m - AXIS_M) < 0.0035
@@ -73,7 +85,7 @@ def test_the_axis_follows_from_the_outlines(count, arc_rad):
 def test_noise_without_outline_holds_no_body():
     """As many lost readings inside a body as beside it are no evidence for one: ln(places / rate) is about 12."""
     seen = views(np.random.default_rng(1), np.linspace(0, 6, 12), 0.02)
-    body = fit_body(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
+    body = fit(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
     assert body is None or body.evidence < 5
 
 
@@ -83,7 +95,7 @@ def test_from_one_side_the_distance_is_known_less_well_than_the_bearing():
     They tell the two apart by how much their sights differ, 0.17 rad on average, against the whole outline across it.
     """
     seen = views(np.random.default_rng(5), np.linspace(-0.3, 0.3, 8), 0.5)
-    body = fit_body(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
+    body = fit(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
     assert body is not None
     along, across = body.axis_sigma_m
     assert along > 2.5 * across
@@ -110,7 +122,7 @@ def test_a_bowl_of_which_only_the_rim_shows_is_found_whole(low_high_m):
         limit_m = np.full(rim.shape, 2.0, np.float32)
         frame = DepthFrame(0.0, limit_m, None, pose, CAMERA)
         seen.append(OutlineView.of_view(frame, [ratio], limit_m, NOISE, 1.0))
-    body = fit_body(seen, *map(np.array, low_high_m))
+    body = fit(seen, *map(np.array, low_high_m))
     assert body is not None
     # Half a window is 2.5 px, 13 mm; an arc of the rim has its middle 50 mm away, and a fourth of the width.
     assert np.linalg.norm(body.axis_m - middle) < 0.013
@@ -126,8 +138,8 @@ def test_views_that_count_half_each_tell_no_more_than_one_and_few_views_less_tha
         motion[:, 3] += rng.normal(0, 0.012, 3)
         seen.append(replace(view, T_camera_world=motion))
     box = np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2])
-    once, whole = fit_body(seen, *box), fit_body([*seen, *seen], *box)
-    halves = fit_body([replace(view, weight=0.5) for view in [*seen, *seen]], *box)
+    once, whole = fit(seen, *box), fit([*seen, *seen], *box)
+    halves = fit([replace(view, weight=0.5) for view in [*seen, *seen]], *box)
     assert once is not None
     assert whole is not None
     assert halves is not None
@@ -193,29 +205,34 @@ def test_sums_of_outlines_are_those_of_drawn_polygons(seed):
     assert found[0] == pytest.approx(float((cover * evidence).sum()), abs=0.15 * np.sqrt(150) + 0.02 * 150)
 
 
-def test_two_pieces_that_show_one_body_are_that_of_the_likelier_fit():
-    """Two vessels in a row found as one part: a body between both is less likely than the nearer one, whatever shows it."""
+def test_a_part_that_trails_away_from_the_body_does_not_move_it():
+    """Voxels that few rays pass behind a body have little evidence each and reach to half a metre from it."""
+    seen = views(np.random.default_rng(8), np.linspace(0, 2.5, 8), 0.5)
+    trail = np.linspace(0, 1, 300)[:, None] * np.array([-0.5, -0.4, 0.4])
+    around = np.random.default_rng(9).uniform(-1, 1, (200, 3)) * np.array([0.03, 0.03, 0.05])
+    middle_m = np.array([*AXIS_M, 0.12])
+    points_m = middle_m + np.concatenate([trail, around])
+    evidence = np.concatenate([np.full(300, 9.0), np.full(200, 20.0)])
+    body = fit_bodies(seen, points_m, evidence)[0]
+    # As where the part is no larger than the body.
+    assert np.linalg.norm(body.axis_m - AXIS_M) < 0.0035
+    assert body.height_m[1] == pytest.approx(HIGH_M, abs=0.014)
 
-    def body(x_m, evidence):
+
+def test_of_two_vessels_in_a_row_the_nearer_one_is_taken_and_not_one_wide_body_around_both():
+    """The wide body tells more than each, less than both; what is in one of them is no second."""
+
+    def body(x_m, radius_m, evidence):
         return UprightBody(
-            np.array([x_m, 0.0]), np.full(2, 0.003), (0.04, 0.04), 0.002, (0.02, 0.12), evidence
+            np.array([x_m, 0.0]), np.full(2, 0.003), (radius_m,) * 2, 0.002, (0.0, 0.12), evidence
         )
 
-    # Two blobs joined by a bridge of weak evidence.
-    evidence = np.zeros((30, 9, 9), np.float32)
-    evidence[2:28, 3:6, 3:6] = 10.0
-    evidence[4:9, 2:7, 2:7], evidence[21:26, 2:7, 2:7] = 40.0, 30.0
-    part = evidence > 0
-
-    class Fits:
-        threshold = 12.0
-
-        def _fit(self, piece, box):
-            if piece.sum() == part.sum():
-                return body(0.0, 90.0)
-            return body(-0.05, 125.0) if piece[6, 4, 4] else body(-0.045, 112.0)
-
-    taken, found = EvidenceDetector._part(Fits(), part, evidence, ())
-    assert found.evidence == 125.0
-    assert taken[6, 4, 4]
-    assert not taken[23, 4, 4]
+    wide, near, far = body(0.0, 0.075, 130.0), body(-0.06, 0.035, 125.0), body(0.06, 0.035, 60.0)
+    detector = EvidenceDetector(SpaceGrid.around((-0.2, -0.1, 0.0), (0.2, 0.1, 0.2), 0.01))
+    detector.seen[:] = 1.0
+    # 593 places of the smallest object, at a rate of 0.02: ln(593 / 0.02) nat.
+    assert 10 < detector.threshold < 11
+    assert detector._together([wide, near, far]) == [near, far]
+    assert detector._together([wide, near]) == [wide]
+    assert detector._together([wide, replace(near, evidence=70.0), far]) == [wide]
+    assert detector._together([]) == []

@@ -36,7 +36,7 @@ from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .outline_fit import OutlineView, UprightBody, fit_body
+from .outline_fit import OutlineView, UprightBody, fit_bodies
 from .ray_readings import (
     FAR,
     NEAR,
@@ -47,7 +47,7 @@ from .ray_readings import (
     ray_image,
     reading_tables,
 )
-from .regions import TransparentRegion, pieces_of, region_of
+from .regions import TransparentRegion, region_of
 from .search_report import SearchReport, next_eye
 from .view_selection import view_graph
 
@@ -246,34 +246,44 @@ class EvidenceDetector:
     def _part(
         self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> tuple[Bool[np.ndarray, "x y z"], UprightBody | None]:
-        """The piece of a part around its strongest voxel with its body, or that of the bodies of its pieces which tell more."""
-        whole, *pieces = pieces_of(left, evidence)
-        one, *several = (self._fit(piece, box) for piece in (whole, *pieces))
-        # Two pieces may show the same body: the likelier fit is that of both.
-        bodies: list[UprightBody] = []
-        for body in sorted((b for b in several if b is not None), key=lambda b: -b.evidence):
-            if not any(body.meets(other) for other in bodies):
-                bodies.append(body)
+        """The piece of a part around its strongest voxel, and its body; of several bodies the strongest, and what is in it."""
+        from scipy import ndimage
+
+        labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
+        whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
+        together = self._together(self._fit(whole, evidence, box))
+        if len(together) > 1:
+            points_m = self.grid.centres_m(np.argwhere(whole) + [s.start for s in box])
+            whole[whole] = together[0].contains(points_m, self.settings.radius_m)
+        return whole, together[0] if together else None
+
+    def _together(self, bodies: Sequence[UprightBody]) -> list[UprightBody]:
+        """Those of the bodies, apart from each other, which tell most of a part together, likeliest first."""
+        sets = []
+        for first in bodies:
+            chosen = [first]
+            for body in bodies:
+                if not any(body.meets(other) for other in chosen):
+                    chosen.append(body)
+            sets.append(sorted(chosen, key=lambda body: -body.evidence))
         # Every further body needs what founds a part.
-        more = sum(body.evidence for body in bodies) - self.threshold * (len(bodies) - 1)
-        if pieces and several[0] is not None and more > (one.evidence if one else 0.0):
-            first = several[0]
-            return pieces[0], next((body for body in bodies if body.meets(first)), first)
-        return whole, one
+        return max(sets, key=lambda chosen: sum(b.evidence - self.threshold for b in chosen), default=[])
 
     @property
     def _min_voxels(self) -> float:
         """Half of the voxels of the smallest object that is sought."""
         return 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3
 
-    def _fit(self, part: Bool[np.ndarray, "x y z"], box: tuple[slice, ...]) -> UprightBody | None:
-        """The body of a part in a box of the volume, if it is large enough and has an outline."""
+    def _fit(
+        self, part: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
+    ) -> list[UprightBody]:
+        """Bodies of a part in a box of the volume, if it is large enough and has an outline."""
         if np.count_nonzero(part) < self._min_voxels:
-            return None
+            return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
-        body = fit_body(self._outlines, points_m.min(axis=0), points_m.max(axis=0))
         # Windows may look like glass by a common cause in all views that has no outline: shine, an edge.
-        return body if body is not None and body.evidence >= self.threshold else None
+        bodies = fit_bodies(self._outlines, points_m, evidence[part])
+        return [body for body in bodies if body.evidence >= self.threshold]
 
     def _accept(self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]) -> None:
         """Take a part in a box of the volume, unless it is where another one is."""

@@ -27,7 +27,7 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
 from .background import intrinsics
 
-__all__ = ["OutlineView", "UprightBody", "fit_body"]
+__all__ = ["OutlineView", "UprightBody", "fit_bodies"]
 
 #: Points of each of the two circles that bound a body.
 _CORNERS = 16
@@ -37,7 +37,10 @@ _HIDDEN = 0.5
 _OPEN = (0.0, 0.7)
 #: First steps of the search of places, radii and heights [m]; evaluations of a search.
 _STEP_M, _MAX_STEPS = 0.012, 400
-#: Directions in which the middle of a bowl is sought from a piece of its rim, and how many of these starts are searched from.
+#: Radii of bodies that are tried around strong voxels, in first steps: a search goes by half of one, and several times.
+_RADII = (2, 3, 5)
+#: Directions in which the middle of a bowl is sought from a piece of its rim, and how many of the likeliest bodies are searched
+#: from, of each kind and apart from each other.
 _TURNS, _SEARCHES = 8, 4
 #: Smallest radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
@@ -151,7 +154,7 @@ class UprightBody:
     evidence: float  #: log-likelihood ratio against nothing [nat]
 
     def meets(self, other: UprightBody) -> bool:
-        """Whether the axis of one of two bodies is inside the other.
+        """Whether two bodies are in each other, by the means of their radii: solids are not.
 
         Parameters
         ----------
@@ -159,7 +162,7 @@ class UprightBody:
             The other body.
         """
         apart_m = float(np.hypot(*(self.axis_m - other.axis_m)))
-        return apart_m < 0.5 * max(sum(self.radius_m), sum(other.radius_m))
+        return apart_m < 0.5 * (sum(self.radius_m) + sum(other.radius_m))
 
     def points_m(self, voxel_m: float) -> Float[np.ndarray, "n 3"]:
         """Points inside it, a voxel apart (n, 3) [m].
@@ -193,21 +196,26 @@ class UprightBody:
         return inside & (z_m >= low_m - margin_m) & (z_m <= high_m + margin_m)
 
 
-def fit_body(
-    views: Sequence[OutlineView], low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]
-) -> UprightBody | None:
-    """The likeliest upright body where a part was found; ``None`` where no outline holds it.
+def fit_bodies(
+    views: Sequence[OutlineView], points_m: Float[np.ndarray, "n 3"], evidence: Float[np.ndarray, "n"]
+) -> list[UprightBody]:
+    """Upright bodies where a part was found, likeliest first: maxima of the likelihood, of which several may share the part.
 
     Parameters
     ----------
     views
         All views.
-    low_m, high_m
-        Corners of the box (3) of the part [m].
+    points_m
+        Centres (n, 3) of the voxels of the part [m].
+    evidence
+        Of each voxel (n) [nat].
     """
     from scipy.optimize import minimize
 
-    def cost(body: np.ndarray, opening: float) -> float:
+    low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
+    widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
+
+    def cost(body: np.ndarray, opening: float, outlines: _Outlines) -> float:
         if min(body[2], body[3]) < _MIN_RADIUS_M or body[5] - body[4] < _MIN_HEIGHT_M:
             return 1e3
         # A part is a sixth of a rim at least: wider bodies swallow what stands around.
@@ -218,40 +226,53 @@ def fit_body(
             return 1e3
         return -float(outlines.log_likelihood(body, opening).sum())
 
-    middle = 0.5 * (low_m + high_m)
-    outlines = _Outlines(views, middle)
-    widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
-
-    def search(start: np.ndarray, opening: float) -> tuple[float, np.ndarray, float]:
+    def search(start: np.ndarray, opening: float, outlines: _Outlines) -> np.ndarray:
         simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
         options = {"initial_simplex": simplex, "maxfev": _MAX_STEPS, "xatol": 3e-4, "fatol": 1e-2}
-        found = minimize(cost, start, (opening,), "Nelder-Mead", options=options)
-        return float(found.fun), found.x, opening
+        found: np.ndarray = minimize(cost, start, (opening, outlines), "Nelder-Mead", options=options).x
+        return found
 
-    middles = [(start, opening) for opening in _OPEN for start in _starts(low_m, high_m, opening)]
-    rims = sorted(_rims(low_m, high_m), key=lambda start: cost(start, _OPEN[1]))[:_SEARCHES]
-    ways = [*middles, *((start, _OPEN[1]) for start in rims)]
-    _, ended, opening = min((search(*way) for way in ways), key=lambda one: one[0])
-    # A simplex that has collapsed beside the maximum finds it from where it is.
-    least, best, opening = search(ended, opening)
-    covariance = _covariance(outlines, best, opening, views[0].window_px)
-    if least >= 0 or covariance is None:
-        return None
-    sigma = np.sqrt(np.diag(covariance))
-    x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
-    return UprightBody(np.array([x, y]), sigma[:2], (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)
+    outlines = _Outlines(views, points_m[evidence.argmax()])
+    strong_m = points_m[evidence > 0.5 * evidence.max()]
+    starts = [(start, opening) for opening in _OPEN for start in _starts(strong_m, opening)]
+    starts += [(start, _OPEN[1]) for start in _rims(low_m, high_m)]
+    bodies: list[UprightBody] = []
+    for start, opening in _apart(sorted(starts, key=lambda one: cost(one[0], one[1], outlines))):
+        # Rays end before what is farther than the strongest voxel.
+        outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
+        # A simplex that has collapsed beside the maximum finds it from where it is.
+        best = search(search(start, opening, outlines), opening, outlines)
+        covariance = _covariance(outlines, best, opening, views[0].window_px)
+        if (least := cost(best, opening, outlines)) < 0 and covariance is not None:
+            sigma = np.sqrt(np.diag(covariance))
+            x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
+            place = np.array([x, y]), sigma[:2]
+            bodies.append(UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least))
+    return sorted(bodies, key=lambda body: -body.evidence)
 
 
-def _starts(
-    low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"], opening: float
-) -> list[Float[np.ndarray, "6"]]:
-    """Bodies in the middle of the box of a part."""
-    middle, width_m, height_m = 0.5 * (low_m + high_m), (high_m - low_m)[:2].min(), high_m[2] - low_m[2]
+def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
+    """The first of each kind whose axes are not in each other."""
+    chosen: list[tuple[np.ndarray, float]] = []
+    for start, opening in starts:
+        alike = [other for other, kind in chosen if kind == opening]
+        near = (np.hypot(*(start - other)[:2]) < max(start[3], other[3]) for other in alike)
+        if len(alike) < _SEARCHES and not any(near):
+            chosen.append((start, opening))
+    return chosen
+
+
+def _starts(strong_m: Float[np.ndarray, "n 3"], opening: float) -> list[Float[np.ndarray, "6"]]:
+    """Bodies around the strong voxels of a part, as high as these are there."""
     found = []
-    for part, below in product((0.4, 0.2), (0.0, 0.25)):
-        radius, low_z = max(part * width_m, 2 * _MIN_RADIUS_M), low_m[2] - below * height_m
-        foot = max(low_z, high_m[2] - 0.5 * radius) if opening > 0 else low_z
-        found.append(np.array([*middle[:2], radius, radius, foot, high_m[2]]))
+    cell_m = 2 * _STEP_M
+    for axis in cell_m * np.unique(np.round(strong_m[:, :2] / cell_m), axis=0):
+        away_m = np.hypot(*(strong_m[:, :2] - axis).T)
+        for radius in _STEP_M * np.array(_RADII):
+            near_m = strong_m[away_m < radius, 2]
+            low_z, high_z = near_m.min(), max(near_m.max(), near_m.min() + 2 * _MIN_HEIGHT_M)
+            foot = max(low_z, high_z - 0.5 * radius) if opening > 0 else low_z
+            found.append(np.array([*axis, radius, radius, foot, high_z]))
     return found
 
 

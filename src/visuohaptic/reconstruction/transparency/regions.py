@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Int
 
 from ...core.files import write_text
 from ..fusion.volume import SpaceGrid
 from .outline_fit import UprightBody
 
-__all__ = ["TransparentRegion", "find_regions", "outer_points", "pieces_of", "region_of", "save_regions"]
+__all__ = ["TransparentRegion", "find_regions", "outer_points", "region_of", "save_regions"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,35 +128,6 @@ def region_of(
         float(hull.volume),
         body,
     )
-
-
-def pieces_of(
-    part: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"]
-) -> list[Bool[np.ndarray, "x y z"]]:
-    """The connected piece of a part around its strongest voxel, and, where several places of it have half of that evidence, the
-    pieces nearest to each of them, that of the strongest voxel first.
-
-    Parameters
-    ----------
-    part
-        Voxels (x, y, z) of the part.
-    evidence
-        Of all voxels (x, y, z).
-    """
-    from scipy import ndimage
-
-    around = np.ones((3, 3, 3))
-    peak = np.where(part, evidence, -np.inf).argmax()
-    labels, _ = ndimage.label(part, around)
-    whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[peak]
-    cores, count = ndimage.label(whole & (evidence > 0.5 * evidence.flat[peak]), around)
-    if count < 2:
-        return [whole]
-    nearest = ndimage.distance_transform_edt(cores == 0, return_distances=False, return_indices=True)
-    cores = cores[tuple(nearest)]
-    first = int(cores.flat[peak])
-    order = [first, *(k for k in range(1, count + 1) if k != first)]
-    return [whole, *(whole & (cores == k) for k in order)]
 
 
 def outer_points(
