@@ -298,7 +298,15 @@ def test_plane_kernel_equals_numpy() -> None:
     tile = texture_tile("concrete", 1, 64)
     image = np.zeros((30, 40, 1), np.float32)
     weight = np.random.default_rng(0).uniform(0.1, 1, (12, 20)).astype(np.float32)
-    add_plane(image, weight, False, 7, 5, rays, matrix[None], tile, 300.0, 9.0, np.array([99.0], np.float32))
+    clear = np.random.default_rng(1).uniform(0.0, 1, (30, 40)).astype(np.float32)
+    # A texel and its neighbours to the right, below and below to the right share a word.
+    packed = sum(
+        np.roll(tile, (-dy, -dx), (0, 1)).astype(np.uint32) << np.uint32(8 * (dx + 2 * dy))
+        for dx in (0, 1)
+        for dy in (0, 1)
+    )
+    level = np.array([99.0], np.float32)
+    add_plane(image, clear, weight, 7, 5, rays, matrix[None], packed, 300.0, 9.0, level)
     a, b, w = np.moveaxis(np.concatenate([rays, np.ones((30, 40, 1))], axis=-1) @ matrix.T, -1, 0)
     a, b = a / w, b / w
     s, t = a * 300.0, b * 300.0
@@ -312,7 +320,7 @@ def test_plane_kernel_equals_numpy() -> None:
     )
     value = 99.0 + 9.0 * (texture - 128) / 42
     expected = np.zeros((30, 40))
-    expected[5:17, 7:27] = weight * value[5:17, 7:27]
+    expected[5:17, 7:27] = (clear * value)[5:17, 7:27] * weight
     np.testing.assert_allclose(image[..., 0], expected, atol=0.02)  # float32 texture coordinates
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32, UInt32
 
 from ...core.camera.model import Camera
 from ...core.geometry import polygon_area
@@ -122,7 +122,9 @@ Hole = tuple[np.ndarray, float, Parts]
 
 
 class Canvas:
-    """Float image of a camera onto which layers are painted from far to near.
+    """Float image of a camera: layers are painted from far to near, and drawn from near to far.
+
+    So nothing is computed of what a nearer layer hides.
 
     Parameters
     ----------
@@ -140,7 +142,9 @@ class Canvas:
         self.camera = camera
         self.blur_px = blur_px
         self._pixel_m = distance_m / camera.focal_px
-        self.image = np.zeros((camera.height, camera.width, channels), np.float32)
+        self._image = np.zeros((camera.height, camera.width, channels), np.float32)
+        self._clear = np.ones((camera.height, camera.width), np.float32)
+        self._layers: list[tuple[Coverage, Parts]] = []
         self._rays = _ray_table(camera)
         self._covers: dict[bytes, Coverage | None] = {}
 
@@ -167,26 +171,34 @@ class Canvas:
         if key in self._covers:
             found = self._covers.pop(key)  # and to the end of the queue again
         else:
-            found = coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
+            found = coverage(polygon_px, *self._clear.shape, self.blur_px)
         self._covers[key] = found
         while len(self._covers) > _KEPT_COVERS:
             del self._covers[next(iter(self._covers))]
         return found
 
-    def fill(self, plane: Plane, hidden: Coverage | None = None) -> None:
-        """Paint the farthest layer, everywhere but where a later one will cover it fully.
+    def fill(self, plane: Plane, light: Float32[np.ndarray, "rows columns"]) -> None:
+        """Start a new image with its farthest layer.
 
         Parameters
         ----------
         plane
             Textured plane.
-        hidden
-            Where a later layer will be.
+        light
+            Factor of its levels in each pixel.
         """
-        fraction = np.ones(self.image.shape[:2], np.float32)
-        if hidden is not None:
-            fraction[hidden.window] = hidden.fraction != 1
-        self._add(plane, fraction, 0, 0, replace=True)
+        everywhere = Coverage(0, 0, light)
+        self._layers = [(everywhere, [(everywhere, plane)])]
+
+    def drawn(self) -> Float32[np.ndarray, "rows columns channels"]:
+        """The image of all layers; the next one is drawn into the same memory."""
+        self._image.fill(0.0)
+        self._clear.fill(1.0)
+        for whole, parts in reversed(self._layers):
+            for cover, plane in parts:
+                self._add(plane, cover)
+            self._clear[whole.window] *= 1 - whole.fraction
+        return self._image
 
     def paint_parts(
         self, polygons: list[np.ndarray], planes: list[Plane], active_rows: np.ndarray | None = None
@@ -209,7 +221,8 @@ class Canvas:
                 (Coverage(c.x0, c.y0, c.fraction * active_rows[c.window[0], None].astype(np.float32)), plane)
                 for c, plane in found
             ]
-        self._paint(found)
+        if found:
+            self._layers.append((_union([c for c, _ in found]), found))
         return found
 
     def paint_facets(
@@ -234,8 +247,7 @@ class Canvas:
         whole = self.cover(outline)
         if whole is None:
             return []
-        rows, columns = self.image.shape[:2]
-        covers = [coverage(p, rows, columns) for p in polygons]
+        covers = [coverage(p, *self._clear.shape) for p in polygons]
         found = [(c, plane) for c, plane in zip(covers, planes, strict=True) if c is not None]
         total = np.zeros_like(whole.fraction)
         placed = [(_overlap(c, whole), c, plane) for c, plane in found]
@@ -246,7 +258,7 @@ class Canvas:
         for (there, here), c, plane in placed:
             part = np.ascontiguousarray(c.fraction[here] * scale[there])
             parts.append((Coverage(whole.x0 + there[1].start, whole.y0 + there[0].start, part), plane))
-        self._paint(parts, whole)
+        self._layers.append((whole, parts))
         return parts
 
     def paint_nested(self, covers: list[Coverage | None], planes: list[Plane], holes: list[Hole]) -> None:
@@ -271,7 +283,6 @@ class Canvas:
         for i in range(1, len(weights)):
             weights[i] = np.minimum(weights[i], weights[i - 1])
         weights = [w - weights[i + 1] if i + 1 < len(weights) else w for i, w in enumerate(weights)]
-        self.image[outer.window] *= (1 - outer.fraction)[..., None]
         solids: dict[int, tuple[np.ndarray, Parts]] = {}
         for polygon, sign, parts in holes:
             cover = self.cover(polygon)
@@ -281,54 +292,28 @@ class Canvas:
             there, here = _overlap(cover, outer)
             hole[there] += np.float32(sign) * cover.fraction[here]
         # The nearest solid is the last: it takes its part first.
-        for hole, parts in reversed(list(solids.values())):
-            self._fill_hole(hole, parts, weights, outer)
-        for w, plane in zip(weights, planes, strict=True):
-            self._add(plane, w, outer.x0, outer.y0)
+        shown = [
+            part
+            for hole, parts in reversed(list(solids.values()))
+            for part in _fill_hole(hole, parts, weights, outer)
+        ]
+        shown += [(Coverage(outer.x0, outer.y0, w), plane) for w, plane in zip(weights, planes, strict=True)]
+        self._layers.append((outer, shown))
 
-    def _fill_hole(self, hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer: Coverage) -> None:
-        rows, columns = np.flatnonzero(hole.max(axis=1) > 0), np.flatnonzero(hole.max(axis=0) > 0)
-        if not len(rows):
-            return
-        area = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        left = np.clip(hole[area], 0, None)
-        window = Coverage(outer.x0 + int(columns[0]), outer.y0 + int(rows[0]), left)
-        faces = [_in_window(c, window) for c, _ in parts]
-        total = np.sum(faces, axis=0)
-        # Only what the solid can fill; its own share goes to nothing beyond its blurred outline.
-        left[total < 1e-3] = 0
-        taken = np.zeros_like(left)
-        for w in weights:
-            part = np.minimum(w[area], left - taken)
-            w[area] -= part
-            taken += part
-        taken /= np.maximum(total, 1e-3)
-        for face, (_, plane) in zip(faces, parts, strict=True):
-            self._add(plane, face * taken, window.x0, window.y0)
-
-    def _paint(self, parts: Parts, whole: Coverage | None = None) -> None:
-        whole = whole or _union([c for c, _ in parts])
-        if whole is None:
-            return
-        # Faces of a solid add up to at most 1; rounding may leave a little more.
-        self.image[whole.window] *= (1 - np.minimum(whole.fraction, 1))[..., None]
-        for c, plane in parts:
-            self._add(plane, c.fraction, c.x0, c.y0)
-
-    def _add(self, plane: Plane, fraction: np.ndarray, x0: int, y0: int, *, replace: bool = False) -> None:
+    def _add(self, plane: Plane, cover: Coverage) -> None:
         surface = plane.surface
         add_plane(
-            self.image,
-            np.ascontiguousarray(fraction),
-            replace,
-            x0,
-            y0,
+            self._image,
+            self._clear,
+            np.ascontiguousarray(cover.fraction),
+            cover.x0,
+            cover.y0,
             self._rays,
             plane.matrices,
             self._tile(surface) if surface.texture else _NO_TILE,
             _TILE_TEXELS / MATERIALS[surface.material],
             float(surface.texture),
-            (plane.light * surface.levels(self.image.shape[2])).astype(np.float32),
+            (plane.light * surface.levels(self._image.shape[2])).astype(np.float32),
         )
 
     def _tile(self, surface: Surface) -> np.ndarray:
@@ -339,17 +324,44 @@ class Canvas:
 
 
 @lru_cache(maxsize=32)
-def _blurred_tile(material: str, seed: int, sigma_texels: float) -> np.ndarray:
+def _blurred_tile(material: str, seed: int, sigma_texels: float) -> UInt32[np.ndarray, "size size"]:
+    """A blurred texture, each texel in one word with its neighbours to the right, below and below to the right."""
     import cv2
 
     tile = texture_tile(material, seed, _TILE_TEXELS)
     pad = min(int(4 * sigma_texels) + 1, _TILE_TEXELS)
     wrapped = np.pad(tile, pad, mode="wrap")
-    return np.ascontiguousarray(cv2.GaussianBlur(wrapped, (0, 0), sigma_texels)[pad:-pad, pad:-pad])
+    texels = cv2.GaussianBlur(wrapped, (0, 0), sigma_texels)[pad:-pad, pad:-pad].astype(np.uint32)
+    for axis, shift in ((1, 8), (0, 16)):
+        texels |= np.roll(texels, -1, axis) << np.uint32(shift)
+    return texels
 
 
-_NO_TILE = np.full((16, 16), 128, np.uint8)
-_NO_TILE.flags.writeable = False
+_NO_TILE = np.zeros((16, 16), np.uint32)
+
+
+def _fill_hole(hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer: Coverage) -> Parts:
+    """What is seen of a solid's parts through a hole; taken from the weights of the layers around it."""
+    rows, columns = np.flatnonzero(hole.max(axis=1) > 0), np.flatnonzero(hole.max(axis=0) > 0)
+    if not len(rows):
+        return []
+    area = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    left = np.clip(hole[area], 0, None)
+    window = Coverage(outer.x0 + int(columns[0]), outer.y0 + int(rows[0]), left)
+    faces = [_in_window(c, window) for c, _ in parts]
+    total = np.sum(faces, axis=0)
+    # Only what the solid can fill; its own share goes to nothing beyond its blurred outline.
+    left[total < 1e-3] = 0
+    taken = np.zeros_like(left)
+    for w in weights:
+        part = np.minimum(w[area], left - taken)
+        w[area] -= part
+        taken += part
+    taken /= np.maximum(total, 1e-3)
+    return [
+        (Coverage(window.x0, window.y0, face * taken), plane)
+        for face, (_, plane) in zip(faces, parts, strict=True)
+    ]
 
 
 def _ray_table(camera: Camera) -> np.ndarray:
@@ -383,10 +395,10 @@ def _in_window(part: Coverage | None, frame: Coverage) -> np.ndarray:
     return result
 
 
-def _union(parts: list[Coverage]) -> Coverage | None:
+def _union(parts: list[Coverage]) -> Coverage:
     """Sum of the coverages in a common window."""
-    if not parts:
-        return None
+    if len(parts) == 1:
+        return parts[0]
     x0, y0 = min(p.x0 for p in parts), min(p.y0 for p in parts)
     x1 = max(p.x0 + p.fraction.shape[1] for p in parts)
     y1 = max(p.y0 + p.fraction.shape[0] for p in parts)

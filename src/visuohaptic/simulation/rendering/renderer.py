@@ -190,23 +190,22 @@ class SceneRenderer:
         middle = self._observe(scene, t_s, shake)
         if effects.exposure_s > 0 and effects.exposure_samples > 1:
             count = effects.exposure_samples
-            total = np.zeros_like(self._canvas.image)
+            total = np.zeros((), np.float32)
             for shift in (np.arange(count) + 0.5) / count - 0.5:
                 at = float(middle.row_times_s[0] + shift * effects.exposure_s)
-                self._draw(self._observe(scene, at, shake), occluders)
-                total += self._canvas.image
-            total *= np.float32(1 / count)
-            return total, middle.row_times_s
-        self._draw(middle, occluders)
-        return self._canvas.image, middle.row_times_s
+                total = total + self._draw(self._observe(scene, at, shake), occluders)
+            return total * np.float32(1 / count), middle.row_times_s
+        return self._draw(middle, occluders), middle.row_times_s
 
-    def _draw(self, shot: ExposedScene, occluders: Sequence[Occluder]) -> None:
+    def _draw(
+        self, shot: ExposedScene, occluders: Sequence[Occluder]
+    ) -> Float32[np.ndarray, "rows columns channels"]:
         view = shot.view
         centre, mid = view.centre_foam_m, view.keys // 2
         back, front = shot.points("back_m"), shot.points("front_m")
         outlines = [shot.outline(i) for i in range(len(shot.middle.objects))]
         regions = self._sensor_regions(shot, back, front)
-        self._draw_floor(shot, [*outlines, closed(front, back)], regions[-1])
+        self._draw_floor(shot, [*outlines, closed(front, back)])
         self._draw_foam_side(shot, back, front)
         holes: list[Hole] = []
         # Far objects first: the nearest point of each outline decides.
@@ -222,6 +221,7 @@ class SceneRenderer:
         self._canvas.paint_nested(regions, planes, holes)
         for occluder in occluders:
             self._draw_occluder(shot, occluder)
+        return self._canvas.drawn()
 
     def _plane(
         self,
@@ -235,7 +235,7 @@ class SceneRenderer:
         matrices = shot.view.plane_matrices(*(np.broadcast_to(axis, shape) for axis in axes))
         return Plane(matrices, surface, light)
 
-    def _draw_floor(self, shot: ExposedScene, outlines: list[np.ndarray], hidden: Coverage | None) -> None:
+    def _draw_floor(self, shot: ExposedScene, outlines: list[np.ndarray]) -> None:
         origins, a, b = [], [], []
         tile_m = self._canvas.tile_m(self.look.floor)
         for scene in shot.scenes:
@@ -247,9 +247,12 @@ class SceneRenderer:
             a.append(world.rotation[0])
             b.append(world.rotation[1])
         axes = (np.array(origins), np.array(a), np.array(b))
-        self._canvas.fill(self._plane(shot, self.look.floor, axes), hidden)
-        if self.look.shadow > 0:
-            shade_floor(self._canvas.image, shot.view, shot.middle, outlines, self.look)
+        light = (
+            shade_floor(shot.view, shot.middle, outlines, self.look)
+            if self.look.shadow > 0
+            else np.ones((self.camera.height, self.camera.width), np.float32)
+        )
+        self._canvas.fill(self._plane(shot, self.look.floor, axes), light)
 
     def _draw_object(self, shot: ExposedScene, index: int, outline: np.ndarray) -> Parts:
         view, item, low = shot.view, shot.middle.objects[index], -shot.middle.floor_below_m

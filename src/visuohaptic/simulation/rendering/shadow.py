@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float32
 
 from ._solids import at_height
 from .appearance import Look
@@ -16,14 +17,12 @@ _REDUCTION = 8
 
 
 def shade_floor(
-    image: np.ndarray, view: RollingView, scene: FoamScene, outlines_m: list[np.ndarray], look: Look
-) -> None:
-    """Darken the floor around the feet of outlines, in place.
+    view: RollingView, scene: FoamScene, outlines_m: list[np.ndarray], look: Look
+) -> Float32[np.ndarray, "rows columns"]:
+    """Light of the floor in each pixel of the image, less around the feet of outlines.
 
     Parameters
     ----------
-    image
-        Image (rows, columns, channels) float32, changed.
     view
         Camera.
     scene
@@ -35,7 +34,7 @@ def shade_floor(
     """
     import cv2
 
-    rows, columns, channels = image.shape
+    rows, columns = view.camera.height, view.camera.width
     small = np.zeros((rows // _REDUCTION + 1, columns // _REDUCTION + 1), np.uint8)
     for outline in outlines_m:
         polygon = view.polygon(view.to_camera(at_height(outline, -scene.floor_below_m)))
@@ -48,6 +47,4 @@ def shade_floor(
     factor = cv2.resize(
         1 - look.shadow / 255 * soft, (small.shape[1] * _REDUCTION, small.shape[0] * _REDUCTION)
     )
-    factor = factor[:rows, :columns]
-    for k in range(channels):
-        image[..., k] *= factor
+    return factor[:rows, :columns]
