@@ -36,6 +36,7 @@ from . import (
     kill_faults,
     mission_faults,
     mutants,
+    soak,
 )
 from ._journal import Journal
 
@@ -241,7 +242,7 @@ ROWS = (
         3,
         "stream faults, 20 kinds, two renderers",
         "6,000: 0 wrong",
-        elsewhere="`python -m benchmarks foam_faults`",
+        elsewhere="`python -m benchmarks.foam_faults 6000 70000 --report foam.jsonl`",
     ),
     Row(
         4,
@@ -255,7 +256,7 @@ ROWS = (
         7,
         "builds and cluster workers killed",
         "50: same hash",
-        elsewhere="`python -m benchmarks build_faults`",
+        elsewhere="`python -m benchmarks.build_faults --report builds.jsonl`",
     ),
     Row(8, "cut recordings", "300: all whole messages", _cuts),
     Row(9, "laws (property tests)", "10^4 examples each", elsewhere="`python -m benchmarks.laws`"),
@@ -263,9 +264,9 @@ ROWS = (
     Row(11, "determinism of 11 verbs: hash seeds, threads, cores", "50: same bytes", determinism.cases),
     Row(
         12,
-        "soak: chain, bridge, page, mission loop",
+        "soak: the sensing chain (tried: frames)",
         "4 h: flat",
-        elsewhere="`python -m benchmarks.soak --hours 4`",
+        elsewhere="`python -m benchmarks.soak --hours 4 --report soak.jsonl`",
     ),
     Row(
         13,
@@ -312,6 +313,13 @@ TAKEN: dict[str, tuple[int, Callable[[dict[str, Any]], dict[str, int]]]] = {
     ),
     "build_faults": (7, lambda row: {"tried": row.get("kills", 0), "lost": row.get("lost", 0)}),
     "laws": (9, lambda row: {"tried": row["tried"], "wrong": row["wrong"]}),
+    "soak": (
+        12,
+        lambda row: {
+            "tried": row["frames"],
+            "wrong": int(row["growth_MB"] > soak.FLAT_MB) + int(row["handles"] > 0),
+        },
+    ),
     "bare": (13, lambda row: {name: row.get(name, 0) for name in ("tried", "hung", "wrong")}),
 }  # fmt: skip
 

@@ -6,7 +6,9 @@ clock of the frames runs on at 30 Hz. Every frame is decoded, its foam, surround
 and events are followed, and what was measured is written to an MCAP file, as on a robot that records.
 
     python -m benchmarks soak                   a slice of one minute
-    python -m benchmarks.soak --hours 1         the whole hour, about as long as your machine needs for 108,000 frames
+    python -m benchmarks.soak --hours 4 --report soak.jsonl
+                                                in slices of ten minutes of the camera, 18,000 frames each; goes on after
+                                                the last one
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import argparse
 import gc
 import os
 import tempfile
+import threading
 import time
 from collections import Counter
 from pathlib import Path
@@ -28,6 +31,7 @@ from visuohaptic.sensing.push import ContactEvents
 from visuohaptic.sensing.scene import SceneTracker
 from visuohaptic.tracking.templates import TemplateTracker
 
+from ._journal import Journal
 from .chain import Recording, record
 
 __all__ = ["Soak", "run"]
@@ -36,6 +40,8 @@ _RATE_HZ, _SEED = 30.0, 20161123
 #: Frames until caches, pools and adaptive models are filled: six pushes there and back.
 _WARM = 420
 _HOUR = int(3600 * _RATE_HZ)
+#: A slice that holds more memory at its end is not flat [MB].
+FLAT_MB = 20.0
 
 
 def resident_MB() -> float:
@@ -44,6 +50,11 @@ def resident_MB() -> float:
     _trim()
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def handles() -> int:
+    """Open files and threads of this process."""
+    return len(os.listdir("/proc/self/fd")) + threading.active_count()
 
 
 def _trim() -> None:
@@ -92,8 +103,8 @@ class Soak:
 
 def soak(
     frames: int | None = None, seconds: float | None = None
-) -> tuple[Soak, list[tuple[int, float]], float]:
-    """Run so many frames, or so long; returns the chain, (frame, MB) over time, and CPU time per frame [s]."""
+) -> tuple[Soak, list[tuple[int, float, int]], float]:
+    """Run so many frames, or so long; the chain, (frame, MB, handles) over time, and CPU time per frame [s]."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -103,7 +114,7 @@ def soak(
             chain = Soak(recording, writer)
             for _ in range(_WARM):
                 chain.step()
-            path = [(chain.frames, resident_MB())]
+            path = [(chain.frames, resident_MB(), handles())]
             begin_s, cpu_s = time.monotonic(), time.process_time()
             every = 200 if frames is None else max(200, frames // 100)
             while (frames is None or chain.frames < _WARM + frames) and (
@@ -111,15 +122,15 @@ def soak(
             ):
                 chain.step()
                 if chain.frames % every == 0:
-                    path.append((chain.frames, resident_MB()))
-            path.append((chain.frames, resident_MB()))
+                    path.append((chain.frames, resident_MB(), handles()))
+            path.append((chain.frames, resident_MB(), handles()))
             spent_s = (time.process_time() - cpu_s) / max(1, chain.frames - _WARM)
     return chain, path, spent_s
 
 
-def rows(chain: Soak, path: list[tuple[int, float]], spent_s: float) -> list[dict[str, Any]]:
+def rows(chain: Soak, path: list[tuple[int, float, int]], spent_s: float) -> list[dict[str, Any]]:
     """Growth of the memory, and the straight line through it carried on to an hour."""
-    number, memory = np.array(path).T
+    number, memory, _ = np.array(path).T
     growth = float(memory.max() - memory[0])
     frames = chain.frames - _WARM
     slope = float(np.polyfit(number, memory, 1)[0]) if len(path) > 2 else 0.0
@@ -129,7 +140,7 @@ def rows(chain: Soak, path: list[tuple[int, float]], spent_s: float) -> list[dic
             "name": f"memory growth, {frames} frames ({frames / _RATE_HZ / 60:.1f} min of the camera)",
             "ours": growth,
             "unit": "MB",
-            "floor": 20.0,
+            "floor": FLAT_MB,
             "higher_is_better": False,
             "note": f"largest less first, of {memory[0]:.0f} MB; {reasons}; {chain.events} events; "
             f"{1e3 * spent_s:.1f} ms CPU time a frame",
@@ -138,7 +149,7 @@ def rows(chain: Soak, path: list[tuple[int, float]], spent_s: float) -> list[dic
             "name": "memory growth carried on to an hour",
             "ours": max(0.0, slope * _HOUR) if frames < _HOUR else growth,
             "unit": "MB",
-            "floor": 20.0,
+            "floor": FLAT_MB,
             "higher_is_better": False,
             "note": "slope of a straight line; of a slice of minutes it is mostly noise"
             if frames < _HOUR
@@ -152,8 +163,36 @@ def run() -> list[dict[str, Any]]:
     return rows(*soak(seconds=60.0))
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+def one_slice(frames: int) -> dict[str, Any]:
+    """What a slice has grown by, as a row of the report."""
+    chain, path, spent_s = soak(frames=frames)
+    _, memory, open_ = np.array(path).T
+    return {
+        "frames": chain.frames - _WARM,
+        "growth_MB": float(memory.max() - memory[0]),
+        "handles": int(open_[-1] - open_[0]),
+        "reasons": dict(chain.reasons),
+        "cpu_s_per_frame": spent_s,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--hours", type=float, default=1.0, help="of the camera's time (1)")
-    for line in rows(*soak(frames=int(parser.parse_args().hours * _HOUR))):
-        print(line)
+    parser.add_argument("--slice-minutes", type=float, default=10.0, help="of the camera's time (10)")
+    parser.add_argument("--report", type=Path, help="JSON lines; a stopped campaign goes on where it was")
+    args = parser.parse_args()
+    frames = int(args.slice_minutes * 60 * _RATE_HZ)
+    journal = Journal(args.report, {"campaign": "soak", "frames": frames})
+    journal.fill(
+        one_slice,
+        {f"slice {number}": frames for number in range(round(60 * args.hours / args.slice_minutes))},
+    )
+    for key, row in journal.rows.items():
+        print(key, row)
+
+
+if __name__ == "__main__":
+    main()

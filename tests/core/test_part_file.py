@@ -110,9 +110,14 @@ def test_a_full_disk_ends_the_run_and_says_how_to_go_on(
 def test_an_atomic_file_is_there_whole_or_as_it_was(tmp_path: Path) -> None:
     target = tmp_path / "map.yaml"
     write_text(target, "old")
-    with pytest.raises(OSError, match="No space") as caught, atomic_path(target) as temporary:
-        temporary.write_text("half")
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def fill_the_disk() -> None:
+        with atomic_path(target) as temporary:
+            temporary.write_text("half")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(OSError, match="No space") as caught:
+        fill_the_disk()
     assert caught.value.filename == str(target)
     assert [path.name for path in tmp_path.iterdir()] == ["map.yaml"]
     assert target.read_text() == "old"

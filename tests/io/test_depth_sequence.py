@@ -78,6 +78,18 @@ def test_rotated_bits_are_turned_back(tmp_path_factory, turn, seed):
     np.testing.assert_allclose(depth, words * 1e-4, rtol=1e-6)
 
 
+def _runs(data):
+    """Run lengths as OpenEXR has them: n + 1 times the next byte, or -n bytes as they are."""
+    out = b""
+    for value, same in itertools.groupby(data):
+        count = len(list(same))
+        out += b"".join(
+            bytes([min(127, left - 1), value]) if left > 1 else bytes([255, value])
+            for left in range(count, 0, -128)
+        )
+    return out
+
+
 def exr(values, compression):
     """A scan-line OpenEXR file with channels A (half, junk) and Z (float), written apart from the reader."""
     height, width = values.shape
@@ -100,7 +112,7 @@ def exr(values, compression):
         if compression:
             split = raw[0::2] + raw[1::2]
             steps = bytes([split[0]] + [(b - a + 128) % 256 for a, b in itertools.pairwise(split)])
-            packed = zlib.compress(steps)
+            packed = _runs(steps) if compression == 1 else zlib.compress(steps)
             raw = packed if len(packed) < len(raw) else raw
         blocks.append(struct.pack("<iI", top + 5, len(raw)) + raw)
     table, place = b"", len(head) + 8 * len(blocks)
@@ -110,13 +122,39 @@ def exr(values, compression):
     return head + table + b"".join(blocks)
 
 
-@pytest.mark.parametrize("compression", [0, 2, 3])
-def test_exr_files_are_read(compression, tmp_path):
-    values = np.linspace(0.3, 2.0, 37 * 21).reshape(37, 21).astype(np.float32)
+@pytest.mark.parametrize("even", [False, True])
+@pytest.mark.parametrize("compression", [0, 1, 2, 3])
+def test_exr_files_are_read(compression, even, tmp_path):
+    values = np.linspace(0.3, 2.0, 37 * 301).reshape(37, 301).astype(np.float32)
+    if even:  # long runs
+        values[:] = 0.5
     data = exr(values, compression)
     np.testing.assert_array_equal(decode_exr(data, "x"), values)
     (tmp_path / "d.exr").write_bytes(data)
     np.testing.assert_array_equal(read_depth(tmp_path / "d.exr", DepthEncoding(1.0)), values)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda data: b"PNG" + data[3:], "begins with b'PNG.*', expected an OpenEXR file"),
+        (
+            lambda data: data[:4] + struct.pack("<I", 0x202) + data[8:],
+            "is a tiled, deep or multi-part OpenEXR file",
+        ),
+        (lambda data: data.replace(b"dataWindow", b"dataWandow"), "is a damaged OpenEXR file: no dataWindow"),
+        (
+            lambda data: data.replace(b"Z\0" + struct.pack("<i", 2), b"Z\0" + struct.pack("<i", 7)),
+            "of unknown type 7",
+        ),
+        (lambda data: data.replace(b"Z\0", b"N\0", 1), "has channels A, N, expected one of Z, Y, R"),
+        (lambda data: data[:-40], "is a cut OpenEXR file"),
+    ],
+)
+def test_an_exr_file_that_is_not_read_says_why(change, said):
+    data = exr(np.full((20, 11), 0.5, np.float32), 0)
+    with pytest.raises(InputError, match=said):
+        decode_exr(change(data), "x")
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -108,6 +108,52 @@ def test_bad_csv(tmp_path: Path, change: object, problem: str) -> None:
         read_scans(tmp_path / "s.txt")
 
 
+def test_topics_are_named_where_there_are_several(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    kind = "sensor_msgs/msg/LaserScan"
+    with MeasurementWriter(path) as writer:
+        for topic, shift_m in (("/front", 0.0), ("/back", 0.3)):
+            writer.write(topic, kind, 5.0, scan_message(room_scan(5.0, shift_m)))
+        writer.write("/odom", "nav_msgs/msg/Odometry", 5.0, odometry_message(5.0, 0.5, 0.1))
+    with pytest.raises(InputError, match=r"has sensor_msgs/msg/LaserScan on /back, /front; name one topic"):
+        read_scans(path)
+    ((scan, pose),) = read_scans(path, scan_topic="/back")
+    # As the message holds them, in 32 bit.
+    np.testing.assert_allclose(scan.ranges_m, room_scan(5.0, 0.3).ranges_m, rtol=1e-6)
+    assert pose == pytest.approx((0.5, 0.0, 0.1))
+    with pytest.raises(InputError, match="has no nav_msgs/msg/Odometry on /wheels"):
+        read_scans(path, scan_topic="/back", odometry_topic="/wheels")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"ranges": []}, "ranges: found 0 beams, expected 1 to"),
+        ({"angle_increment": 0.0}, "expected a step that is not 0"),
+    ],
+)
+def test_a_message_that_is_no_scan_is_told_with_its_topic(tmp_path: Path, change: dict, said: str) -> None:
+    path = tmp_path / "run.mcap"
+    with MeasurementWriter(path) as writer:
+        writer.write("/scan", "sensor_msgs/msg/LaserScan", 5.0, scan_message(room_scan(5.0, 0.0)) | change)
+        writer.write("/odom", "nav_msgs/msg/Odometry", 5.0, odometry_message(5.0, 0.0, 0.0))
+    with pytest.raises(InputError, match=f"run.mcap:/scan.*{said}"):
+        read_scans(path)
+
+
+def test_a_pose_that_is_not_finite_and_scans_long_after_are_refused(tmp_path: Path) -> None:
+    for name, at_s, x_m, said in (
+        ("a", 5.0, math.nan, "expected finite x, y and yaw"),
+        ("b", 60.0, 0.0, "b.mcap"),
+    ):
+        with MeasurementWriter(tmp_path / f"{name}.mcap") as writer:
+            scan = scan_message(room_scan(at_s, 0.0))
+            writer.write("/scan", "sensor_msgs/msg/LaserScan", at_s, scan)
+            writer.write("/odom", "nav_msgs/msg/Odometry", 5.0, odometry_message(5.0, x_m, 0.0))
+        with pytest.raises(InputError, match=said):
+            read_scans(tmp_path / f"{name}.mcap")
+
+
 def test_the_verb_builds_a_map(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     verbs = {"map build": ("visuohaptic.cli.verbs.planning.map_build", "build a map from laser scans")}
     assert main(["map", "build", str(recording), "--out", str(tmp_path / "m.yaml"), "--json"], verbs) == 0

@@ -12,7 +12,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from visuohaptic.core import InputError, Reason, Wrench
-from visuohaptic.io.sinks import FORCE_COLUMNS, TableWriter, read_force_table, read_wrench_table
+from visuohaptic.io.sinks import (
+    FORCE_COLUMNS,
+    TableWriter,
+    read_force_table,
+    read_reference_table,
+    read_wrench_table,
+)
 
 from .helpers import profile
 
@@ -114,6 +120,39 @@ def test_bad_files(tmp_path: Path) -> None:
         read_force_table(tmp_path / "a.parquet")
     with pytest.raises(InputError, match="cannot be read"):
         read_force_table(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "force_N", "sigma_N"),
+    [
+        ("t_s,force_N,force_sigma_N\n0,1.5,0.1\n1,2,0.2\n", [1.5, 2.0], [0.1, 0.2]),
+        ("t_s,force_N\n0,1.5\n1,2\n", [1.5, 2.0], [0.0, 0.0]),
+        # Standard gravity.
+        ("mass_g,t_s,mass_sigma_g\n100,0,1\n0,1,1\n", [0.980665, 0.0], [0.00980665, 0.00980665]),
+    ],
+)
+def test_a_scale_says_newtons_or_grams(tmp_path: Path, text: str, force_N: list, sigma_N: list) -> None:
+    (tmp_path / "scale.csv").write_text(text)
+    found = read_reference_table(tmp_path / "scale.csv")
+    assert found["t_s"].tolist() == [0.0, 1.0]
+    assert found["force_N"] == pytest.approx(force_N)
+    assert found["sigma_N"] == pytest.approx(sigma_N)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t_s,weight\n0,1\n", "line 1: found columns t_s, weight; expected t_s and one of force_N, mass_g"),
+        ("", "line 1: found columns none"),
+        ("t_s,force_N\n0,1\n2,1\n2,1\n", "line 4, t_s: found a time that is not after the one before"),
+        ("force_N\n1\n", "missing: t_s"),
+        ("t_s,force_N\n0,x\n", "line 2, force_N: found 'x', expected a number"),
+    ],
+)
+def test_a_bad_scale_is_told_by_its_line(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "scale.csv").write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_reference_table(tmp_path / "scale.csv")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
