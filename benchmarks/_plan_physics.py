@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ __all__ = ["oracle", "oracle_table", "push_ends", "push_ends_table", "room", "ro
 #: After a push that ended farther off than this the plan is made anew [m], [rad].
 OFF_M, OFF_RAD = 0.01, np.deg2rad(3.0)
 MAX_PLANS = 10
+PERIOD_S = 0.02  #: of a controller
 ARRIVED_M = 0.05
 #: Quantiles of the squared length of a vector of three normal variables, by tenths.
 CHI2_TENTHS = (0.584, 1.005, 1.424, 1.869, 2.366, 2.946, 3.665, 4.642, 6.251)
@@ -154,6 +156,8 @@ def push_ends(planner: Planner, key: str) -> Row:
         "off_m": float(np.hypot(*off)),
         "turn_deg": abs(float(np.degrees(turn))),
     }
+    steered_m, steered_rad = _steered(world, push)
+    row |= {"steered_off_m": steered_m, "steered_deg": abs(float(np.degrees(steered_rad)))}
     physics.drive(path[1:], 0.1)
     here = physics.robot_m
     now = replace(world, bodies=physics.bodies, start_m=(float(here[0]), float(here[1])))
@@ -168,6 +172,38 @@ def push_ends(planner: Planner, key: str) -> Row:
         error = np.array([*off, turn])
         row["squared"] = float(error @ np.linalg.solve(matrix, error))
     return row
+
+
+def _steered(world: World, push: Row) -> tuple[float, float]:
+    """Distance from its goal [m] and turn [rad] of an object that is pushed as a plan is executed: seen, and steered by."""
+    from visuohaptic.navigation.pushing import PushModel
+    from visuohaptic.tasks.mobile import PushSettings, SteeredPush
+
+    at, robot = np.array(push["path_m"][0]), world.robot
+    physics = FloorPhysics(world.walls, world.bodies, robot, at)
+    heading = direction = float(np.arctan2(*push["displacement_m"][::-1]))
+    body = world.bodies[0]
+    run = SteeredPush(
+        at.copy(),
+        direction,
+        float(np.hypot(*push["displacement_m"])),
+        object_m=np.array([*body.centre_m, 0.0]),
+        lever_m=PushModel.of_footprint(body.outline_m - body.centre_m).lever_m,
+        settings=PushSettings(robot.radius_m, robot.v_push_m_s, max_force_N=robot.push_force_max_N),
+    )
+    for period in itertools.count():
+        force_N, place = physics.touch
+        centre, turn = physics.pose(0)
+        pose = np.array([*physics.robot_m, heading])
+        contact = None if place is None else (float(place[0]), float(place[1]))
+        speed, rate = run.command(period * PERIOD_S, pose, force_N, contact, np.array([*centre, turn]))
+        if run.end is not None:
+            return float(np.hypot(*(centre - push["goal_m"]))), turn
+        heading += rate * PERIOD_S
+        velocity = speed * np.array([np.cos(heading), np.sin(heading)])
+        physics.follow(at, velocity, PERIOD_S)
+        at = at + PERIOD_S * velocity
+    raise AssertionError
 
 
 def push_ends_table(rows: Rows) -> list[Row]:
@@ -203,6 +239,22 @@ def push_ends_table(rows: Rows) -> list[Row]:
             "unit": "deg",
             "floor": 3,
             "aim": 1.5,
+        },
+        {
+            "name": "end of a push that is steered by sight, as travel does: median",
+            "ours": 100 * (quantile((r["steered_off_m"] for r in done), 0.5) or np.nan),
+            "unit": "cm",
+            "floor": 2,
+            "aim": 1,
+            "note": f"p90 {100 * (quantile((r['steered_off_m'] for r in done), 0.9) or np.nan):.1f}",
+        },
+        {
+            "name": "end of a push that is steered by sight, turn: median",
+            "ours": quantile((r["steered_deg"] for r in done), 0.5),
+            "unit": "deg",
+            "floor": 3,
+            "aim": 1.5,
+            "note": f"p90 {quantile((r['steered_deg'] for r in done), 0.9) or np.nan:.1f}",
         },
         {
             "name": "end of a push inside the declared 90 % ellipse",

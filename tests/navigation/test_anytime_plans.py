@@ -7,6 +7,7 @@ import pytest
 from benchmarks._plan_child import described, problem_of
 
 from tests.worlds.floor_scenes import campus
+from tests.worlds.real_floors import real_scene
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import alternatives, make_plan
@@ -136,9 +137,8 @@ def test_a_budget_is_kept_and_the_answer_says_that_nothing_is_proved():
         SearchLimits(budget_s=0.0)
 
 
-def test_a_budget_is_kept_in_every_phase_on_a_large_map(monkeypatch):
+def counted_clock(monkeypatch, problem):
     """Time is counted in searches over the whole lattice: the same on every machine."""
-    problem = problem_of(described(campus(0, rooms=6, objects=40), 0.05))
     nodes, spent = build_search_domain(problem).lattice.size, [0.0]
 
     def counted(kernel):
@@ -152,6 +152,20 @@ def test_a_budget_is_kept_in_every_phase_on_a_large_map(monkeypatch):
         monkeypatch.setattr(_travel_kernels, name, counted(getattr(_travel_kernels, name)))
     monkeypatch.setattr(push_states.time, "thread_time", lambda: spent[0])
     monkeypatch.setattr(push_states.time, "monotonic", lambda: 0.0)
+    return spent
+
+
+@pytest.mark.data
+def test_straight_pushes_leave_time_for_oblique_ones(data, monkeypatch):
+    """A flat where one of two bodies has to be pushed at an angle to its face; straight pushes alone are never through."""
+    problem = problem_of(described(real_scene(data / "navigation" / "dev" / "maps", 10), 0.05))
+    counted_clock(monkeypatch, problem)
+    assert make_plan(problem, limits=SearchLimits(budget_s=3000.0)).reachable
+
+
+def test_a_budget_is_kept_in_every_phase_on_a_large_map(monkeypatch):
+    problem = problem_of(described(campus(0, rooms=6, objects=40), 0.05))
+    spent = counted_clock(monkeypatch, problem)
     for budget in (0.5, 1.5, 3.0, 6.0, 12.0):
         begin = spent[0]
         plan = make_plan(problem, limits=SearchLimits(budget_s=budget))

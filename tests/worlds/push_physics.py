@@ -93,6 +93,23 @@ class FloorPhysics:
         for _ in range(int(seconds / (STEP_S * CONTROL_STEPS))):
             self._control(hold, np.zeros(2))
 
+    @property
+    def touch(self) -> tuple[float, np.ndarray | None]:
+        """Force against the robot's rim [N] and its place [m]; none without."""
+        total, moment, force = 0.0, np.zeros(2), np.zeros(6)
+        robot = self.model.body("robot").id
+        for index, contact in enumerate(self.data.contact):
+            if robot in self.model.geom_bodyid[contact.geom]:
+                mujoco.mj_contactForce(self.model, self.data, index, force)
+                total, moment = total + force[0], moment + force[0] * contact.pos[:2]
+        return total, moment / total if total > 0.0 else None
+
+    def follow(self, at_m: np.ndarray, velocity_m_s: np.ndarray, seconds: float) -> None:
+        """Let the robot follow a moving place from where that is now."""
+        period = STEP_S * CONTROL_STEPS
+        for step in range(1, round(seconds / period) + 1):
+            self._control(at_m + step * period * velocity_m_s, velocity_m_s)
+
     def drive(self, path_m: np.ndarray, speed_m_s: float) -> bool:
         """Follow a path with the robot's centre; False where it does not get on."""
         path = np.asarray(path_m, dtype=float)
@@ -129,7 +146,7 @@ def _mjcf(
     parts = [
         '<geom name="floor" type="plane" size="0 0 1" contype="1" conaffinity="1" friction="0.01 0 0"/>',
         *(_wall(wall) for wall in walls),
-        f'<body pos="{at_m[0]:.6f} {at_m[1]:.6f} {h}"><joint type="slide" axis="1 0 0"/>'
+        f'<body name="robot" pos="{at_m[0]:.6f} {at_m[1]:.6f} {h}"><joint type="slide" axis="1 0 0"/>'
         f'<joint type="slide" axis="0 1 0"/><geom type="sphere" size="{robot.radius_m}" mass="{ROBOT_KG}" '
         f'contype="2" conaffinity="2" priority="1" friction="{contact_friction} 0 0" solref="0.008 1"/></body>',
         *(_body(body) for body in bodies),

@@ -42,6 +42,8 @@ __all__ = ["load_kernels", "search_pushes"]
 
 #: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
+#: Fraction of the time for a first plan that pushes straight at a face get alone: the other half is for oblique ones.
+STRAIGHT = 0.5
 #: Configurations looked at with the first weight, and for the bound of one body alone.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
 #: How far a bound of one body alone may be below its cheapest plan.
@@ -222,7 +224,8 @@ class _Search:
             # The smallest weight is for a plan that is found straight away.
             most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
             most = max(min(most, self.limits.expansions - self.expanded), 1)
-            plan = PushPass(heuristic, weight, self.limits, self._until(fraction), bodies).run(
+            until = self._until(fraction * (1.0 if self.oblique else STRAIGHT))
+            plan = PushPass(heuristic, weight, self.limits, until, bodies).run(
                 self.first, most, known.cost * units, self.limits.gap
             )
             self.expanded += plan.expanded
