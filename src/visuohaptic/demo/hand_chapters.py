@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.objects import Estimate
+from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import SCALE, ContentsModel, wall_from_stiffness
-from ..recognition.touch.haptic_model import UNKNOWN, ModelSettings, fit_model
+from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
 from ..rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
 from ..simulation.faults import FaultKind
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from ..grasping.grasp_task import Grasp
     from ..grasping.planner import GraspPlan
 
-__all__ = ["grasp_the_bottle", "recognise_the_bottle"]
+__all__ = ["grasp_the_bottle", "mission_classes", "recognise_the_bottle"]
 
 #: At a single place an unusual bottle can be as stiff and as wide as another class. One wrong claim in a hundred is what a
 #: mission may have: with 0.98 one unknown container of four passed for a smoothie.
@@ -105,7 +106,9 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     assert known.outline_m is not None
     _, hand = the_hand(mission)
     object_m = _foot_m(known)
-    classes = fit_model(training_objects(), GROUPS, settings=ModelSettings(pose_m=HEIGHT_SIGMA_M))
+    classes = mission_classes()
+    if mission.known_bottle is None:  # else what its outline says is in the odds
+        classes = with_outline(classes, known.outline_m, known.outline_sigma_m)
     squeezer = BayesSqueezer(
         classes,
         float(known.outline_m[-1, 1]),
@@ -157,6 +160,12 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     lid = "" if contents.sure else "whether it is closed stays undecided: "
     why = f"{_called(found.best)} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
     return done(why, *_contents_claims(found, contents, bottle), *parts)
+
+
+def mission_classes() -> HapticModel:
+    """What is known of the classes, for an arm that is calibrated and heights that were measured."""
+    settings = ModelSettings(pose_m=HEIGHT_SIGMA_M, poses=(1.0,))
+    return fit_model(training_objects(), GROUPS, settings=settings)
 
 
 def _odds(mission: Mission) -> dict[str, float]:

@@ -72,6 +72,7 @@ class ModelSettings:
     discrepancy: float = 0.04  #: relative error of simulated stiffness, by place
     end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
     pose_m: float = POSE_m  #: wrong height of all touches
+    poses: tuple[float, ...] = POSES  #: factors of that, equally probable; 1 alone where it was measured
     tilt_rad: float = 0.05  #: wrong tilt of the gripper against the object, 3 degrees
     width_m: float = 0.0008  #: wrong width by pose and contact
     width_discrepancy: float = 0.005  #: relative
@@ -99,6 +100,12 @@ class HapticModel:
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
     unknown_log_odds: float = 0.0  #: added to those of "unknown", see :mod:`.calibration`
+    tail: float = (
+        1.0  #: of chi-square by that of a Gaussian, at the false-alarm rate, see :mod:`.calibration`
+    )
+    #: chi-square by each Gaussian, and number, of what the model was conditioned on, see :func:`.with_outline`
+    square: Float[np.ndarray, "c"] | float = 0.0
+    freedom: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +209,8 @@ def assemble(
         shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + (not one.touched) * own
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
-        chance = fraction[name_of[part]] / alike / len(one.spreads) / len(POSES)
-        for spread, pose in product(one.spreads, POSES):
+        chance = fraction[name_of[part]] / alike / len(one.spreads) / len(settings.poses)
+        for spread, pose in product(one.spreads, settings.poses):
             whole = shared + spread**2 * one.within + pose**2 * one.pose
             scaled = effect * np.array([1.0, pose, 1.0, 1.0])[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
