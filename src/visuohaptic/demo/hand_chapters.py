@@ -37,7 +37,6 @@ from .story import ChapterResult, Illustration, Known, Measure, Mission, counted
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
 
     from ..grasping.grasp_task import Grasp
     from ..grasping.planner import GraspPlan
@@ -71,15 +70,14 @@ def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
     if mission.kitchen is None:
         bottle = set_the_table(mission)
         x, y, _ = bottle.T_base_bottle.translation_m
-        never = math.inf
         # Squeezes and grasp take 35 s and more: it falls in the midst of them.
         late = float(mission.rng(30).uniform(2.0, 34.0))
         mission.kitchen = VirtualHand(
             bottle.container,
             mission.rng(31),
             place_m=(float(x), float(y)),
-            slip_at_s=0.0 if mission.fault is FaultKind.SLIP else never,
-            fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else never,
+            slip_at_s=0.0 if mission.fault is FaultKind.SLIP else math.inf,
+            fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else math.inf,
         )
     if mission.known.finger is None:
         folder = mission.folder / "finger"
@@ -110,13 +108,9 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     if mission.known_bottle is None:  # else what its outline says is in the odds
         classes = with_outline(classes, known.outline_m, known.outline_sigma_m)
     squeezer = BayesSqueezer(
-        classes,
-        float(known.outline_m[-1, 1]),
-        HEIGHTS,
-        mission.rng(32),
-        odds=_odds(mission),
+        classes, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission),
         readings=known.readings,
-    )
+    )  # fmt: skip
     settings = ClassifySettings(
         confidence=CONFIDENCE,
         min_squeezes=1 if mission.known_bottle is not None else MIN_SQUEEZES,
@@ -192,7 +186,6 @@ def _keep_the_bottle(mission: Mission, probability: float, wall_m: float) -> Non
 
 def _contents_claims(found: Classification, contents: ContentsFinding, bottle: TableBottle) -> list[Claim]:
     assert contents.mass_kg is not None
-    mass, sigma = contents.mass_kg
     lid = "closed" if bottle.closed else "open"
     told = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     named = Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best])
@@ -200,7 +193,7 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
         *([told] if contents.sure else []),
         *([named] if found.ending.success else []),
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
-        Claim("mass", "bottle", mass, bottle.container.mass_kg, sigma=sigma),
+        Claim("mass", "bottle", contents.mass_kg[0], bottle.container.mass_kg, sigma=contents.mass_kg[1]),
     ]
 
 
@@ -280,6 +273,9 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         Illustration(
             _grasp_figure(plan, lift, mission.known.outline_m, held.ending.success),
             "Grasp score and stiffness of the recognised class with the grasp (circles), and the lifted bottle",
+        ),
+        Illustration(
+            kitchen.image(kitchen.arm.t_s), "What the camera on the finger sees of its foam in the end"
         ),
     )
     if not held.ending.success:
@@ -386,6 +382,8 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray | None,
 
 def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray | None, lifted: bool) -> None:
     """Outline of the bottle on the table and above it, and the fingers beside it."""
+    from matplotlib.patches import Rectangle
+
     from ..report.style import COLOURS
 
     assert outline_m is not None
@@ -397,12 +395,6 @@ def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray | None, lifted:
     grip_mm = 1e3 * lift.place.height_m
     reach_mm = float(np.interp(grip_mm, height_mm, radius_mm))
     for left_mm in (reach_mm, -reach_mm - 30.0):
-        axes.add_patch(_finger(left_mm, grip_mm + up_mm))
+        axes.add_patch(Rectangle((left_mm, grip_mm + up_mm - 8.0), 30.0, 16.0, color="#d55e00", alpha=0.8))
     axes.axhline(0, color=COLOURS["ink"], lw=0.8)
     axes.set(xlabel="distance from the axis [mm]", ylabel="height above the table [mm]", aspect="equal")
-
-
-def _finger(left_mm: float, height_mm: float) -> Rectangle:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((left_mm, height_mm - 8.0), 30.0, 16.0, color="#d55e00", alpha=0.8)
