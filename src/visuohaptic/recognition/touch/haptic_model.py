@@ -58,7 +58,6 @@ _PLACE_m = 0.01  # between two of the 16 heights of most containers
 OUTSIDE = 1.43
 #: A pose is known to 2 mm by a calibrated gripper, and to 5 mm by one that is not.
 CARELESS = 2.5
-POSES = (1.0, CARELESS)
 #: Objects that the average covariance of all classes counts for: what is tried. A hundredth of an object is next to none.
 STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
@@ -72,7 +71,10 @@ class ModelSettings:
     discrepancy: float = 0.04  #: relative error of simulated stiffness, by place
     end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
     pose_m: float = POSE_m  #: wrong height of all touches
-    poses: tuple[float, ...] = POSES  #: factors of that, equally probable; 1 alone where it was measured
+    poses: tuple[float, ...] = (
+        1.0,
+        CARELESS,
+    )  #: factors of that, equally probable; 1 alone where it was measured
     tilt_rad: float = 0.05  #: wrong tilt of the gripper against the object, 3 degrees
     width_m: float = 0.0008  #: wrong width by pose and contact
     width_discrepancy: float = 0.005  #: relative
@@ -103,9 +105,10 @@ class HapticModel:
     tail: float = (
         1.0  #: of chi-square by that of a Gaussian, at the false-alarm rate, see :mod:`.calibration`
     )
-    #: chi-square by each Gaussian, and number, of what the model was conditioned on, see :func:`.with_outline`
-    square: Float[np.ndarray, "c"] | float = 0.0
-    freedom: int = 0
+    square: Float[np.ndarray, "c"] | float = (
+        0.0  #: chi-square of what it was conditioned on, :func:`.with_outline`
+    )
+    freedom: int = 0  #: number of these values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -360,8 +363,7 @@ def _within(
                 score[trial, k] -= 0.5 * (white**2).sum() + len(left) * np.log(np.diag(root)).sum()
     each = np.stack([_shrunk(away, number, strength) for strength in STRENGTHS])
     score[score.sum(axis=1).argmax()] += 0.5 * np.log(away.size)
-    out: np.ndarray = each[score.argmax(axis=0), np.arange(score.shape[1])]
-    return out
+    return np.asarray(each[score.argmax(axis=0), np.arange(score.shape[1])])
 
 
 def _shrunk(
@@ -371,8 +373,7 @@ def _shrunk(
     freedom = np.maximum(counts - 1, 0)
     scatter = np.stack([away[number == k].T @ away[number == k] for k in range(len(counts))])
     average = scatter.sum(axis=0) / max(int(freedom.sum()), 1)
-    out: np.ndarray = (strength * average + scatter) / (strength + freedom)[:, None, None]
-    return out
+    return np.asarray((strength * average + scatter) / (strength + freedom)[:, None, None])
 
 
 def _slopes(features: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
