@@ -71,10 +71,7 @@ class ModelSettings:
     discrepancy: float = 0.04  #: relative error of simulated stiffness, by place
     end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
     pose_m: float = POSE_m  #: wrong height of all touches
-    poses: tuple[float, ...] = (
-        1.0,
-        CARELESS,
-    )  #: factors of that, equally probable; 1 alone where it was measured
+    poses: tuple[float, ...] = (1.0, CARELESS)  #: factors of it, alike probable; 1 if it was measured
     tilt_rad: float = 0.05  #: wrong tilt of the gripper against the object, 3 degrees
     width_m: float = 0.0008  #: wrong width by pose and contact
     width_discrepancy: float = 0.005  #: relative
@@ -102,13 +99,9 @@ class HapticModel:
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
     unknown_log_odds: float = 0.0  #: added to those of "unknown", see :mod:`.calibration`
-    tail: float = (
-        1.0  #: of chi-square by that of a Gaussian, at the false-alarm rate, see :mod:`.calibration`
-    )
-    square: Float[np.ndarray, "c"] | float = (
-        0.0  #: chi-square of what it was conditioned on, :func:`.with_outline`
-    )
-    freedom: int = 0  #: number of these values
+    tail: float = 1.0  #: factor of the chi-square at which nothing is known, see :mod:`.calibration`
+    square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
+    freedom: int = 0  #: number of its values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
