@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from visuohaptic.demo import Story, Visit, run_mission
-from visuohaptic.demo.judge import SURE, RunOutcome, calibration_figure, expected_calibration_error
+from visuohaptic.demo.judge import SURE, RunOutcome
 
+from ._forecasts import calibration_figure, expected_calibration_error
 from ._journal import Journal
 
 __all__ = ["worlds"]

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from benchmarks._forecasts import expected_calibration_error
 
-from visuohaptic.demo.judge import Claim, RunOutcome, expected_calibration_error
+from visuohaptic.demo.judge import Claim, RunOutcome
 
 
 def test_a_number_is_right_within_what_its_use_allows_whatever_was_declared():

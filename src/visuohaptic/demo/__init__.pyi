@@ -24,8 +24,6 @@ from .judge import RULES as RULES
 from .judge import SURE as SURE
 from .judge import Claim as Claim
 from .judge import RunOutcome as RunOutcome
-from .judge import calibration_figure as calibration_figure
-from .judge import expected_calibration_error as expected_calibration_error
 from .probe_chapters import complete_the_bottle as complete_the_bottle
 from .probe_chapters import find_the_glass as find_the_glass
 from .probe_chapters import set_the_table as set_the_table

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.objects import Estimate
+from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import SCALE, ContentsModel, wall_from_stiffness
-from ..recognition.touch.haptic_model import UNKNOWN, ModelSettings, fit_model
+from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
 from ..rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
 from ..simulation.faults import FaultKind
@@ -36,12 +37,11 @@ from .story import ChapterResult, Illustration, Known, Measure, Mission, counted
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
 
     from ..grasping.grasp_task import Grasp
     from ..grasping.planner import GraspPlan
 
-__all__ = ["grasp_the_bottle", "recognise_the_bottle"]
+__all__ = ["grasp_the_bottle", "mission_classes", "recognise_the_bottle"]
 
 #: At a single place an unusual bottle can be as stiff and as wide as another class. One wrong claim in a hundred is what a
 #: mission may have: with 0.98 one unknown container of four passed for a smoothie.
@@ -70,15 +70,14 @@ def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
     if mission.kitchen is None:
         bottle = set_the_table(mission)
         x, y, _ = bottle.T_base_bottle.translation_m
-        never = math.inf
         # Squeezes and grasp take 35 s and more: it falls in the midst of them.
         late = float(mission.rng(30).uniform(2.0, 34.0))
         mission.kitchen = VirtualHand(
             bottle.container,
             mission.rng(31),
             place_m=(float(x), float(y)),
-            slip_at_s=0.0 if mission.fault is FaultKind.SLIP else never,
-            fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else never,
+            slip_at_s=0.0 if mission.fault is FaultKind.SLIP else math.inf,
+            fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else math.inf,
         )
     if mission.known.finger is None:
         folder = mission.folder / "finger"
@@ -105,15 +104,13 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     assert known.outline_m is not None
     _, hand = the_hand(mission)
     object_m = _foot_m(known)
-    classes = fit_model(training_objects(), GROUPS, settings=ModelSettings(pose_m=HEIGHT_SIGMA_M))
+    classes = mission_classes()
+    if mission.known_bottle is None:  # else what its outline says is in the odds
+        classes = with_outline(classes, known.outline_m, known.outline_sigma_m)
     squeezer = BayesSqueezer(
-        classes,
-        float(known.outline_m[-1, 1]),
-        HEIGHTS,
-        mission.rng(32),
-        odds=_odds(mission),
+        classes, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission),
         readings=known.readings,
-    )
+    )  # fmt: skip
     settings = ClassifySettings(
         confidence=CONFIDENCE,
         min_squeezes=1 if mission.known_bottle is not None else MIN_SQUEEZES,
@@ -159,6 +156,12 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     return done(why, *_contents_claims(found, contents, bottle), *parts)
 
 
+def mission_classes() -> HapticModel:
+    """What is known of the classes, for an arm that is calibrated and heights that were measured."""
+    settings = ModelSettings(pose_m=HEIGHT_SIGMA_M, poses=(1.0,))
+    return fit_model(training_objects(), GROUPS, settings=settings)
+
+
 def _odds(mission: Mission) -> dict[str, float]:
     """Of the class as which the object was recognised, against any other of those that are known."""
     one = mission.known_bottle
@@ -183,7 +186,6 @@ def _keep_the_bottle(mission: Mission, probability: float, wall_m: float) -> Non
 
 def _contents_claims(found: Classification, contents: ContentsFinding, bottle: TableBottle) -> list[Claim]:
     assert contents.mass_kg is not None
-    mass, sigma = contents.mass_kg
     lid = "closed" if bottle.closed else "open"
     told = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     named = Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best])
@@ -191,7 +193,7 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
         *([told] if contents.sure else []),
         *([named] if found.ending.success else []),
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
-        Claim("mass", "bottle", mass, bottle.container.mass_kg, sigma=sigma),
+        Claim("mass", "bottle", contents.mass_kg[0], bottle.container.mass_kg, sigma=contents.mass_kg[1]),
     ]
 
 
@@ -271,6 +273,9 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         Illustration(
             _grasp_figure(plan, lift, mission.known.outline_m, held.ending.success),
             "Grasp score and stiffness of the recognised class with the grasp (circles), and the lifted bottle",
+        ),
+        Illustration(
+            kitchen.image(kitchen.arm.t_s), "What the camera on the finger sees of its foam in the end"
         ),
     )
     if not held.ending.success:
@@ -377,6 +382,8 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray | None,
 
 def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray | None, lifted: bool) -> None:
     """Outline of the bottle on the table and above it, and the fingers beside it."""
+    from matplotlib.patches import Rectangle
+
     from ..report.style import COLOURS
 
     assert outline_m is not None
@@ -388,12 +395,6 @@ def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray | None, lifted:
     grip_mm = 1e3 * lift.place.height_m
     reach_mm = float(np.interp(grip_mm, height_mm, radius_mm))
     for left_mm in (reach_mm, -reach_mm - 30.0):
-        axes.add_patch(_finger(left_mm, grip_mm + up_mm))
+        axes.add_patch(Rectangle((left_mm, grip_mm + up_mm - 8.0), 30.0, 16.0, color="#d55e00", alpha=0.8))
     axes.axhline(0, color=COLOURS["ink"], lw=0.8)
     axes.set(xlabel="distance from the axis [mm]", ylabel="height above the table [mm]", aspect="equal")
-
-
-def _finger(left_mm: float, height_mm: float) -> Rectangle:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((left_mm, height_mm - 8.0), 30.0, 16.0, color="#d55e00", alpha=0.8)

@@ -55,7 +55,7 @@ def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
         _draw_profile(axes, plan)
         if column == 0:
             axes.set_ylabel("height [mm]")
-            axes.legend(loc="lower left", fontsize=8, framealpha=0.9)
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=120)
 
@@ -75,7 +75,7 @@ def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
             start = tip - reach * force
             axes.quiver(*start, *(tip - start), color="crimson", lw=2.2 if rank == 0 else 1.0)
             if rank == 0:
-                axes.text(*(start - 4 * force), "1", color="crimson")
+                axes.text(*(start - 0.4 * reach * force), "1", color="crimson", ha="center", va="center")
     setters = (axes.set_xlim, axes.set_ylim, axes.set_zlim)
     for setter, a, b in zip(setters, low - reach, high + reach, strict=True):
         setter(a, b)

@@ -21,6 +21,9 @@ from .touch.haptic_model import HapticModel, ModelSettings, class_statistics, fi
 from .trees.tree_file import load_tree, tree_mapping
 from .trees.tree_nodes import ClassificationTree
 
+#: Temperature, log odds and tail of a :class:`.HapticModel`.
+Calibration = tuple[float, float, float]
+
 __all__ = ["Classifier", "load_classifier", "save_classifier"]
 
 
@@ -32,8 +35,8 @@ class Classifier:
     tree: ClassificationTree | None = None  #: of the training objects
     data: FeatureSet | None = None  #: training objects of which all features are known
     squeezed: tuple[SqueezedObject, ...] = ()  #: training objects of which there are curves
-    #: Temperature and added log odds of "unknown", with widths and by stiffness alone, which says less.
-    calibration: tuple[tuple[float, float], tuple[float, float]] = ((1.0, 0.0), (1.0, 0.0))
+    #: Temperature, added log odds of "unknown" and tail, with widths and by stiffness alone, which says less.
+    calibration: tuple[Calibration, Calibration] = ((1.0, 0.0, 1.0), (1.0, 0.0, 1.0))
     #: Models that were fitted, with widths and without.
     fitted: dict[bool, HapticModel] = field(default_factory=dict, repr=False)
 
@@ -49,9 +52,9 @@ class Classifier:
         """
         if use_width not in self.fitted:
             settings = ModelSettings(use_width=use_width)
-            temperature, log_odds = self.calibration[0 if use_width else 1]
+            warm, odds, tail = self.calibration[0 if use_width else 1]
             model = self._learn(settings)
-            self.fitted[use_width] = replace(model, temperature=temperature, unknown_log_odds=log_odds)
+            self.fitted[use_width] = replace(model, temperature=warm, unknown_log_odds=odds, tail=tail)
         return with_prior(self.fitted[use_width], prior)
 
     def required_tree(self) -> ClassificationTree:
@@ -116,9 +119,10 @@ def load_classifier(path: Path | str) -> Classifier:
     path = Path(path)
 
     def parsed(content: Any) -> tuple[Classifier, bool]:
-        # Files of earlier versions were calibrated for another model.
+        # Files of earlier versions have no tail, or no calibration at all.
         wide, bare = (
-            (float(warm), float(odds)) for warm, odds in content.get("calibration", ((1, 0), (1, 0)))
+            (float(warm), float(odds), float(tail[0]) if tail else 1.0)
+            for warm, odds, *tail in content.get("calibration", ((1, 0), (1, 0)))
         )
         squeezed = tuple(_squeezed(one) for one in content.get("squeezed", ()))
         groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
@@ -126,9 +130,10 @@ def load_classifier(path: Path | str) -> Classifier:
         return found, bool(squeezed and not content.get("objects"))
 
     found, whole = load_json(path, "a classifier", parsed, remedy="create one with classify train")
-    for warm, odds in found.calibration:
-        if not (0 < warm < 1e3 and abs(odds) < 1e3):
-            raise InputError(path, f"found temperature {warm} and log odds {odds}", field="calibration")
+    for warm, odds, tail in found.calibration:
+        if not (0 < warm < 1e3 and abs(odds) < 1e3 and 0 < tail < 1e3):
+            problem = f"found temperature {warm}, log odds {odds} and tail {tail}"
+            raise InputError(path, problem, field="calibration")
     if whole:
         return found
     tree = load_tree(path)

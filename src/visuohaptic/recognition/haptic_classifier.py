@@ -192,8 +192,8 @@ class HapticClassifier:
         found = dict(map_tasks(call, parts, name="classify train", workers=workers))
         tree, wide, plain = found[0], found[1], found[2]
         calibration = (
-            (wide.temperature, wide.unknown_log_odds),
-            (plain.temperature, plain.unknown_log_odds),
+            (wide.temperature, wide.unknown_log_odds, wide.tail),
+            (plain.temperature, plain.unknown_log_odds, plain.tail),
         )
         return Classifier(groups, tree, used, (), calibration, {True: wide, False: plain})
 

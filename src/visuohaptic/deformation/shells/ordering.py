@@ -42,18 +42,6 @@ class FrontTree:
         """How many there are."""
         return self.parent.size
 
-    def factor_entries(self, dofs: int = 6) -> int:
-        """Entries of the factor (lower triangle, dense fronts).
-
-        Parameters
-        ----------
-        dofs
-            Degrees of freedom of each node.
-        """
-        pivots = dofs * np.diff(self.first)
-        outside = dofs * np.diff(self.offset)
-        return int(np.sum(pivots * (pivots + 1) // 2 + pivots * outside))
-
 
 def front_tree(
     points_m: Float[np.ndarray, "v 3"], elements: Int[np.ndarray, "e corners"], leaf: int = 20

@@ -1,16 +1,22 @@
 """Probabilities after some readings: each Gaussian of a model is conditioned in closed form.
 
-Symbols: those of :mod:`.haptic_model`; o values that were read.
+Symbols: those of :mod:`.haptic_model`; o values that were read; q their chi-square by a Gaussian.
+
+The Gaussians of "unknown" say what other containers usually are. What none of them foresees would go to the known class
+that is least improbable. Its best Gaussian therefore has an alternative beside it, like it and yet unknown, whose density
+is everywhere that of the Gaussian where a test of the stated false-alarm rate just rejects it (:mod:`.unknown_state`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.special import chdtri
 
+from ..data.places import HEIGHTS
 from ..data.readings import TouchReading
 from .haptic_model import HapticModel
 from .unknown_class import FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
@@ -24,11 +30,15 @@ __all__ = [
     "doubted",
     "evidence",
     "log_likelihood",
+    "log_scores",
     "update_belief",
+    "with_outline",
 ]
 
 #: Relative variance of a width as read: 1e-4 m of noise at each tip, of some 6 cm, is 0.24 %; contact is in the model.
 WIDTH_VARIANCE = 0.0024**2
+#: Probability that readings of a known class are called unlike it, at each look: one in a hundred.
+FALSE_ALARM = 0.01
 #: A nuisance is doubted from this many of its standard deviations on: one exploration in 20 by chance, each.
 _DOUBTED = 2.0
 
@@ -115,20 +125,22 @@ def log_likelihood(
     place: Int[np.ndarray, "o"],
     value: Float[np.ndarray, "o"],
     noise: Float[np.ndarray, "o"],
-) -> Float[np.ndarray, "c"]:
-    """Log likelihood of each Gaussian of the model, but for a constant.
+) -> Float[np.ndarray, "2 c"]:
+    """Log likelihood of each Gaussian of the model, and of what is like it and yet unknown, but for a constant.
 
     Parameters
     ----------
     model
         Of the candidates.
     place, value, noise
-        Of :func:`evidence`.
+        Of :func:`evidence`; the second row is minus infinity where nothing was ever read.
     """
     root, white = _whitened(model, place, value, noise)
-    scale = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    out: np.ndarray = -0.5 * (white[..., 0] ** 2).sum(axis=1) - scale
-    return out
+    square = (white[..., 0] ** 2).sum(axis=1)
+    fit = -0.5 * square - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    freedom = model.freedom + len(place)
+    limit = model.tail * chdtri(freedom, FALSE_ALARM) if freedom else np.inf
+    return np.stack([fit, fit + 0.5 * (model.square + square - limit)])
 
 
 def condition(
@@ -150,6 +162,37 @@ def condition(
     return after, model.covariance - gain @ gain.transpose(0, 2, 1)
 
 
+def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_m: float) -> HapticModel:
+    """The model of an object whose outline was measured before it is touched: every Gaussian given its widths.
+
+    An outline says which classes have such a profile, and how wide the object is wherever it is touched then. Where it
+    stands and what closes it is no part of its shape: the lowest and the highest place are left out.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    outline_m
+        Radius and height (k, 2) [m], upwards.
+    sigma_m
+        Standard deviation of a radius [m].
+    """
+    level = np.arange(1, HEIGHTS - 1)
+    height = (level + 0.5) / HEIGHTS * outline_m[-1, 1]
+    width = 2.0 * np.interp(height, outline_m[:, 1], outline_m[:, 0])
+    read = FIRST_WIDTH + 2 * level, np.log(width), (2.0 * sigma_m / width) ** 2
+    mean, covariance = condition(model, *read)
+    score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature
+    return replace(
+        model,
+        mean=mean,
+        covariance=covariance,
+        log_prior=score - np.logaddexp.reduce(score),
+        square=(_whitened(model, *read)[1] ** 2).sum(axis=(1, 2)),
+        freedom=len(level),
+    )
+
+
 def _whitened(
     model: HapticModel, place: np.ndarray, value: np.ndarray, noise: np.ndarray
 ) -> tuple[Float[np.ndarray, "c o o"], Float[np.ndarray, "c o 1"]]:
@@ -158,7 +201,7 @@ def _whitened(
     return root, np.linalg.solve(root, (value - model.mean[:, place])[..., None])
 
 
-def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "c"]) -> Belief:
+def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belief:
     """Posterior probabilities from the likelihoods of the Gaussians.
 
     Parameters
@@ -166,14 +209,35 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "c"]) -> Belief:
     model
         Of the candidates.
     likelihood
-        Logarithm of that of each Gaussian, see :func:`log_likelihood`; all 0 where nothing was read.
+        See :func:`log_likelihood`.
     """
-    score = model.log_prior + likelihood / model.temperature
-    if likelihood.any():
-        score = score + model.unknown_log_odds * (model.answer_of == len(model.answers) - 1)
+    score = log_scores(model, likelihood)
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     return Belief(by_answer(weight[None], model)[0], weight, model.answers)
+
+
+def log_scores(model: HapticModel, likelihood: Float[np.ndarray, "*n 2 c"]) -> Float[np.ndarray, "*n c"]:
+    """Logarithm of the weight of each Gaussian, but for a constant; what is like none of them is with those of "unknown".
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    likelihood
+        See :func:`log_likelihood`.
+    """
+    score, beside = np.moveaxis(likelihood / model.temperature + model.log_prior, -2, 0)
+    known = model.answer_of < len(model.answers) - 1
+    foreign = np.logaddexp.reduce(score[..., ~known], axis=-1, keepdims=True)
+    best = np.argmax(np.where(known, score, -np.inf), axis=-1)[..., None]
+    unlike = np.logaddexp.reduce(score[..., known], axis=-1, keepdims=True)
+    unlike += np.take_along_axis(beside, best, axis=-1) - np.take_along_axis(score, best, axis=-1)
+    # Who gives "unknown" no probability has a closed set of classes.
+    more = np.logaddexp(foreign + model.unknown_log_odds, unlike) - foreign
+    more = np.where(np.isfinite(foreign) & np.isfinite(unlike), more, 0.0)
+    out: np.ndarray = np.where(known, score, score + more)
+    return out
 
 
 def by_answer(weight: Float[np.ndarray, "s c"], model: HapticModel) -> Float[np.ndarray, "s g"]:

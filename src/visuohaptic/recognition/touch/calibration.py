@@ -3,6 +3,8 @@
 Whole objects are left out in turn, half of them moved outside the range of the others and half of them touched by a gripper
 whose pose is poor. The temperature that divides the evidence (Guo et al. 2017) has their smallest mean log loss among the known
 classes; what is added to the log odds of "unknown" is as much as lets only the wanted fraction of them be called so at the end.
+Residuals of objects that the classes were not learned from are larger than a Gaussian's: the chi-square from which on readings
+are like no class is that which only :data:`.FALSE_ALARM` of these explorations exceed.
 """
 
 from __future__ import annotations
@@ -12,13 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import chdtri
 
 from ...core.errors import InputError
 from ..data.data_set import FeatureSet
 from ..data.noise import as_measured
 from ..data.readings import CurveCoefficients, TouchReading
 from .bayes import TOUCHES
-from .belief import evidence, log_likelihood
+from .belief import FALSE_ALARM, evidence, log_likelihood
 from .haptic_model import CARELESS, OUTSIDE, HapticModel, fit_model
 
 __all__ = ["calibrate", "calibration_error", "reading_of"]
@@ -37,12 +40,13 @@ class _Judged:
     """What a model without some objects says of n explorations of them."""
 
     model: HapticModel
-    likelihood: Float[np.ndarray, "n c"]
+    likelihood: Float[np.ndarray, "n 2 c"]
     truth: Int[np.ndarray, "n"]  #: answers, of this model
+    limit: Float[np.ndarray, "n"]  #: chi-square that a Gaussian exceeds at the false-alarm rate
 
     def loss(self, temperature: float) -> float:
         """Mean log loss among the known classes, of which :data:`LAPSES` may be wrong however sure."""
-        score = self.model.log_prior + self.likelihood / temperature
+        score = self.model.log_prior + self.likelihood[:, 0] / temperature
         known = np.where(self.model.answer_of < len(self.model.answers) - 1, score, -np.inf)
         right = np.where(self.model.answer_of == self.truth[:, None], score, -np.inf)
         told = np.exp(np.logaddexp.reduce(right, axis=1) - np.logaddexp.reduce(known, axis=1))
@@ -50,10 +54,18 @@ class _Judged:
 
     def margin(self, temperature: float) -> Float[np.ndarray, "n"]:
         """Log odds of the most probable class against "unknown"."""
-        score = self.model.log_prior + self.likelihood / temperature
+        score = self.model.log_prior + self.likelihood[:, 0] / temperature
         answers = range(len(self.model.answers))
         each = [np.logaddexp.reduce(score[:, self.model.answer_of == k], axis=1) for k in answers]
         out: np.ndarray = np.max(each[:-1], axis=0) - each[-1]
+        return out
+
+    def tail(self) -> Float[np.ndarray, "n"]:
+        """Chi-square of the best Gaussian of a known class by the limit."""
+        known = self.model.answer_of < len(self.model.answers) - 1
+        fit, beside = np.moveaxis(self.likelihood[..., known], 1, 0)
+        best = np.argmax(fit + self.model.log_prior[known], axis=1)[:, None]
+        out: np.ndarray = 1.0 + 2.0 * np.take_along_axis(beside - fit, best, axis=1)[:, 0] / self.limit
         return out
 
 
@@ -66,7 +78,7 @@ def calibrate(
     max_touches: int = 6,
     false_rejection: float = 0.04,
 ) -> HapticModel:
-    """Fit the temperature, and what is added to the log odds of "unknown".
+    """Fit the temperature, what is added to the log odds of "unknown", and from which chi-square on nothing is known.
 
     Parameters
     ----------
@@ -101,7 +113,9 @@ def calibrate(
     )
     last = np.concatenate([one.margin(temperature)[max_touches - 1 :: max_touches] for one in judged])
     log_odds = float(np.clip(np.quantile(last, false_rejection), -MAX_LOG_ODDS, MAX_LOG_ODDS))
-    return replace(model, temperature=temperature, unknown_log_odds=log_odds)
+    tails = np.concatenate([one.tail()[max_touches - 1 :: max_touches] for one in judged])
+    tail = max(float(np.quantile(tails, 1.0 - FALSE_ALARM)), 1.0)
+    return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)
 
 
 def calibration_error(
@@ -166,16 +180,18 @@ def _explored(
     """Explorations of the objects that are left out, by a model of the others."""
     rest = data.take(~out)
     without = fit_model(rest, model.groups, settings=model.settings, protocol=model.protocol)
-    found, truth = [], []
+    found, truth, limit = [], [], []
     for row in rng.choice(np.flatnonzero(out), explorations):
         one = _as_touched(data, int(row), model, rng)
         right = without.answers.index(str(answer[row]))
         order = rng.permutation(len(TOUCHES))[:max_touches]
         readings = [reading_of(one, 0, *TOUCHES[int(k)], without) for k in order]
         for count in range(1, max_touches + 1):
-            found.append(log_likelihood(without, *evidence(without, readings[:count])))
+            read = evidence(without, readings[:count])
+            found.append(log_likelihood(without, *read))
             truth.append(right)
-    return _Judged(without, np.array(found), np.array(truth))
+            limit.append(chdtri(len(read[0]), FALSE_ALARM))
+    return _Judged(without, np.array(found), np.array(truth), np.array(limit))
 
 
 def _as_touched(data: FeatureSet, row: int, model: HapticModel, rng: np.random.Generator) -> FeatureSet:

@@ -58,7 +58,6 @@ _PLACE_m = 0.01  # between two of the 16 heights of most containers
 OUTSIDE = 1.43
 #: A pose is known to 2 mm by a calibrated gripper, and to 5 mm by one that is not.
 CARELESS = 2.5
-POSES = (1.0, CARELESS)
 #: Objects that the average covariance of all classes counts for: what is tried. A hundredth of an object is next to none.
 STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
@@ -72,6 +71,7 @@ class ModelSettings:
     discrepancy: float = 0.04  #: relative error of simulated stiffness, by place
     end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
     pose_m: float = POSE_m  #: wrong height of all touches
+    poses: tuple[float, ...] = (1.0, CARELESS)  #: factors of it, alike probable; 1 if it was measured
     tilt_rad: float = 0.05  #: wrong tilt of the gripper against the object, 3 degrees
     width_m: float = 0.0008  #: wrong width by pose and contact
     width_discrepancy: float = 0.005  #: relative
@@ -99,6 +99,9 @@ class HapticModel:
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
     unknown_log_odds: float = 0.0  #: added to those of "unknown", see :mod:`.calibration`
+    tail: float = 1.0  #: factor of the chi-square at which nothing is known, see :mod:`.calibration`
+    square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
+    freedom: int = 0  #: number of its values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +205,8 @@ def assemble(
         shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + (not one.touched) * own
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
-        chance = fraction[name_of[part]] / alike / len(one.spreads) / len(POSES)
-        for spread, pose in product(one.spreads, POSES):
+        chance = fraction[name_of[part]] / alike / len(one.spreads) / len(settings.poses)
+        for spread, pose in product(one.spreads, settings.poses):
             whole = shared + spread**2 * one.within + pose**2 * one.pose
             scaled = effect * np.array([1.0, pose, 1.0, 1.0])[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
@@ -353,8 +356,7 @@ def _within(
                 score[trial, k] -= 0.5 * (white**2).sum() + len(left) * np.log(np.diag(root)).sum()
     each = np.stack([_shrunk(away, number, strength) for strength in STRENGTHS])
     score[score.sum(axis=1).argmax()] += 0.5 * np.log(away.size)
-    out: np.ndarray = each[score.argmax(axis=0), np.arange(score.shape[1])]
-    return out
+    return np.asarray(each[score.argmax(axis=0), np.arange(score.shape[1])])
 
 
 def _shrunk(
@@ -364,8 +366,7 @@ def _shrunk(
     freedom = np.maximum(counts - 1, 0)
     scatter = np.stack([away[number == k].T @ away[number == k] for k in range(len(counts))])
     average = scatter.sum(axis=0) / max(int(freedom.sum()), 1)
-    out: np.ndarray = (strength * average + scatter) / (strength + freedom)[:, None, None]
-    return out
+    return np.asarray((strength * average + scatter) / (strength + freedom)[:, None, None])
 
 
 def _slopes(features: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:

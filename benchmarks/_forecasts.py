@@ -1,0 +1,73 @@
+"""Forecasts of claims beside how often they come true."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["calibration_figure", "expected_calibration_error"]
+
+#: Edges between which forecasts are compared with how often they come true.
+BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.995, 1.0)
+
+
+def _bins(forecasts: Sequence[tuple[float, bool]]) -> list[tuple[float, float, int]]:
+    """Mean forecast, fraction that came true and count, of each bin that is not empty."""
+    found = []
+    for low, high in itertools.pairwise(BINS):
+        inside = [(p, good) for p, good in forecasts if low <= p < high or p == high == 1.0]
+        if inside:
+            p, good = np.array(inside, dtype=float).T
+            found.append((float(p.mean()), float(good.mean()), len(inside)))
+    return found
+
+
+def expected_calibration_error(forecasts: Sequence[tuple[float, bool]]) -> float:
+    """Mean distance of forecasts from how often they come true, weighted by their number.
+
+    Parameters
+    ----------
+    forecasts
+        Probability and whether the claim is right; NaN without any.
+    """
+    if not forecasts:
+        return math.nan
+    return sum(count * abs(p - good) for p, good, count in _bins(forecasts)) / len(forecasts)
+
+
+def calibration_figure(forecasts: Sequence[tuple[float, bool]]) -> Figure:
+    """How often claims come true over how sure they are said, with the range of nine samples in ten.
+
+    Parameters
+    ----------
+    forecasts
+        Probability and whether the claim is right.
+    """
+    from scipy.stats import beta
+
+    from visuohaptic.report.style import COLOURS, draw_axes
+
+    def draw(axes: Axes) -> None:
+        # A column for each bin: most claims are said with more than 0.98, where a scale has no room.
+        rows = list(_bins(forecasts))
+        for column, (p, good, count) in enumerate(rows):
+            right = round(good * count)
+            low, high = beta.ppf([0.05, 0.95], right + 0.5, count - right + 0.5)
+            axes.errorbar(
+                column, good, [[max(good - low, 0.0)], [max(high - good, 0.0)]], fmt="o", capsize=3,
+                color=COLOURS["blue"], label="right" if column == 0 else None,
+            )  # fmt: skip
+            axes.plot(column, p, "_", ms=18, color=COLOURS["grey"], label="said" if column == 0 else None)
+        axes.set(xlabel="probability that is said, and number of claims", ylabel="fraction", ylim=(0, 1.03))
+        axes.set_xticks(range(len(rows)), [f"{p:.3f}\n{count}" for p, _, count in rows])
+        axes.legend(loc="lower right")
+
+    return draw_axes(1, 1, draw, size=(4.6, 4.2))
