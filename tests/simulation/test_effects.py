@@ -61,7 +61,8 @@ def test_develop_equals_numpy() -> None:
     seeds = rng.integers(0, 2**64, rows, dtype=np.uint64)
     table = _normal_quantiles()
     result = np.zeros(image.shape, np.uint8)
-    develop(image, field, gain, sigma, seeds, table, result)
+    words = np.zeros(6, np.uint64)
+    develop(image, field, gain, sigma, seeds, table, words, words.view(np.uint16), result)
 
     numbers = columns * channels
     mask = (1 << 64) - 1

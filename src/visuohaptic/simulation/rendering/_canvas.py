@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt32
@@ -17,6 +21,9 @@ from .textures import MATERIALS, texture_tile
 __all__ = ["Canvas", "Coverage", "Hole", "Parts", "Plane", "coverage"]
 
 _TILE_TEXELS = 1024
+
+#: A band of fewer rows is done (1 ms) before a thread for it has paid (.1 ms to start it).
+_MIN_BAND_ROWS = 128
 
 #: Coverages that a canvas remembers.
 _KEPT_COVERS = 24
@@ -89,6 +96,26 @@ def coverage(
     x0, x1 = max(low[0], 0), min(high[0], columns)
     fraction = fraction[:, x0 - low[0] : x1 - low[0]]
     return Coverage(int(x0), int(y0), fraction)
+
+
+def in_bands(work: Callable[[int, int], None], rows: int) -> None:
+    """Work on bands of rows at the same time, as many as there are cores; the bands share no pixel.
+
+    Parameters
+    ----------
+    work
+        Works on the rows from its first argument to its second, without the last.
+    rows
+        Number of rows of the image.
+    """
+    count = max(1, min(os.cpu_count() or 1, rows // _MIN_BAND_ROWS))
+    ends = [rows * i // count for i in range(count + 1)]
+    # Threads of a frame end with it: a process that is forked between frames inherits none.
+    with ThreadPoolExecutor(count) as pool:
+        others = [pool.submit(work, *band) for band in pairwise(ends[1:])]
+        work(ends[0], ends[1])
+        for other in others:
+            other.result()
 
 
 #: Below this the blur is left out: a pixel is a hundred times wider in variance.
@@ -192,13 +219,18 @@ class Canvas:
 
     def drawn(self) -> Float32[np.ndarray, "rows columns channels"]:
         """The image of all layers; the next one is drawn into the same memory."""
-        self._image.fill(0.0)
-        self._clear.fill(1.0)
+        in_bands(self._draw, len(self._image))
+        return self._image
+
+    def _draw(self, low: int, high: int) -> None:
+        """Draw the rows from ``low`` to ``high``, without the last."""
+        self._image[low:high] = 0.0
+        self._clear[low:high] = 1.0
         for whole, parts in reversed(self._layers):
             for cover, plane in parts:
-                self._add(plane, cover)
-            self._clear[whole.window] *= 1 - whole.fraction
-        return self._image
+                self._add(plane, _rows(cover, low, high))
+            seen = _rows(whole, low, high)
+            self._clear[seen.window] *= 1 - seen.fraction
 
     def paint_parts(
         self, polygons: list[np.ndarray], planes: list[Plane], active_rows: np.ndarray | None = None
@@ -253,8 +285,12 @@ class Canvas:
         placed = [(_overlap(c, whole), c, plane) for c, plane in found]
         for (there, here), c, _ in placed:
             total[there] += c.fraction[here]
-        scale = np.minimum(whole.fraction / np.maximum(total, 1e-6), 1)
-        parts: Parts = [(Coverage(whole.x0, whole.y0, whole.fraction - total * scale), rest)]
+        scale = np.maximum(total, np.float32(1e-6))
+        np.divide(whole.fraction, scale, out=scale)
+        np.minimum(scale, 1, out=scale)
+        total *= scale
+        np.subtract(whole.fraction, total, out=total)
+        parts: Parts = [(Coverage(whole.x0, whole.y0, total), rest)]
         for (there, here), c, plane in placed:
             part = np.ascontiguousarray(c.fraction[here] * scale[there])
             parts.append((Coverage(whole.x0 + there[1].start, whole.y0 + there[0].start, part), plane))
@@ -393,6 +429,12 @@ def _in_window(part: Coverage | None, frame: Coverage) -> np.ndarray:
         there, here = _overlap(part, frame)
         result[there] = part.fraction[here]
     return result
+
+
+def _rows(cover: Coverage, low: int, high: int) -> Coverage:
+    """The part of a coverage in some rows of the image."""
+    first = min(max(low - cover.y0, 0), len(cover.fraction))
+    return Coverage(cover.x0, cover.y0 + first, cover.fraction[first : max(high - cover.y0, first)])
 
 
 def _union(parts: list[Coverage]) -> Coverage:

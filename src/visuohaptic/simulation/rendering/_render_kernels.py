@@ -159,7 +159,7 @@ def add_filtered_coverage(
             cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
 
 
-@kernel(error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
+@kernel(nogil=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
 def add_plane(
     image: np.ndarray,
     clear: np.ndarray,
@@ -273,7 +273,7 @@ def add_plane(
                 line[c, 0] += part[c] * max(zero, colour[0] + values[c])
 
 
-@kernel
+@kernel(nogil=True)
 def develop(
     image: np.ndarray,
     field: np.ndarray,
@@ -281,6 +281,8 @@ def develop(
     sigma_of_level: np.ndarray,
     seeds: np.ndarray,
     quantiles: np.ndarray,
+    words: np.ndarray,
+    draws: np.ndarray,
     result: np.ndarray,
 ) -> None:
     """Turn the exact image into grey levels: gain, noise, clipping, rounding.
@@ -301,33 +303,40 @@ def develop(
         One seed per row (H,) uint64.
     quantiles
         Of the standard normal distribution (65536,) float32.
+    words, draws
+        Random bits of a row, one memory as (W * C / 4, rounded up) uint64 and four times as many uint16; filled.
     result
         Grey levels (H, W, C) uint8, filled.
     """
     height, width, channels = image.shape
-    shaded = field.shape[0] > 0
-    noisy = sigma_of_level.shape[0] > 0
+    count = width * channels
+    shaded, noisy = field.shape[0] > 0, sigma_of_level.shape[0] > 0
+    exact, levels = image.reshape(height, count), result.reshape(height, count)
+    light = np.zeros(count, np.float32)
+    dark, bright, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)
+    sigma = sigma_of_level[0] if noisy else dark
+    even = noisy and sigma == sigma_of_level[255]
     for row in range(height):
-        state = seeds[row]
-        bits = np.uint64(0)
-        left = 0
         gain = np.float32(row_gain[row])
-        for column in range(width):
-            factor = gain * field[row, column] if shaded else gain
-            for k in range(channels):
-                value = image[row, column, k] * factor
-                if noisy:
-                    if left == 0:
-                        state += np.uint64(0x9E3779B97F4A7C15)
-                        bits = state
-                        bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-                        bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-                        bits = bits ^ (bits >> np.uint64(31))
-                        left = 4
-                    level = int(min(max(value, np.float32(0.0)), np.float32(255.0)))
-                    value += sigma_of_level[level] * quantiles[np.int64(bits & np.uint64(0xFFFF))]
-                    bits >>= np.uint64(16)
-                    left -= 1
-                result[row, column, k] = np.uint8(
-                    min(max(value + np.float32(0.5), np.float32(0.0)), np.float32(255.0))
-                )
+        if channels == 3:
+            for c in range(width):
+                light[3 * c] = light[3 * c + 1] = light[3 * c + 2] = gain * field[row, c] if shaded else gain
+        else:
+            for c in range(width):
+                light[c] = gain * field[row, c] if shaded else gain
+        if not noisy:
+            for i in range(count):
+                value = exact[row, i] * light[i]
+                levels[row, i] = np.uint8(np.int32(min(max(value + half, dark), bright)))
+            continue
+        for i in range(len(words)):
+            bits = seeds[row] + np.uint64(i + 1) * np.uint64(0x9E3779B97F4A7C15)
+            bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            words[i] = bits ^ (bits >> np.uint64(31))
+        for i in range(count):
+            value = exact[row, i] * light[i]
+            if not even:
+                sigma = sigma_of_level[np.uintp(min(max(value, dark), bright))]
+            value += sigma * quantiles[np.uintp(draws[i])]
+            levels[row, i] = np.uint8(np.int32(min(max(value + half, dark), bright)))

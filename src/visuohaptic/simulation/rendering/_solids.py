@@ -249,9 +249,11 @@ def hidden_parts(
     result = []
     for region, sign in ((_shadow(outline_m, top_m, centre_m), 1.0), (outline_m, -1.0)):
         part = foam_m
-        for start, end in zip(region, np.roll(region, -1, axis=0), strict=True):
-            edge = end - start
-            part = cut_polygon(part, (part[:, mid] - start) @ np.array([-edge[1], edge[0]]))
+        outward, _ = _normals(region)
+        offsets = (region * outward).sum(axis=1)
+        # Only an edge that some of the foam's points lie beyond can cut it.
+        for k in np.flatnonzero((points @ outward.T > offsets).any(axis=0)):
+            part = cut_polygon(part, offsets[k] - part[:, mid] @ outward[k])
             if len(part) < 3:
                 break
         result.append((part, sign))

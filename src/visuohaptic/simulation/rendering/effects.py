@@ -11,6 +11,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from ...core.errors import InputError
 from ...core.files import decode_image, encode_image
+from ._canvas import in_bands
 from ._render_kernels import develop
 
 __all__ = ["CameraEffects"]
@@ -101,18 +102,31 @@ class CameraEffects:
         rng
             Source of the noise.
         """
-        rows, columns, _ = image.shape
-        seeds = rng.integers(0, 2**64, rows, dtype=np.uint64)
-        result = np.zeros(image.shape, np.uint8)
-        develop(
-            image,
+        rows, columns, channels = image.shape
+        seeds = np.asarray(rng.integers(0, 2**64, rows, dtype=np.uint64))
+        field, gain, sigma = (
             self.light_field(rows, columns),
             self.row_gain(row_times_s),
             self.sigma_of_level(),
-            seeds,
-            _normal_quantiles(),
-            result,
         )
+        quantiles, result = _normal_quantiles(), np.zeros(image.shape, np.uint8)
+
+        def band(low: int, high: int) -> None:
+            words = np.zeros((columns * channels + 3) // 4, np.uint64)
+            part = slice(low, high)
+            develop(
+                image[part],
+                field[part],
+                gain[part],
+                sigma,
+                seeds[part],
+                quantiles,
+                words,
+                words.view(np.uint16),
+                result[part],
+            )
+
+        in_bands(band, rows)
         return result if self.jpeg_quality is None else _through_jpeg(result, self.jpeg_quality)
 
 

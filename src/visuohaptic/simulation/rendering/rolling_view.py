@@ -173,12 +173,13 @@ class RollingView:
         )
 
     def _clipped(self, points: np.ndarray) -> np.ndarray:
-        if np.asarray(self._inside(points) >= 0).all():
-            return points
-        for border in range(5):
+        beyond = self._inside(points) < 0
+        if beyond.all(axis=0).any():
+            return points[:0]
+        for border in np.flatnonzero(beyond.any(axis=0)):
+            points = cut_polygon(points, self._inside(points)[:, border])
             if len(points) < 3:
                 break
-            points = cut_polygon(points, self._inside(points)[:, border])
         return points
 
     def _divided(self, points: np.ndarray, *, closed: bool) -> np.ndarray:
