@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Outputs",
     "SensorRun",
-    "add_outputs",
-    "add_part",
-    "add_zero_frames",
+    "add_run_arguments",
     "force_outputs",
     "force_text",
     "is_live",
@@ -42,47 +40,26 @@ Measured = TypeVar("Measured")
 _BAR = 40
 
 
-def add_part(parser: argparse.ArgumentParser) -> None:
-    """Options for a part of a recording, and for the times of a folder that has none.
+def add_run_arguments(parser: argparse.ArgumentParser, *, parquet: str = "", zero_frames: str = "") -> None:
+    """What a run writes, which part of a recording it reads, and which frames make its zero.
 
     Parameters
     ----------
     parser
         Of the verb.
-    """
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
-    parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
-    parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
-
-
-def add_outputs(parser: argparse.ArgumentParser, parquet: str = "") -> None:
-    """``--out``, ``--csv``, ``--plot`` and, with a text for its help, ``--parquet``.
-
-    Parameters
-    ----------
-    parser
-        Of the verb.
-    parquet
-        What that table is.
+    parquet, zero_frames
+        Help of ``--parquet`` and ``--zero-frames``, for verbs that have them.
     """
     parser.add_argument("--out", type=Path, help="MCAP recording to write")
     parser.add_argument("--csv", type=Path, help="table to write")
     parser.add_argument("--plot", type=Path, help="plot over time to write: .png, .pdf or .svg")
     if parquet:
         parser.add_argument("--parquet", type=Path, help=parquet)
-
-
-def add_zero_frames(parser: argparse.ArgumentParser, text: str) -> None:
-    """``--zero-frames``.
-
-    Parameters
-    ----------
-    parser
-        Of the verb.
-    text
-        Its help.
-    """
-    parser.add_argument("--zero-frames", type=int, default=0, metavar="N", help=text)
+    if zero_frames:
+        parser.add_argument("--zero-frames", type=int, default=0, metavar="N", help=zero_frames)
+    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
+    parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
+    parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
 
 
 def is_live(source: str) -> bool:

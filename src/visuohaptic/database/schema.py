@@ -2,86 +2,77 @@
 
 from __future__ import annotations
 
-from sqlalchemy import (
-    BigInteger,
-    Column,
-    Connection,
-    Float,
-    ForeignKey,
-    Integer,
-    LargeBinary,
-    MetaData,
-    String,
-    Table,
-    Text,
-    inspect,
-    text,
-)
+import sqlalchemy as sa
 
 from ..core.errors import DatabaseError
 
 __all__ = ["VERSION", "counter", "feature", "meta", "migrate", "object_", "peer", "shard"]
 
-_METADATA = MetaData()
+_METADATA = sa.MetaData()
 
 #: What the database says of itself: schema version, and an identity that peers know it by.
-meta = Table(
-    "meta", _METADATA, Column("key", String, primary_key=True), Column("value", String, nullable=False)
+meta = sa.Table(
+    "meta",
+    _METADATA,
+    sa.Column("key", sa.String, primary_key=True),
+    sa.Column("value", sa.String, nullable=False),
 )
 
 #: One row; every write takes the next number, and holds the row until it is committed: changes
 #: become visible in the order of their numbers.
-counter = Table("counter", _METADATA, Column("id", Integer, primary_key=True), Column("value", BigInteger))
+counter = sa.Table(
+    "counter", _METADATA, sa.Column("id", sa.Integer, primary_key=True), sa.Column("value", sa.BigInteger)
+)
 
 #: Files of arrays; ``data`` holds the file where there is no folder for it (shared databases).
-shard = Table(
+shard = sa.Table(
     "shard",
     _METADATA,
-    Column("name", String, primary_key=True),
-    Column("sha256", String, nullable=False),
-    Column("bytes", BigInteger, nullable=False),
-    Column("data", LargeBinary),
+    sa.Column("name", sa.String, primary_key=True),
+    sa.Column("sha256", sa.String, nullable=False),
+    sa.Column("bytes", sa.BigInteger, nullable=False),
+    sa.Column("data", sa.LargeBinary),
 )
 
-object_ = Table(
+object_ = sa.Table(
     "object",
     _METADATA,
-    Column("id", String, primary_key=True),
-    Column("name", String, nullable=False),
-    Column("visual_class", String, nullable=False, index=True),
-    Column("change", BigInteger, nullable=False, index=True),
-    Column("card", Text, nullable=False),
-    Column("shard", String, ForeignKey("shard.name"), index=True),
-    Column("row_group", Integer),
-    Column("arrays_sha256", String, nullable=False),
-    Column("digest", String, nullable=False),
-    Column("deleted_s", Float),  # since version 2
+    sa.Column("id", sa.String, primary_key=True),
+    sa.Column("name", sa.String, nullable=False),
+    sa.Column("visual_class", sa.String, nullable=False, index=True),
+    sa.Column("change", sa.BigInteger, nullable=False, index=True),
+    sa.Column("card", sa.Text, nullable=False),
+    sa.Column("shard", sa.String, sa.ForeignKey("shard.name"), index=True),
+    sa.Column("row_group", sa.Integer),
+    sa.Column("arrays_sha256", sa.String, nullable=False),
+    sa.Column("digest", sa.String, nullable=False),
+    sa.Column("deleted_s", sa.Float),  # since version 2
 )
 
-feature = Table(
+feature = sa.Table(
     "feature",
     _METADATA,
-    Column("object_id", String, ForeignKey("object.id", ondelete="CASCADE"), primary_key=True),
-    Column("kind", String, primary_key=True),
-    Column("change", BigInteger, nullable=False, index=True),
-    Column("data", LargeBinary, nullable=False),  # float64, little endian
+    sa.Column("object_id", sa.String, sa.ForeignKey("object.id", ondelete="CASCADE"), primary_key=True),
+    sa.Column("kind", sa.String, primary_key=True),
+    sa.Column("change", sa.BigInteger, nullable=False, index=True),
+    sa.Column("data", sa.LargeBinary, nullable=False),  # float64, little endian
 )
 
 #: How far each other database is known here; since version 2.
-peer = Table(
+peer = sa.Table(
     "peer",
     _METADATA,
-    Column("id", String, primary_key=True),
-    Column("sent", BigInteger, nullable=False),
-    Column("received", BigInteger, nullable=False),
+    sa.Column("id", sa.String, primary_key=True),
+    sa.Column("sent", sa.BigInteger, nullable=False),
+    sa.Column("received", sa.BigInteger, nullable=False),
 )
 
 
-def _from_nothing(connection: Connection) -> None:
+def _from_nothing(connection: sa.Connection) -> None:
     """Version 1, as it was: without deletions and peers."""
     import uuid
 
-    first = MetaData()
+    first = sa.MetaData()
     for table in (meta, counter, shard, object_, feature):
         table.to_metadata(first)
     old = first.tables["object"]
@@ -93,8 +84,8 @@ def _from_nothing(connection: Connection) -> None:
     connection.execute(counter.insert(), {"id": 1, "value": 0})
 
 
-def _deletions_and_peers(connection: Connection) -> None:
-    connection.execute(text("ALTER TABLE object ADD COLUMN deleted_s DOUBLE PRECISION"))
+def _deletions_and_peers(connection: sa.Connection) -> None:
+    connection.execute(sa.text("ALTER TABLE object ADD COLUMN deleted_s DOUBLE PRECISION"))
     peer.create(connection)
 
 
@@ -104,9 +95,9 @@ MIGRATIONS = (_from_nothing, _deletions_and_peers)
 VERSION = len(MIGRATIONS)
 
 
-def version_of(connection: Connection, where: str) -> int:
+def version_of(connection: sa.Connection, where: str) -> int:
     """Version of the schema; 0 for an empty database."""
-    if not inspect(connection).has_table("meta"):
+    if not sa.inspect(connection).has_table("meta"):
         return 0
     found = connection.execute(meta.select().where(meta.c.key == "schema")).first()
     try:
@@ -115,13 +106,13 @@ def version_of(connection: Connection, where: str) -> int:
         raise DatabaseError(f"{where}: is not a database of objects ({error})") from error
 
 
-def migrate(connection: Connection, where: str, upto: int = VERSION) -> None:
+def migrate(connection: sa.Connection, where: str, upto: int = VERSION) -> None:
     """Bring the schema to this library's version, all steps in the transaction of the connection.
 
     Parameters
     ----------
     connection
-        Connection with an open transaction.
+        sa.Connection with an open transaction.
     where
         The database, for messages.
     upto
@@ -133,7 +124,7 @@ def migrate(connection: Connection, where: str, upto: int = VERSION) -> None:
         A newer version of the library has written it.
     """
     if connection.dialect.name == "postgresql":
-        connection.execute(text("SELECT pg_advisory_xact_lock(7065241)"))  # any number, only ours
+        connection.execute(sa.text("SELECT pg_advisory_xact_lock(7065241)"))  # any number, only ours
     version = version_of(connection, where)
     if version > VERSION:
         raise DatabaseError(

@@ -19,10 +19,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
-#: Modules beyond the core on its way.
-NEEDS = ()
+__all__ = ["add_arguments", "run"]
 
 #: Of the simulated views: their distance on a circle [m], width [px], and the errors of their poses [m], [rad].
 _STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002

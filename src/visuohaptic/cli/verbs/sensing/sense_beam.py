@@ -32,9 +32,7 @@ from ....core.errors import InputError
 from ..._sensor_run import (
     Outputs,
     SensorRun,
-    add_outputs,
-    add_part,
-    add_zero_frames,
+    add_run_arguments,
     is_live,
     opened_frames,
     run_sensor,
@@ -68,12 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--source", help="where the frames come from")
     where.add_argument("--poses", type=Path, help="poses of the templates, CSV")
-    add_outputs(parser, "table to write")
     parser.add_argument("--zero", action="store_true", help="take and store the zero, then stop")
-    add_zero_frames(
-        parser, "zero on the first N frames, then measure (nothing is stored); with --zero: from N frames"
+    add_run_arguments(
+        parser,
+        parquet="table to write",
+        zero_frames="zero on the first N frames, then measure (nothing is stored); with --zero: from N frames",
     )
-    add_part(parser)
     parser.add_argument(
         "--view", action="store_true", help="show it live on a page of this machine (with --source)"
     )

@@ -28,9 +28,7 @@ from typing import TYPE_CHECKING, Any
 from ....core.errors import InputError
 from ..._sensor_run import (
     SensorRun,
-    add_outputs,
-    add_part,
-    add_zero_frames,
+    add_run_arguments,
     force_outputs,
     opened_frames,
     run_sensor,
@@ -55,11 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
     parser.add_argument("--source", required=True, help="where the frames come from")
-    add_outputs(parser, "table with profiles to write")
+    add_run_arguments(
+        parser,
+        parquet="table with profiles to write",
+        zero_frames="zero on the first N frames of the source, then measure (nothing is stored)",
+    )
     add_reference(parser, "--against")
     parser.add_argument("--zero", action="store_true", help="take and store the zero reference, then stop")
-    add_zero_frames(parser, "zero on the first N frames of the source, then measure (nothing is stored)")
-    add_part(parser)
     parser.add_argument(
         "--speed",
         type=float,

@@ -29,9 +29,7 @@ from ....core.errors import InputError
 from ..._sensor_run import (
     Outputs,
     SensorRun,
-    add_outputs,
-    add_part,
-    add_zero_frames,
+    add_run_arguments,
     opened_frames,
     run_sensor,
     shown_frames,
@@ -52,10 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, type=Path, help="scene.yaml")
     parser.add_argument("--source", required=True, help="where the frames come from")
     parser.add_argument("--odometry", type=Path, metavar="CSV", help="speed and turn rate of the platform")
-    add_outputs(parser)
+    add_run_arguments(
+        parser, zero_frames="zero the foam sensor on the first N frames, then measure (nothing is stored)"
+    )
     parser.add_argument("--mask", action="store_true", help="write the obstacle mask to --out, too")
-    add_zero_frames(parser, "zero the foam sensor on the first N frames, then measure (nothing is stored)")
-    add_part(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the consensus search (0)")
 
 

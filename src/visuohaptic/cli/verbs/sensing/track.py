@@ -21,7 +21,7 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..._sensor_run import Outputs, add_outputs, add_part, is_live, opened_frames, run_sensor, shown_frames
+from ..._sensor_run import Outputs, add_run_arguments, is_live, opened_frames, run_sensor, shown_frames
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,8 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--templates", required=True, type=Path, help="folder of templates")
     parser.add_argument("--source", required=True, help="where the frames come from")
     parser.add_argument("--camera", required=True, type=Path, help="camera.yaml")
-    add_outputs(parser)
-    add_part(parser)
+    add_run_arguments(parser)
     parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 
 

@@ -23,6 +23,8 @@ __all__ = ["NEEDS", "add_arguments", "needs", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("matplotlib",)
+#: What ``--json`` says of an experiment.
+_TOLD = ("name", "seconds", "cpu_seconds", "kept", "problem")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,15 +72,8 @@ def run(args: Any) -> dict[str, Any]:
             args.report(f"{one.name:<12} {one.seconds:6.1f} s  {state}")
             progress.advance(1, one.name)
 
-        outcomes = reproduce_all(
-            wanted,
-            args.out,
-            seed=args.seed,
-            quick=args.quick,
-            force=args.force,
-            workers=workers,
-            on_done=tell,
-        )
+        options = {name: getattr(args, name) for name in ("seed", "quick", "force")}
+        outcomes = reproduce_all(wanted, args.out, workers=workers, on_done=tell, **options)
     index = write_index(args.out)
     args.report(f"written to {index}")
     if args.gallery is not None:
@@ -86,14 +81,5 @@ def run(args: Any) -> dict[str, Any]:
     args.exit_code = 1 if any(one.problem for one in outcomes) else 0
     return {
         "index": str(index),
-        "experiments": [
-            {
-                "name": o.name,
-                "seconds": o.seconds,
-                "cpu_seconds": o.cpu_seconds,
-                "kept": o.kept,
-                "problem": o.problem,
-            }
-            for o in outcomes
-        ],
+        "experiments": [{name: getattr(one, name) for name in _TOLD} for one in outcomes],
     }
