@@ -37,6 +37,17 @@ def test_what_friction_can_hold_comes_along_and_what_it_cannot_stays(cylinder: L
     assert lost.slip_m == pytest.approx(0.0625, abs=1e-3)
 
 
+def test_pads_that_come_from_outside_a_shoulder_have_closed_before_the_hand_rises() -> None:
+    """A neck 2 cm within its shoulder, pressed above the reach of both: Coulomb's law as on a tube."""
+    points = np.array([[0.04, 0.0], [0.04, 0.08], [0.02, 0.081], [0.02, 0.12]])
+    wall = Revolution(points, np.full(3, 2e-4), 70e9, 0.33)
+    bottle = LiftObject("bottle", {}, 0.5, wall, *wall_load(wall, 2700, 0.5), friction=0.5)
+    limit = bottle.mass_kg * (9.81 + 1.0) / (2 * bottle.friction)
+    held, lost = (lift(bottle, 0.1, factor * limit) for factor in (1.1, 0.85))
+    assert held.held
+    assert not lost.held
+
+
 def test_a_wall_between_two_pads_turns_until_their_pressure_holds_the_moment(cylinder: LiftObject) -> None:
     """Springs over a disc of radius r that are pressed d by F turn by M / (F r^2 / 2 d), both pads together.
 

@@ -39,7 +39,7 @@ LIQUID = 1000.0
 #: Friction of the pads: median and standard deviation of its logarithm; of thickness, modulus and fill of one piece.
 FRICTION, FRICTION_SPREAD, WALL_SPREAD, MODULUS_SPREAD, FILL_SPREAD = 0.6, 0.15, 0.1, 0.05, 0.02
 GRAVITY_m_per_s2, STEP_s = 9.81, 5e-4
-#: Lift: up with this acceleration for half of the time, and down to rest for the other [m/s^2, s]; closing and holding [s].
+#: Lift: up with this acceleration for half of the time, and down to rest for the other [m/s^2, s]; pressing and holding [s].
 ACCELERATION_m_per_s2, LIFT_s, CLOSE_s, HOLD_s = 1.0, 0.5, 0.4, 0.4
 #: A pad is pressed this deep by its force [m]; its springs are in rings, of balls; speed of closing.
 PAD_DEPTH_m, RINGS, PAD_BALL_m, CLOSING_m_per_s = 0.003, (1, 6, 12), 0.002, 0.03
@@ -125,7 +125,9 @@ def lift(thing: LiftObject, height_m: float, force_N: float, *, pad_radius_m: fl
     """Close two pads at one height from opposite sides, lift, and hold."""
     widest, assets, slices = _solid_slices(thing, height_m)
     fingers = _fingers((0.0, 0.0, height_m), 0.0, widest + 0.0005, force_N, pad_radius_m, thing.friction)
-    return _lifted(_mjcf(thing, assets, slices, fingers), force_N, np.zeros(3))
+    outer = _outer(thing)
+    gap_m = widest - float(np.interp(height_m, outer[:, 1], outer[:, 0]))
+    return _lifted(_mjcf(thing, assets, slices, fingers), force_N, np.zeros(3), gap_m)
 
 
 def lift_rim(
@@ -145,8 +147,9 @@ def lift_rim(
     return _lifted(_mjcf(thing, [], plates, fingers), force_N, np.array(anchor))
 
 
-def _lifted(mjcf: str, force_N: float, anchor_m: np.ndarray) -> Lifted:
-    """Close, lift and hold; slip is that of a point of the container."""
+def _lifted(mjcf: str, force_N: float, anchor_m: np.ndarray, gap_m: float = 0.0) -> Lifted:
+    """Close over a gap at each side, lift and hold; slip is that of a point of the container."""
+    close_s = CLOSE_s + gap_m / CLOSING_m_per_s
     model = mujoco.MjModel.from_xml_string(mjcf)
     data = mujoco.MjData(model)
     model.opt.timestep = STEP_s
@@ -157,10 +160,10 @@ def _lifted(mjcf: str, force_N: float, anchor_m: np.ndarray) -> Lifted:
         return np.array([(body.xpos + body.xmat.reshape(3, 3) @ anchor_m)[2], data.joint("up").qpos[0]])
 
     start: np.ndarray | None = None
-    while data.time < CLOSE_s + LIFT_s + HOLD_s:
-        if start is None and data.time >= CLOSE_s:
+    while data.time < close_s + LIFT_s + HOLD_s:
+        if start is None and data.time >= close_s:
             start = heights()
-        data.ctrl[0] = _risen_m(data.time - CLOSE_s)
+        data.ctrl[0] = _risen_m(data.time - close_s)
         mujoco.mj_step(model, data)
     assert start is not None
     risen = heights() - start

@@ -18,6 +18,7 @@ from ..core.camera.pose import Pose
 from ..core.errors import InputError
 from ..core.geometry import so3_exp, vertex_normals
 from ..core.objects import Estimate
+from ..deformation.maps.confidence_band import barycentric
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, pinch_load
 from ..deformation.shapes.mesher import ShellObject
 from .confirm import pinch_at
@@ -242,15 +243,10 @@ def _on_surface(
 
     vertices = shape.vertices_m + amplitude * shape.displacement_m
     normals = vertex_normals(vertices, shape.faces)
-    a, b, c = (vertices[shape.faces[:, k]] for k in range(3))
-    face_normal = np.cross(b - a, c - a)
-    face_normal /= np.maximum(np.linalg.norm(face_normal, axis=1, keepdims=True), 1e-300)
-    tree = cKDTree((a + b + c) / 3)
+    tree = cKDTree(vertices[shape.faces].mean(axis=1))
     _, face = tree.query(np.where(finite[:, None], local, 0.0))
     # The plane of the nearest face; where on it says which displacement and which normal.
-    gap = np.einsum("ni,ni->n", face_normal[face], local - a[face])
-    foot = local - gap[:, None] * face_normal[face]
-    fraction = np.clip(_barycentric(a[face], b[face], c[face], foot), -0.5, 1.5)
+    fraction = np.clip(barycentric(vertices[shape.faces[face]], local), -0.5, 1.5)
     fraction /= fraction.sum(axis=1, keepdims=True)
     corners = shape.faces[face]
     normal = np.einsum("nk,nki->ni", fraction, normals[corners])
@@ -268,17 +264,3 @@ def _on_surface(
     moved = np.einsum("nk,nki->ni", fraction, shape.displacement_m[corners])
     gap = np.einsum("ni,ni->n", normal, local - on)
     return _Near(used, gap[used], normal[used], np.einsum("ni,ni->n", normal, moved)[used])
-
-
-def _barycentric(
-    a: Float[np.ndarray, "n 3"],
-    b: Float[np.ndarray, "n 3"],
-    c: Float[np.ndarray, "n 3"],
-    p: Float[np.ndarray, "n 3"],
-) -> Float[np.ndarray, "n 3"]:
-    e, f, g = b - a, c - a, p - a
-    ee, ef, ff = (np.einsum("ni,ni->n", u, v) for u, v in ((e, e), (e, f), (f, f)))
-    ge, gf = np.einsum("ni,ni->n", g, e), np.einsum("ni,ni->n", g, f)
-    low = np.maximum(ee * ff - ef * ef, 1e-300)
-    v, w = (ff * ge - ef * gf) / low, (ee * gf - ef * ge) / low
-    return np.column_stack([1 - v - w, v, w])

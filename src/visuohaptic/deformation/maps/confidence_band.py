@@ -123,42 +123,44 @@ def nearest_value(
 
     Between vertices the compliance is linear: it is finite where the wall is held.
     """
-    # No point of a face is nearer than its centre less its radius, and none needs to be farther than a corner.
     corners = vertices_m[faces]
-    centre = corners.mean(axis=1, keepdims=True)
-    radius = np.linalg.norm(corners - centre, axis=2).max(axis=1)
-    nearest = np.linalg.norm(corners - point_m, axis=2).min()
-    some = faces[np.linalg.norm(centre[:, 0] - point_m, axis=1) - radius <= nearest]
-    best: tuple[float, np.ndarray, np.ndarray] | None = None
-    for face in some:
-        fraction = _nearest_in_triangle(vertices_m[face], point_m)
-        place = fraction @ vertices_m[face]
-        away = float(np.linalg.norm(place - point_m))
-        if best is None or away < best[0]:
-            best = away, fraction, face
-    assert best is not None
-    _, fraction, face = best
+    fraction = _nearest_in_triangles(corners, point_m)
+    places = np.einsum("fk,fki->fi", fraction, corners)
+    best = int(np.argmin(np.linalg.norm(places - point_m, axis=1)))
+    share = fraction[best]
     with np.errstate(divide="ignore"):
-        compliance = 1.0 / values[face]
-        value = float(
-            1.0 / np.sum(np.where(fraction > 0, fraction * compliance, 0.0))
-        )  # infinite on the held base
-    return value, fraction @ vertices_m[face]
+        compliance = 1.0 / values[faces[best]]
+        value = float(1.0 / np.sum(np.where(share > 0, share * compliance, 0.0)))  # infinite on the held base
+    return value, places[best]
 
 
-def _nearest_in_triangle(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
-    edge_1, edge_2 = corners[1] - corners[0], corners[2] - corners[0]
-    gram = np.array([[edge_1 @ edge_1, edge_1 @ edge_2], [edge_1 @ edge_2, edge_2 @ edge_2]])
-    u, v = np.linalg.solve(gram, np.array([edge_1 @ (point - corners[0]), edge_2 @ (point - corners[0])]))
-    fraction = np.array([1 - u - v, u, v])
-    if (fraction >= 0).all():
-        return fraction
-    best, found = np.inf, fraction
+def barycentric(
+    corners: Float[np.ndarray, "f 3 3"], points: Float[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "f 3"]:
+    """Weights of the corners of triangles for the foot of a point on the plane of each.
+
+    Parameters
+    ----------
+    corners, points
+        Triangles, and a point of each, or one of all.
+    """
+    sides, away = corners[:, 1:] - corners[:, :1], points - corners[:, 0]
+    (ee, ef), (_, ff) = np.moveaxis(np.einsum("fai,fbi->fab", sides, sides), 0, -1)
+    ge, gf = np.einsum("fai,fi->af", sides, away)
+    low = np.maximum(ee * ff - ef * ef, 1e-300)
+    v, w = (ff * ge - ef * gf) / low, (ee * gf - ef * ge) / low
+    return np.column_stack([1 - v - w, v, w])
+
+
+def _nearest_in_triangles(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Weights of the nearest point of each triangle: of its plane if that is inside, or of one of its sides."""
+    found = barycentric(corners, point)
+    nearest = np.where((found >= 0).all(axis=1), 0.0, np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        side = corners[j] - corners[i]
-        t = float(np.clip((point - corners[i]) @ side / (side @ side), 0.0, 1.0))
-        away = float(np.linalg.norm(corners[i] + t * side - point))
-        if away < best:
-            best, found = away, np.zeros(3)
-            found[i], found[j] = 1 - t, t
+        side, away = corners[:, j] - corners[:, i], point - corners[:, i]
+        t = np.clip(np.einsum("fi,fi->f", away, side) / np.einsum("fi,fi->f", side, side), 0.0, 1.0)
+        distance = np.linalg.norm(away - t[:, None] * side, axis=1)
+        closer = distance < nearest
+        found[closer] = np.outer(1 - t, np.eye(3)[i])[closer] + np.outer(t, np.eye(3)[j])[closer]
+        nearest = np.minimum(nearest, distance)
     return found
