@@ -31,6 +31,7 @@ import numpy as np
 from visuohaptic.core import KERNELS, KernelCache, cache_folder, kernel
 
 from ._journal import Journal
+from ._seeds import add_seeds, seeds_of
 from .harness import median
 
 REPEATS = 15
@@ -206,8 +207,7 @@ def main() -> int:
     """Run one of the campaigns and print its rows."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("what", choices=("compile", "saves"))
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open", help="even or odd")
-    parser.add_argument("--count", type=int, default=1000, help="rounds of saves (1000)")
+    add_seeds(parser, 1000, "rounds of saves")
     parser.add_argument(
         "--report", type=Path, help="JSON lines, one per row; a campaign that was stopped goes on"
     )
@@ -217,7 +217,7 @@ def main() -> int:
             print(f"{name:<36}{taken_s:8.1f} CPU-s", flush=True)
         return 0
     journal = Journal(args.report, {"campaign": "saves", "seeds": args.seeds})
-    seeds = [seed for seed in range(args.seeds == "closed", 2 * args.count, 2) if str(seed) not in journal]
+    seeds = [seed for seed in seeds_of(args.seeds, args.count, args.first) if str(seed) not in journal]
     # By its name as a module: the kernel's entries carry it, and the writers do not know it as ``__main__``.
     module = importlib.import_module("benchmarks.cold_start")
     with tempfile.TemporaryDirectory() as folder:

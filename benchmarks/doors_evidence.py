@@ -27,8 +27,9 @@ from visuohaptic.navigation.mapping import DoorMap, find_doors
 
 from ._journal import Journal
 from ._plan_judge import Row
+from ._seeds import seeds_of
 from .nav_doors import TOLERANCE_M, data_folder, drawn_doors, matched
-from .plan_evidence import print_rows, seeds_of
+from .plan_evidence import print_rows
 
 __all__ = ["main", "table"]
 

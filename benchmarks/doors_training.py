@@ -32,9 +32,10 @@ from visuohaptic.navigation.mapping import (
 from visuohaptic.navigation.mapping.door_openings import MEASURES
 
 from ._plan_judge import Row
+from ._seeds import seeds_of
 from .doors_evidence import floor, judged, real_names, table
 from .nav_doors import TOLERANCE_M, matched_places
-from .plan_evidence import print_rows, seeds_of
+from .plan_evidence import print_rows
 
 __all__ = ["fit", "main"]
 

@@ -17,6 +17,7 @@ from tests.worlds.foam_disturbances import DISTURBANCES, disturbed, faulty, forc
 from tests.worlds.foam_presses import calibration_plate
 
 from benchmarks._journal import Journal
+from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core import CalibrationError
 from visuohaptic.core.camera import Frame
 from visuohaptic.core.measurement import ForceProfile
@@ -275,7 +276,7 @@ def campaign(
     header = {"campaign": f"foam_evidence {name}", "seeds": seeds, "encoding_known": encoding_known}
     journal = Journal(report, header)
     rows = []
-    for key, sequence in make([2 * i + (seeds == "closed") for i in range(first, first + count)]):
+    for key, sequence in make(seeds_of(seeds, count, first)):
         if not key.startswith(only):
             continue
         if key not in journal:
@@ -297,11 +298,7 @@ def main() -> None:
     """Run one campaign and print its figures."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.foam_evidence", description=__doc__)
     parser.add_argument("campaign", choices=list(CAMPAIGNS))
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument(
-        "--first", type=int, default=0, help="number of the first seed among the open or closed ones"
-    )
-    parser.add_argument("--count", type=int, default=20, help="seeds")
+    add_seeds(parser, 20)
     parser.add_argument(
         "--only", default="", help="what a key begins with, such as 'hand' of the disturbances"
     )

@@ -39,6 +39,7 @@ from visuohaptic.reconstruction import reconstruct
 from visuohaptic.reconstruction.fusion import sensor_noise
 
 from ._journal import Journal
+from ._seeds import add_seeds, seeds_of
 from ._touch_evidence import object_figures, touch_object, touch_vessel, vessel_figures
 from .harness import use_one_thread
 from .transparency import data_folder
@@ -72,11 +73,6 @@ FOUND_LIMITS = {
     ("filled", 24): (0.8, 0.95),
     ("filled", 12): (0.5, 0.8),
 }
-
-
-def seeds(which: str, count: int) -> list[int]:
-    """Open (even) or closed (odd) seeds."""
-    return [2 * k + (which == "closed") for k in range(count)]
 
 
 def frames_of(scene: GlassSequence) -> list[DepthFrame]:
@@ -280,7 +276,7 @@ def run() -> list[dict[str, Any]]:
     figures = []
     for name in FAMILY:
         figures += summary(
-            name, campaign(name, seeds("open", 6), views=(24,), variants=("shuffled, poses off",))
+            name, campaign(name, seeds_of("open", 6), views=(24,), variants=("shuffled, poses off",))
         )
     return figures
 
@@ -293,8 +289,7 @@ def main() -> None:
     parser.add_argument(
         "campaigns", nargs="*", default=["found", "false"], choices=[*FAMILY, "declared", *TOUCHED]
     )
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=50, help="number of scenes")
+    add_seeds(parser, 50, "scenes")
     parser.add_argument("--views", type=int, nargs="+", default=[], help="only these numbers of views")
     parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
     parser.add_argument("--cache", type=Path, help="folder that keeps rendered scenes")
@@ -309,7 +304,7 @@ def main() -> None:
         journal = arguments.report and arguments.report.with_name(
             f"{arguments.report.stem}_{name}_{arguments.seeds}.jsonl"
         )
-        chosen = seeds(arguments.seeds, arguments.count)
+        chosen = seeds_of(arguments.seeds, arguments.count, arguments.first)
         if arguments.folders:
             family = FAMILY.get(name, FAMILY["found"])[0]
             for seed in chosen:

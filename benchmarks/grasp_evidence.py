@@ -30,6 +30,7 @@ from visuohaptic.grasping import Grasp, GraspTask, Handling, plan_grasps
 from visuohaptic.recognition import calibration_error
 
 from ._journal import Journal
+from ._seeds import add_seeds, seeds_of
 
 #: Factors of safety: the default first.
 SAFETY = (Handling().safety, 1.2, 1.0)
@@ -150,8 +151,7 @@ def main() -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=50, help="number of containers")
+    add_seeds(parser, 50, "containers")
     parser.add_argument(
         "--factors", type=float, nargs="+", choices=SAFETY, default=SAFETY, help="factors of safety"
     )
@@ -166,7 +166,7 @@ def main() -> None:
     journal = arguments.report and arguments.report.with_name(
         f"{arguments.report.stem}{'_rims' if arguments.rims else ''}_{arguments.seeds}.jsonl"
     )
-    chosen = [2 * k + (arguments.seeds == "closed") for k in range(arguments.count)]
+    chosen = seeds_of(arguments.seeds, arguments.count, arguments.first)
     rims = arguments.rims
     rows = campaign(chosen, journal, factors=arguments.factors, confirm=arguments.confirm, rim=rims)
     found = figures(rows, rim=rims)

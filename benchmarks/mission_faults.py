@@ -19,6 +19,7 @@ import numpy as np
 from visuohaptic.tasks.framework import Supervisor
 
 from ._journal import Journal
+from ._seeds import add_seeds, seeds_of
 from ._task_rigs import FAULTS, STOPPING, TASKS, Fault, Record, Rig
 
 __all__ = ["figures", "run", "try_task"]
@@ -71,6 +72,7 @@ def try_task(kind: type[Rig], fault_kind: str, seed: int, duration_s: float) -> 
 def run(
     seeds: str = "open",
     count: int = 1,
+    first: int = 0,
     *,
     tasks: Sequence[str] = (),
     faults: Sequence[str] = FAULTS,
@@ -82,15 +84,15 @@ def run(
     ----------
     seeds
         ``open`` (even) or ``closed`` (odd).
-    count
-        Seeds.
+    count, first
+        So many seeds, from the one numbered ``first`` among them.
     tasks, faults
         These alone.
     report
         Keeps the runs; a stopped campaign goes on from there.
     """
     journal = Journal(report, {"campaign": "mission_faults", "seeds": seeds})
-    for seed in [2 * k + (seeds == "closed") for k in range(count)]:
+    for seed in seeds_of(seeds, count, first):
         for kind in TASKS:
             if tasks and kind.name not in tasks:
                 continue
@@ -154,14 +156,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=1, help="seeds")
+    add_seeds(parser, 1)
     parser.add_argument("--task", action="append", default=[], choices=[kind.name for kind in TASKS])
     parser.add_argument("--fault", action="append", default=[], choices=FAULTS)
     parser.add_argument("--report", type=Path, help="file with a line for every run; goes on from there")
     args = parser.parse_args()
     rows = run(
-        args.seeds, args.count, tasks=args.task, faults=tuple(args.fault) or FAULTS, report=args.report
+        args.seeds,
+        args.count,
+        args.first,
+        tasks=args.task,
+        faults=tuple(args.fault) or FAULTS,
+        report=args.report,
     )
     for row in figures(rows):
         print(f"{row['name']:42s} {row['ours']:4g} {row['unit']:8s} floor {row['floor']}  {row['note']}")

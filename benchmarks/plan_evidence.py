@@ -17,13 +17,9 @@ from typing import Any
 from ._journal import Journal
 from ._plan_campaigns import CAMPAIGNS
 from ._plan_child import Planner
+from ._seeds import add_seeds, seeds_of
 
 __all__ = ["main"]
-
-
-def seeds_of(kind: str, count: int) -> list[int]:
-    """Even seeds are open, odd ones closed."""
-    return [2 * index + (kind == "closed") for index in range(count)]
 
 
 def print_rows(rows: list[dict[str, Any]]) -> None:
@@ -41,8 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("campaign", nargs="+", choices=[*CAMPAIGNS, "all"])
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=10, help="seeds of each campaign")
+    add_seeds(parser, 10, "seeds of each campaign")
     parser.add_argument("--report", type=Path, help="file of rows; those that it has are not made again")
     parser.add_argument("--budget", type=float, default=20.0, help="CPU seconds for one planning call")
     parser.add_argument("--memory", type=float, default=4.0, help="GB for one planning process")
@@ -55,7 +50,7 @@ def main(arguments: list[str] | None = None) -> None:
         for name in CAMPAIGNS if "all" in given.campaign else given.campaign:
             campaign = CAMPAIGNS[name]
             rows = {}
-            for key in campaign.keys(seeds_of(given.seeds, given.count)):
+            for key in campaign.keys(seeds_of(given.seeds, given.count, given.first)):
                 full = f"{name}:{key}"
                 if full not in journal:
                     journal.put(full, campaign.play(planner, key))

@@ -12,6 +12,7 @@ import numpy as np
 from tests.worlds import ground
 
 from benchmarks._journal import Journal
+from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core import BaseState
 from visuohaptic.core.camera import Camera, Frame, PlaneView, Pose
 from visuohaptic.sensing.scene import EgoMotionSettings, SceneSettings, SceneTracker
@@ -114,12 +115,12 @@ def _sight(drives: list[list]) -> dict:
 
 
 def campaign(
-    *, seeds: str = "open", count: int = 2, only: str = "", report: Path | None = None
+    *, seeds: str = "open", first: int = 0, count: int = 2, only: str = "", report: Path | None = None
 ) -> list[dict]:
     """Rows of all drives whose keys begin with ``only``; those in ``report`` are not run again."""
     journal = Journal(report, {"campaign": "scene_evidence", "seeds": seeds})
     rows = []
-    for seed in (2 * i + (seeds == "closed") for i in range(count)):
+    for seed in seeds_of(seeds, count, first):
         for floor in ground.FLOORS:
             for kind in KINDS:
                 key = f"{floor}:{kind}:{seed}"
@@ -139,8 +140,7 @@ def run() -> list[dict]:
 def main() -> None:
     """Run the campaign and print its figures."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scene_evidence", description=__doc__)
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=2, help="seeds")
+    add_seeds(parser, 2)
     parser.add_argument("--only", default="", help="what a key begins with, such as 'grass:box'")
     parser.add_argument("--report", type=Path, help="JSON lines; a stopped campaign goes on where it was")
     for line in figures(campaign(**vars(parser.parse_args()))):

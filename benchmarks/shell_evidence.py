@@ -31,6 +31,7 @@ from visuohaptic.core.files import write_text
 from visuohaptic.core.resources import one_blas_thread
 
 from ._journal import Journal
+from ._seeds import add_seeds, seeds_of
 from ._shell_bound import bound_figures, bound_rows
 from ._shell_meshes import mesh_figures, mesh_row, refused_row
 from ._shell_readings import (
@@ -143,8 +144,7 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("campaigns", nargs="*", default=["readings", "unknown"], choices=CAMPAIGNS)
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=24, help="number of objects")
+    add_seeds(parser, 24, "objects")
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=list(CONDITIONS))
     parser.add_argument("--no-width", action="store_true", help="by stiffness alone only")
     parser.add_argument("--width", action="store_true", help="with widths only")
@@ -157,7 +157,7 @@ def main() -> None:
     add_worker_arguments(parser)
     arguments = parser.parse_args()
     widths = [use for use in (True, False) if not (arguments.no_width if use else arguments.width)]
-    chosen = [2 * k + (arguments.seeds == "closed") for k in range(arguments.count)]
+    chosen = seeds_of(arguments.seeds, arguments.count, arguments.first)
     report: dict[str, Any] = {}
     with TemporaryDirectory() as scratch, one_blas_thread():
         cache = arguments.cache or Path(scratch)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core.resources import one_blas_thread
 from visuohaptic.demo.bottle import HEIGHTS, ROUND, TableBottle, random_table_bottle
 from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, mission_classes
@@ -110,11 +111,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=100, help="objects of each class, and of none (100)")
+    add_seeds(parser, 100, "objects of each class, and of none")
     args = parser.parse_args()
-    begin = int(args.seeds == "closed")
-    for row in run(range(begin, begin + 2 * args.count, 2)):
+    for row in run(seeds_of(args.seeds, args.count, args.first)):
         print(f"{row['name']:30s} {row['ours']:6.3f}  floor {row['floor']}, aim {row['aim']}  {row['note']}")
 
 

@@ -64,11 +64,6 @@ def test_a_scene_is_a_sequence_folder_for_everybody(scene, tmp_path):
     assert frame.T_world_camera.rotation == pytest.approx(pose[:3, :3], abs=1e-6)
 
 
-def test_open_and_closed_seeds_are_apart():
-    assert glass_evidence.seeds("open", 3) == [0, 2, 4]
-    assert glass_evidence.seeds("closed", 3) == [1, 3, 5]
-
-
 def test_figures_count_every_vessel_and_every_false_region():
     row = {"kind": "pair", "vessels": ["glass", "jar"], "views": 8, "variant": "in order"}
     rows = [row | {"error_m": [0.002, None], "false": 1}, row | {"error_m": [0.004, 0.012], "false": 0}]

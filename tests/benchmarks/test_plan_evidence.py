@@ -6,14 +6,15 @@ import pytest
 from benchmarks._plan_campaigns import CAMPAIGNS
 from benchmarks._plan_child import Planner, described
 from benchmarks._plan_judge import FAULT_M
+from benchmarks._seeds import seeds_of
 from benchmarks.doors_evidence import table
-from benchmarks.plan_evidence import seeds_of
 from tests.worlds.floor_scenes import doors_in_series
 
 
 def test_even_seeds_are_open_and_odd_ones_closed():
     assert seeds_of("open", 3) == [0, 2, 4]
     assert seeds_of("closed", 3) == [1, 3, 5]
+    assert seeds_of("closed", 2, first=3) == [7, 9]
 
 
 def test_a_call_over_its_time_is_ended_and_the_next_one_answered():
