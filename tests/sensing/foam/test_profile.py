@@ -265,7 +265,7 @@ def test_uncertain_tension_is_declared(material):
     sure, unsure = (replace(material, tension=Tension(0.27, sigma)) for sigma in (0.0, 0.1))
     delta = bump(0.006, width=0.015)
     _, relief = contour_force(S, delta, material)
-    budgets = [read_profile(S, delta, SIGMA, SEEN, m).budget.model_N for m in (sure, unsure)]
+    budgets = [read_profile(S, delta, SIGMA, SEEN, m).budget.calibration_N for m in (sure, unsure)]
     assert np.sqrt(budgets[1] ** 2 - budgets[0] ** 2) == pytest.approx(0.1 * relief, rel=0.02)
 
 

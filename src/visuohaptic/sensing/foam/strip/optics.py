@@ -55,7 +55,6 @@ class ObservedStrip:
     reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the model's lines
     reference_points_px: Float[np.ndarray, "K 2"]
     front_points_px: Float[np.ndarray, "K 2"]
-    front_foam_m: Float[np.ndarray, "K 2"]  #: front contour in frame F
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
     width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
@@ -253,7 +252,7 @@ class StripOptics:
         back_px = float(np.median(encoded_shift_px(base.reference)[base.reference.valid]))
         encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
-            frame.t_s, base.reference, front, base.position_px, base_px, front_px, front_m, width, sigma, noise,
+            frame.t_s, base.reference, front, base.position_px, base_px, front_px, width, sigma, noise,
             np.zeros(len(width)) if self.stripe is not None else encoded,
             *self._rectified(grey, base_px, position if zeroed else None),
             self.stripe is not None,
