@@ -24,15 +24,7 @@ from ...core.errors import InputError
 from ...core.geometry import rotation_2d
 from ...core.ranges import POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
-from .door_openings import (
-    MEASURES,
-    DoorSpace,
-    Opening,
-    free_space,
-    measure,
-    narrow_places,
-    without_gaps,
-)
+from .door_openings import MEASURES, DoorSpace, Opening, free_space, measure, narrow_places, without_gaps
 
 __all__ = [
     "Door",
@@ -295,11 +287,7 @@ def _room_at(rooms: np.ndarray, opening: Opening, sign: float, resolution_m: flo
     return 0
 
 
-def _with_rooms(
-    grid: OccupancyMap,
-    space: DoorSpace,
-    taken: list[tuple[Opening, float]],
-) -> DoorMap:
+def _with_rooms(grid: OccupancyMap, space: DoorSpace, taken: list[tuple[Opening, float]]) -> DoorMap:
     """Number the rooms, and tell of each door which it joins."""
     from scipy import ndimage
 

@@ -333,10 +333,7 @@ class OccupancyMapper:
         probability = np.where(part == 0.0, np.nan, 1.0 / (1.0 + np.exp(-part.astype(np.float64))))
         corner = self._corner + np.array([left, top]) * self._r
         return OccupancyMap.from_probability(
-            probability,
-            self._r,
-            origin=(float(corner[0]), float(corner[1]), 0.0),
-            free_thresh=_FREE_BELOW,
+            probability, self._r, origin=(float(corner[0]), float(corner[1]), 0.0), free_thresh=_FREE_BELOW
         )
 
 

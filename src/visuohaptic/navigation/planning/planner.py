@@ -16,11 +16,7 @@ from .search.drives import pull_string
 from .search.push_lengths import end_covariance
 from .search.push_search import load_kernels, search_pushes
 from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult
-from .search.search_domain import (
-    SearchDomain,
-    grid_from_world,
-    world_from_grid,
-)
+from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 
 __all__ = ["assemble", "plan_in_domain"]
 

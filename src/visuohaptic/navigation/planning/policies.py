@@ -215,11 +215,7 @@ def _expected(
 
 
 def _most_information(
-    problem: PlanningProblem,
-    domain: SearchDomain,
-    costs: PushCosts,
-    limits: SearchLimits,
-    cheapest: Plan,
+    problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits, cheapest: Plan
 ) -> Plan:
     """The plan that learns most per second: of what it touches, the entropy of "it moves"."""
     middle = 0.5 * (problem.start_m + problem.goal_m)

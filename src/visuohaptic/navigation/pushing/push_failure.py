@@ -45,11 +45,7 @@ class PushUncertainty:
     yaw_rad: float = 0.05
 
     def samples(
-        self,
-        model: PushModel,
-        object_m: tuple[float, float, float],
-        rng: np.random.Generator,
-        count: int,
+        self, model: PushModel, object_m: tuple[float, float, float], rng: np.random.Generator, count: int
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n k 2"], Float[np.ndarray, "n 3"]]:
         """Contact frictions, supports [m] and poses about the nominal ones.
 

@@ -11,13 +11,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import wrap_angle
 from .push_model import PushModel
-from .quasi_static import (
-    STEP_M,
-    PushTrace,
-    arc_path,
-    remaining_m,
-    simulate_push,
-)
+from .quasi_static import STEP_M, PushTrace, arc_path, remaining_m, simulate_push
 
 __all__ = ["PushEstimate", "PushMonitor"]
 

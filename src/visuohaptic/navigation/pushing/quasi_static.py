@@ -138,10 +138,7 @@ def line_path(
 
 
 def arc_path(
-    start_m: Float[np.ndarray, "2"],
-    end_m: Float[np.ndarray, "2"],
-    turn_rad: float,
-    step_m: float = STEP_M,
+    start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], turn_rad: float, step_m: float = STEP_M
 ) -> Float[np.ndarray, "k 3"]:
     """Poses on an arc between two points.
 

@@ -278,10 +278,7 @@ def _drive(
 
 
 def _cost_along(
-    domain: SearchDomain,
-    drive: _Drive,
-    nodes: Float[np.ndarray, "k 2"],
-    block: int,
+    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> tuple[float, Float[np.ndarray, "n 2"]]:
     """What a drive along a path over blocks costs on the map, passages included, and the middles of its cells [cells]."""
     cost, parts = 0.0, [drive.start[None]]
@@ -301,10 +298,7 @@ def _cost_along(
 
 
 def _pieces(
-    domain: SearchDomain,
-    drive: _Drive,
-    nodes: Float[np.ndarray, "k 2"],
-    block: int,
+    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> list[tuple[Float[np.ndarray, "p 2"], _Drive]]:
     """A path over blocks in pieces, each with the drive along it, which ends at the clearest cell of a block."""
     shifts, start, goal = drive
@@ -358,10 +352,7 @@ def _pulled_piece(
 
 
 def _cells_along(
-    domain: SearchDomain,
-    drive: _Drive,
-    nodes: Float[np.ndarray, "k 2"],
-    block: int,
+    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> Corridor | None:
     """Cells of a drive along a path over blocks: what is priced at last is driven."""
     key = _key(*drive, nodes, np.array(block))

@@ -17,14 +17,7 @@ from jaxtyping import Float, Int32
 from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
 from .push_lengths import free_length, opening_at, push_step, stand_is_free
-from .push_states import (
-    Deadline,
-    SearchLimits,
-    SearchResult,
-    SearchState,
-    SeenFields,
-    push_sequence,
-)
+from .push_states import Deadline, SearchLimits, SearchResult, SearchState, SeenFields, push_sequence
 from .search_domain import CLEAR_SLACK_M
 
 __all__ = ["PushPass"]
@@ -213,10 +206,7 @@ class PushPass:
             queue.push(float(estimates[i]), _Contact(state, body, number, float(spent[i]), reached))
 
     def _arrive(
-        self,
-        cost: float,
-        state: SearchState,
-        field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]],
+        self, cost: float, state: SearchState, field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]]
     ) -> None:
         """A plan that ends by driving from a state to the goal; taken where it is better, and exists on the map."""
         if cost >= self.queue.best:

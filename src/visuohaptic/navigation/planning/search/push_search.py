@@ -30,12 +30,7 @@ from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
 from .push_lengths import opening_at, refine_lengths
 from .push_pass import PushPass
-from .push_states import (
-    Deadline,
-    SearchLimits,
-    SearchResult,
-    SearchState,
-)
+from .push_states import Deadline, SearchLimits, SearchResult, SearchState
 from .search_domain import SearchDomain, grid_from_world
 
 __all__ = ["load_kernels", "search_pushes"]
