@@ -74,9 +74,9 @@ FOUND_LIMITS = {
 }
 
 
-def seeds(which: str, count: int) -> list[int]:
+def seeds(which: str, count: int, first: int = 0) -> list[int]:
     """Open (even) or closed (odd) seeds."""
-    return [2 * k + (which == "closed") for k in range(count)]
+    return [2 * k + (which == "closed") for k in range(first, first + count)]
 
 
 def frames_of(scene: GlassSequence) -> list[DepthFrame]:
@@ -295,6 +295,7 @@ def main() -> None:
     )
     parser.add_argument("--seeds", choices=("open", "closed"), default="open")
     parser.add_argument("--count", type=int, default=50, help="number of scenes")
+    parser.add_argument("--first", type=int, default=0, help="number of scenes that are left out before")
     parser.add_argument("--views", type=int, nargs="+", default=[], help="only these numbers of views")
     parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
     parser.add_argument("--cache", type=Path, help="folder that keeps rendered scenes")
@@ -309,7 +310,7 @@ def main() -> None:
         journal = arguments.report and arguments.report.with_name(
             f"{arguments.report.stem}_{name}_{arguments.seeds}.jsonl"
         )
-        chosen = seeds(arguments.seeds, arguments.count)
+        chosen = seeds(arguments.seeds, arguments.count, arguments.first)
         if arguments.folders:
             family = FAMILY.get(name, FAMILY["found"])[0]
             for seed in chosen:

@@ -237,11 +237,17 @@ def fit_bodies(
     starts = [(start, opening) for opening in _OPEN for start in _starts(strong_m, opening)]
     starts += [(start, _OPEN[1]) for start in _rims(low_m, high_m)]
     bodies: list[UprightBody] = []
+    ends: list[tuple[np.ndarray, float]] = []
     for start, opening in _apart(sorted(starts, key=lambda one: cost(one[0], one[1], outlines))):
         # Rays end before what is farther than the strongest voxel.
         outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
+        best = search(start, opening, outlines)
+        # Two ends nearer than half of the narrowest body are beside one maximum.
+        if any(kind == opening and np.hypot(*(best - end)[:2]) < 0.5 * _MIN_RADIUS_M for end, kind in ends):
+            continue
         # A simplex that has collapsed beside the maximum finds it from where it is.
-        best = search(search(start, opening, outlines), opening, outlines)
+        best = search(best, opening, outlines)
+        ends.append((best, opening))
         covariance = _covariance(outlines, best, opening, views[0].window_px)
         if (least := cost(best, opening, outlines)) < 0 and covariance is not None:
             sigma = np.sqrt(np.diag(covariance))
