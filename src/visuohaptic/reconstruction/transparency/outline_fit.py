@@ -216,13 +216,12 @@ def fit_bodies(
     widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
 
     def cost(body: np.ndarray, opening: float, outlines: _Outlines) -> float:
-        if min(body[2], body[3]) < _MIN_RADIUS_M or body[5] - body[4] < _MIN_HEIGHT_M:
-            return 1e3
+        narrow, wide, height = min(body[2:4]), max(body[2:4]), body[5] - body[4]
         # A part is a sixth of a rim at least: wider bodies swallow what stands around.
-        if max(body[2], body[3]) > widest_m:
+        if narrow < _MIN_RADIUS_M or wide > widest_m or height < _MIN_HEIGHT_M:
             return 1e3
         # Into what is taller than half its width nothing looks from above alone.
-        if opening > 0 and body[5] - body[4] > max(body[2], body[3]):
+        if opening > 0 and height > wide:
             return 1e3
         return -float(outlines.log_likelihood(body, opening).sum())
 
@@ -306,18 +305,11 @@ def _covariance(
     ahead, back = ([each(sign * way) for way in ways] for sign in (1, -1))
     here = each(np.zeros(6))
     slopes = np.array([(a - b) / (2 * step_m) for a, b in zip(ahead, back, strict=True)])
-    curvature = np.diag([float((2 * here - a - b).sum()) for a, b in zip(ahead, back, strict=True)])
+    bends = [float((2 * here - a - b).sum()) for a, b in zip(ahead, back, strict=True)]
+    curvature = np.diag(bends)
     for i, j in combinations(range(len(ways)), 2):
-        both = (
-            each(ways[i] + ways[j])
-            + each(-ways[i] - ways[j])
-            - ahead[i]
-            - back[i]
-            - ahead[j]
-            - back[j]
-            + 2 * here
-        ).sum()
-        curvature[i, j] = curvature[j, i] = -0.5 * float(both)
+        both = float((2 * here - each(ways[i] + ways[j]) - each(-ways[i] - ways[j])).sum())
+        curvature[i, j] = curvature[j, i] = 0.5 * (both - bends[i] - bends[j])
     curvature /= step_m**2
     for count in (4, 3):
         if np.linalg.eigvalsh(curvature[:count, :count])[0] > 0:
