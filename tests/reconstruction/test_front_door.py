@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import logging
 from dataclasses import replace
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -13,7 +14,14 @@ import pytest
 from visuohaptic.core import InputError
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.io.depth import DepthFrame, write_sequence
-from visuohaptic.reconstruction import pipeline, plot_completion, plot_reconstruction, reconstruct
+from visuohaptic.reconstruction import (
+    SurfaceMesh,
+    pipeline,
+    plot_completion,
+    plot_reconstruction,
+    plots,
+    reconstruct,
+)
 from visuohaptic.reconstruction.completion import Touch
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.surfaces import Grid
@@ -107,6 +115,23 @@ def test_figures_are_written_and_show_both_kinds_of_surface(bottle, tmp_path):
     with pytest.raises(InputError, match=r"found suffix '.xyz', expected one of .png, .pdf, .svg"):
         plot_completion(completion, tmp_path / "completed.xyz")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["completed.png", "scene.svg"]
+
+
+def test_no_label_of_a_flat_scene_covers_another(bottle, tmp_path, monkeypatch):
+    """A table is wide and low: its labels of height are the ones that find no room."""
+    corners_m = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.08, 0.1)])
+    table = SurfaceMesh(corners_m, np.array([[0, 2, 6], [1, 3, 7]]))
+    drawn = []
+    monkeypatch.setattr(plots, "_save", lambda figure, path: drawn.append(figure))
+    plot_reconstruction(replace(bottle, surface=table), tmp_path / "table.png")
+    (figure,) = drawn
+    figure.canvas.draw()
+    boxes = []
+    for axis in (getattr(axes, f"{name}axis") for axes in figure.axes[:2] for name in "xyz"):
+        shown = [tick.label1 for tick in axis.get_major_ticks() if tick.label1.get_text()]
+        boxes += [text.get_window_extent() for text in (axis.label, *shown)]
+    assert len(boxes) > 18
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
 def test_the_example_of_the_docstring_runs():

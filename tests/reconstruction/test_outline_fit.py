@@ -10,6 +10,7 @@ import pytest
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
+from visuohaptic.reconstruction.transparency import evidence
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
 from visuohaptic.reconstruction.transparency.outline_fit import (
@@ -212,8 +213,8 @@ def test_a_part_that_trails_away_from_the_body_does_not_move_it():
     around = np.random.default_rng(9).uniform(-1, 1, (200, 3)) * np.array([0.03, 0.03, 0.05])
     middle_m = np.array([*AXIS_M, 0.12])
     points_m = middle_m + np.concatenate([trail, around])
-    evidence = np.concatenate([np.full(300, 9.0), np.full(200, 20.0)])
-    body = fit_bodies(seen, points_m, evidence)[0]
+    told = np.concatenate([np.full(300, 9.0), np.full(200, 20.0)])
+    body = fit_bodies(seen, points_m, told)[0]
     # As where the part is no larger than the body.
     assert np.linalg.norm(body.axis_m - AXIS_M) < 0.0035
     assert body.height_m[1] == pytest.approx(HIGH_M, abs=0.014)
@@ -222,17 +223,27 @@ def test_a_part_that_trails_away_from_the_body_does_not_move_it():
 def test_of_two_vessels_in_a_row_the_nearer_one_is_taken_and_not_one_wide_body_around_both():
     """The wide body tells more than each, less than both; what is in one of them is no second."""
 
-    def body(x_m, radius_m, evidence):
-        return UprightBody(
-            np.array([x_m, 0.0]), np.full(2, 0.003), (radius_m,) * 2, 0.002, (0.0, 0.12), evidence
-        )
+    def body(x_m, radius_m, told):
+        return UprightBody(np.array([x_m, 0.0]), np.full(2, 0.003), (radius_m,) * 2, 0.002, (0.0, 0.12), told)
 
     wide, near, far = body(0.0, 0.075, 130.0), body(-0.06, 0.035, 125.0), body(0.06, 0.035, 60.0)
     detector = EvidenceDetector(SpaceGrid.around((-0.2, -0.1, 0.0), (0.2, 0.1, 0.2), 0.01))
-    detector.seen[:] = 1.0
-    # 593 places of the smallest object, at a rate of 0.02: ln(593 / 0.02) nat.
-    assert 10 < detector.threshold < 11
+    detector.threshold = 10.0
     assert detector._together([wide, near, far]) == [near, far]
     assert detector._together([wide, near]) == [wide]
     assert detector._together([wide, replace(near, evidence=70.0), far]) == [wide]
     assert detector._together([]) == []
+
+
+def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
+    """Where 5 cm of a rim show, a rod of the smallest radius fits them: it would stand 8 cm from the bowl's middle."""
+    place = np.zeros(2), np.full(2, 0.003)
+    rod, cup = (
+        UprightBody(*place, radius_m, 0.002, (0.0, 0.06), told)
+        for radius_m, told in (((0.011, 0.018), 30.0), ((0.013, 0.018), 20.0))
+    )
+    monkeypatch.setattr(evidence, "fit_bodies", lambda *_: [rod, cup])
+    detector = EvidenceDetector(SpaceGrid.around((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2), 0.01))
+    part = np.ones((10, 10, 10), bool)
+    # Half of the edge of the smallest object is 15 mm.
+    assert detector._fit(part, np.ones(part.shape, np.float32), (slice(0, 10),) * 3) == [cup]

@@ -117,8 +117,10 @@ def _checked(path: Path | str) -> Path:
 def _figure() -> tuple[Any, list[Any]]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    # A layout does not know how far the labels of a drawn space reach.
+    figure = Figure(figsize=(11.0, 4.6), layout=ConstrainedLayoutEngine(wspace=0.15))
     FigureCanvasAgg(figure)
     views = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
     for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
@@ -145,10 +147,13 @@ def _draw(
     axes.add_collection3d(Poly3DCollection(triangles, facecolors=shaded, edgecolors="none"))
     for name, low, high in zip("xyz", 1e3 * low_m, 1e3 * high_m, strict=True):
         getattr(axes, f"set_{name}lim")(low, high)
-        getattr(axes, f"set_{name}label")(f"{name} [mm]")
-    axes.locator_params(nbins=4)
+        getattr(axes, f"set_{name}label")(f"{name} [mm]", labelpad=6 if name == "z" else 18)
+    edges_m = np.maximum(high_m - low_m, 1e-3)
+    # As many labels as find room on an edge.
+    for name, part in zip("xyz", edges_m / edges_m.max(), strict=True):
+        axes.locator_params(axis=name, nbins=max(1, round(4 * float(part))))
     axes.tick_params(labelsize=8)
-    axes.set_box_aspect(np.maximum(high_m - low_m, 1e-3), zoom=0.9)
+    axes.set_box_aspect(edges_m, zoom=0.85)
 
 
 def _save(figure: Any, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 Frame by frame, while the camera moves. Eq. (5.4) is implemented with its sign
 corrected: an observation counts when it disagrees with the model. The better
-detector is in :mod:`.consistency`; both have the same methods.
+detector is in :mod:`.evidence`; both have the same methods.
 """
 
 from __future__ import annotations

@@ -96,6 +96,7 @@ class EvidenceDetector:
     evidence: Float32[np.ndarray, "x y z"] = field(init=False)  #: that glass is here [nat]
     extent: Float32[np.ndarray, "x y z"] = field(init=False)  #: that it is here rather than beside [nat]
     seen: Float32[np.ndarray, "x y z"] = field(init=False)  #: independent views that say anything of a voxel
+    threshold: float = field(init=False)  #: evidence that founds a part [nat]
     look_alike: float = field(init=False, default=_LOOK_ALIKE)  #: fraction of windows that look like glass
     views: int = field(init=False, default=0)  #: views that were given
     skipped: Counter[str] = field(default_factory=Counter)  #: views that were not compared, by cause
@@ -109,6 +110,7 @@ class EvidenceDetector:
         self.evidence, self.extent, self.seen = (np.zeros(shape, np.float32) for _ in range(3))
         self._inside = np.zeros(shape, dtype=bool)
         self._rays, self._outlines, self._found = [], [], ()
+        self.threshold = -math.log(self.settings.false_alarm_rate)
 
     @property
     def used(self) -> int:
@@ -165,6 +167,8 @@ class EvidenceDetector:
             self._outlines.append(OutlineView.of_view(frame, readings, view.limit_m, self.noise, weight))
         # What was explained was seen.
         self.seen = np.maximum(self.seen, seen)
+        places = np.count_nonzero(self.seen) * self.grid.voxel_m**3 / (2 * self.settings.radius_m) ** 3
+        self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[tuple[DepthFrame, RayImage]], list[float]]:
         """Readings and weights of all views that have others to compare them with."""
@@ -283,7 +287,9 @@ class EvidenceDetector:
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         # Windows may look like glass by a common cause in all views that has no outline: shine, an edge.
         bodies = fit_bodies(self._outlines, points_m, evidence[part])
-        return [body for body in bodies if body.evidence >= self.threshold]
+        # What is thinner than the smallest object is a piece of a rim, whose middle is elsewhere.
+        thick = (body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m)
+        return [body for body in thick if body.evidence >= self.threshold]
 
     def _accept(self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]) -> None:
         """Take a part in a box of the volume, unless it is where another one is."""
@@ -321,12 +327,6 @@ class EvidenceDetector:
         for view in self._rays:
             view.add(grid, evidence, extent, seen)
         return evidence, extent
-
-    @property
-    def threshold(self) -> float:
-        """Evidence that founds a part [nat]."""
-        places = np.count_nonzero(self.seen) * self.grid.voxel_m**3 / (2 * self.settings.radius_m) ** 3
-        return math.log(max(places, 1.0) / self.settings.false_alarm_rate)
 
     def score(self) -> Float[np.ndarray, "x y z"]:
         """Probability that glass is in a voxel, with one place in the volume expected to hold some."""

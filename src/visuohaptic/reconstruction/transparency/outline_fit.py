@@ -216,13 +216,12 @@ def fit_bodies(
     widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
 
     def cost(body: np.ndarray, opening: float, outlines: _Outlines) -> float:
-        if min(body[2], body[3]) < _MIN_RADIUS_M or body[5] - body[4] < _MIN_HEIGHT_M:
-            return 1e3
+        narrow, wide, height = min(body[2:4]), max(body[2:4]), body[5] - body[4]
         # A part is a sixth of a rim at least: wider bodies swallow what stands around.
-        if max(body[2], body[3]) > widest_m:
+        if narrow < _MIN_RADIUS_M or wide > widest_m or height < _MIN_HEIGHT_M:
             return 1e3
         # Into what is taller than half its width nothing looks from above alone.
-        if opening > 0 and body[5] - body[4] > max(body[2], body[3]):
+        if opening > 0 and height > wide:
             return 1e3
         return -float(outlines.log_likelihood(body, opening).sum())
 
@@ -237,11 +236,17 @@ def fit_bodies(
     starts = [(start, opening) for opening in _OPEN for start in _starts(strong_m, opening)]
     starts += [(start, _OPEN[1]) for start in _rims(low_m, high_m)]
     bodies: list[UprightBody] = []
+    ends: list[tuple[np.ndarray, float]] = []
     for start, opening in _apart(sorted(starts, key=lambda one: cost(one[0], one[1], outlines))):
         # Rays end before what is farther than the strongest voxel.
         outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
+        best = search(start, opening, outlines)
+        # Two ends nearer than half of the narrowest body are beside one maximum.
+        if any(kind == opening and np.hypot(*(best - end)[:2]) < 0.5 * _MIN_RADIUS_M for end, kind in ends):
+            continue
         # A simplex that has collapsed beside the maximum finds it from where it is.
-        best = search(search(start, opening, outlines), opening, outlines)
+        best = search(best, opening, outlines)
+        ends.append((best, opening))
         covariance = _covariance(outlines, best, opening, views[0].window_px)
         if (least := cost(best, opening, outlines)) < 0 and covariance is not None:
             sigma = np.sqrt(np.diag(covariance))
@@ -300,18 +305,11 @@ def _covariance(
     ahead, back = ([each(sign * way) for way in ways] for sign in (1, -1))
     here = each(np.zeros(6))
     slopes = np.array([(a - b) / (2 * step_m) for a, b in zip(ahead, back, strict=True)])
-    curvature = np.diag([float((2 * here - a - b).sum()) for a, b in zip(ahead, back, strict=True)])
+    bends = [float((2 * here - a - b).sum()) for a, b in zip(ahead, back, strict=True)]
+    curvature = np.diag(bends)
     for i, j in combinations(range(len(ways)), 2):
-        both = (
-            each(ways[i] + ways[j])
-            + each(-ways[i] - ways[j])
-            - ahead[i]
-            - back[i]
-            - ahead[j]
-            - back[j]
-            + 2 * here
-        ).sum()
-        curvature[i, j] = curvature[j, i] = -0.5 * float(both)
+        both = float((2 * here - each(ways[i] + ways[j]) - each(-ways[i] - ways[j])).sum())
+        curvature[i, j] = curvature[j, i] = 0.5 * (both - bends[i] - bends[j])
     curvature /= step_m**2
     for count in (4, 3):
         if np.linalg.eigvalsh(curvature[:count, :count])[0] > 0:

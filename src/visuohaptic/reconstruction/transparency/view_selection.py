@@ -76,16 +76,8 @@ def view_graph(frames: Sequence[DepthFrame]) -> ViewGraph:
     back = np.array([frame.T_world_camera.inverse().matrix[:3] for frame in frames])
     camera = frames[0].camera
     fx, fy, cx, cy = camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2]
-    v, u = (
-        part.ravel()
-        for part in np.meshgrid(
-            *(
-                (np.arange(n) + 0.5) * size / n
-                for n, size in zip(_SAMPLES, (camera.height, camera.width), strict=True)
-            ),
-            indexing="ij",
-        )
-    )
+    middles = (np.indices(_SAMPLES).reshape(2, -1) + 0.5) / np.array(_SAMPLES)[:, None]
+    v, u = middles * np.array([[camera.height], [camera.width]])
     rays = camera.rays(np.column_stack([u, v]))
     for i, frame in enumerate(frames):
         depth_m = frame.depth_m[v.astype(int), u.astype(int)]
