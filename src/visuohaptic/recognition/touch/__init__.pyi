@@ -8,7 +8,6 @@ from .belief import condition as condition
 from .belief import doubted as doubted
 from .belief import evidence as evidence
 from .belief import log_likelihood as log_likelihood
-from .belief import log_scores as log_scores
 from .belief import update_belief as update_belief
 from .belief import with_outline as with_outline
 from .calibration import calibrate as calibrate

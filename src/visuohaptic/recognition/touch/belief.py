@@ -30,7 +30,6 @@ __all__ = [
     "doubted",
     "evidence",
     "log_likelihood",
-    "log_scores",
     "update_belief",
     "with_outline",
 ]
@@ -202,7 +201,7 @@ def _whitened(
 
 
 def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belief:
-    """Posterior probabilities from the likelihoods of the Gaussians.
+    """Posterior probabilities from the likelihoods of the Gaussians; what is like none of them is with those of "unknown".
 
     Parameters
     ----------
@@ -211,33 +210,17 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belie
     likelihood
         See :func:`log_likelihood`.
     """
-    score = log_scores(model, likelihood)
+    score, beside = likelihood / model.temperature + model.log_prior
+    foreign = model.answer_of == len(model.answers) - 1
+    best = int(np.argmax(np.where(foreign, -np.inf, score)))
+    # Nothing was read, or who gives "unknown" no probability has a closed set of classes.
+    if np.isfinite(beside[best]) and np.isfinite(score[foreign]).any():
+        known, other = (np.logaddexp.reduce(score[part]) for part in (~foreign, foreign))
+        unlike = known + beside[best] - score[best]
+        score[foreign] += np.logaddexp(other + model.unknown_log_odds, unlike) - other
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     return Belief(by_answer(weight[None], model)[0], weight, model.answers)
-
-
-def log_scores(model: HapticModel, likelihood: Float[np.ndarray, "*n 2 c"]) -> Float[np.ndarray, "*n c"]:
-    """Logarithm of the weight of each Gaussian, but for a constant; what is like none of them is with those of "unknown".
-
-    Parameters
-    ----------
-    model
-        Of the candidates.
-    likelihood
-        See :func:`log_likelihood`.
-    """
-    score, beside = np.moveaxis(likelihood / model.temperature + model.log_prior, -2, 0)
-    known = model.answer_of < len(model.answers) - 1
-    foreign = np.logaddexp.reduce(score[..., ~known], axis=-1, keepdims=True)
-    best = np.argmax(np.where(known, score, -np.inf), axis=-1)[..., None]
-    unlike = np.logaddexp.reduce(score[..., known], axis=-1, keepdims=True)
-    unlike += np.take_along_axis(beside, best, axis=-1) - np.take_along_axis(score, best, axis=-1)
-    # Who gives "unknown" no probability has a closed set of classes.
-    more = np.logaddexp(foreign + model.unknown_log_odds, unlike) - foreign
-    more = np.where(np.isfinite(foreign) & np.isfinite(unlike), more, 0.0)
-    out: np.ndarray = np.where(known, score, score + more)
-    return out
 
 
 def by_answer(weight: Float[np.ndarray, "s c"], model: HapticModel) -> Float[np.ndarray, "s g"]:
