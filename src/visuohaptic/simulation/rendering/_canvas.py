@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt32
+from jaxtyping import Float, Float32
 
 from ...core.camera.model import Camera
 from ...core.geometry import polygon_area
 from ._render_kernels import add_filtered_coverage, add_plane, add_signed_coverage
 from .appearance import Surface
-from .textures import MATERIALS, texture_tile
+from .effects import in_bands
+from .rolling_view import ray_table
+from .textures import MATERIALS, TILE_TEXELS, blurred_texels
 
 __all__ = ["Canvas", "Coverage", "Hole", "Parts", "Plane", "coverage"]
-
-_TILE_TEXELS = 1024
-
-#: A band of fewer rows is done (1 ms) before a thread for it has paid (.1 ms to start it).
-_MIN_BAND_ROWS = 128
 
 #: Coverages that a canvas remembers.
 _KEPT_COVERS = 24
@@ -98,26 +91,6 @@ def coverage(
     return Coverage(int(x0), int(y0), fraction)
 
 
-def in_bands(work: Callable[[int, int], None], rows: int) -> None:
-    """Work on bands of rows at the same time, as many as there are cores; the bands share no pixel.
-
-    Parameters
-    ----------
-    work
-        Works on the rows from its first argument to its second, without the last.
-    rows
-        Number of rows of the image.
-    """
-    count = max(1, min(os.cpu_count() or 1, rows // _MIN_BAND_ROWS))
-    ends = [rows * i // count for i in range(count + 1)]
-    # Threads of a frame end with it: a process that is forked between frames inherits none.
-    with ThreadPoolExecutor(count) as pool:
-        others = [pool.submit(work, *band) for band in pairwise(ends[1:])]
-        work(ends[0], ends[1])
-        for other in others:
-            other.result()
-
-
 #: Below this the blur is left out: a pixel is a hundred times wider in variance.
 SHARP_PX = 0.03
 
@@ -172,19 +145,8 @@ class Canvas:
         self._image = np.zeros((camera.height, camera.width, channels), np.float32)
         self._clear = np.ones((camera.height, camera.width), np.float32)
         self._layers: list[tuple[Coverage, Parts]] = []
-        self._rays = _ray_table(camera)
+        self._rays = ray_table(camera)
         self._covers: dict[bytes, Coverage | None] = {}
-
-    @staticmethod
-    def tile_m(surface: Surface) -> float:
-        """Period of a surface's texture [m].
-
-        Parameters
-        ----------
-        surface
-            Surface with a texture.
-        """
-        return MATERIALS[surface.material]
 
     def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
         """Coverage of a polygon in this image; cached, as much of a scene stands still to the camera.
@@ -347,30 +309,16 @@ class Canvas:
             self._rays,
             plane.matrices,
             self._tile(surface) if surface.texture else _NO_TILE,
-            _TILE_TEXELS / MATERIALS[surface.material],
+            TILE_TEXELS / MATERIALS[surface.material],
             float(surface.texture),
             (plane.light * surface.levels(self._image.shape[2])).astype(np.float32),
         )
 
     def _tile(self, surface: Surface) -> np.ndarray:
         """The surface's texture as blurred by lens and pixel at the sensor's distance."""
-        texel_m = MATERIALS[surface.material] / _TILE_TEXELS
+        texel_m = MATERIALS[surface.material] / TILE_TEXELS
         sigma = float(np.sqrt(self.blur_px**2 + 1 / 12) * self._pixel_m / texel_m)
-        return _blurred_tile(surface.material, surface.seed, round(sigma, 2))
-
-
-@lru_cache(maxsize=32)
-def _blurred_tile(material: str, seed: int, sigma_texels: float) -> UInt32[np.ndarray, "size size"]:
-    """A blurred texture, each texel in one word with its neighbours to the right, below and below to the right."""
-    import cv2
-
-    tile = texture_tile(material, seed, _TILE_TEXELS)
-    pad = min(int(4 * sigma_texels) + 1, _TILE_TEXELS)
-    wrapped = np.pad(tile, pad, mode="wrap")
-    texels = cv2.GaussianBlur(wrapped, (0, 0), sigma_texels)[pad:-pad, pad:-pad].astype(np.uint32)
-    for axis, shift in ((1, 8), (0, 16)):
-        texels |= np.roll(texels, -1, axis) << np.uint32(shift)
-    return texels
+        return blurred_texels(surface.material, surface.seed, round(sigma, 2))
 
 
 _NO_TILE = np.zeros((16, 16), np.uint32)
@@ -398,17 +346,6 @@ def _fill_hole(hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer:
         (Coverage(window.x0, window.y0, face * taken), plane)
         for face, (_, plane) in zip(faces, parts, strict=True)
     ]
-
-
-def _ray_table(camera: Camera) -> np.ndarray:
-    """Rays (H, W, 2) of all pixels, or two rows that suffice when the lens does not distort."""
-    columns = np.arange(camera.width, dtype=np.float64)
-    if not camera.distortion.any() and camera.matrix[0, 1] == 0:
-        rays = camera.rays(np.column_stack([columns, np.zeros(camera.width)]))[None, :, :2].copy()
-        rays[0, 1, 1] = 1.0 / camera.matrix[1, 1]
-        return rays
-    u, v = np.meshgrid(columns, np.arange(camera.height, dtype=np.float64))
-    return camera.rays(np.stack([u, v], axis=-1))[..., :2].copy()
 
 
 def _overlap(part: Coverage, frame: Coverage) -> tuple[tuple[slice, slice], tuple[slice, slice]]:

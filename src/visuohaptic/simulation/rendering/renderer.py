@@ -34,6 +34,7 @@ from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .exposure import CameraShake, ExposedScene, SceneLike, inner_edge, observe
 from .shadow import shade_floor
+from .textures import MATERIALS
 
 __all__ = ["SceneRenderer"]
 
@@ -237,7 +238,7 @@ class SceneRenderer:
 
     def _draw_floor(self, shot: ExposedScene, outlines: list[np.ndarray]) -> None:
         origins, a, b = [], [], []
-        tile_m = self._canvas.tile_m(self.look.floor)
+        tile_m = MATERIALS[self.look.floor.material]
         for scene in shot.scenes:
             world = scene.T_world_foam
             # The nearest corner of the tiling keeps texture coordinates small far from the world's origin.

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 
-__all__ = ["RollingView"]
+__all__ = ["RollingView", "ray_table"]
 
 #: Nothing is drawn nearer to the camera than this [m].
 NEAR_M = 0.02
@@ -241,3 +241,20 @@ def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
     cuts = points + fraction * (following - points)
     both = np.stack([points, cuts], axis=1).reshape(-1, *points.shape[1:])
     return both[np.stack([keep, crossing], axis=1).reshape(-1)]
+
+
+def ray_table(camera: Camera) -> np.ndarray:
+    """Rays (H, W, 2) of all pixels, or two rows that suffice when the lens does not distort.
+
+    Parameters
+    ----------
+    camera
+        Lens and size of the image.
+    """
+    columns = np.arange(camera.width, dtype=np.float64)
+    if not camera.distortion.any() and camera.matrix[0, 1] == 0:
+        rays = camera.rays(np.column_stack([columns, np.zeros(camera.width)]))[None, :, :2].copy()
+        rays[0, 1, 1] = 1.0 / camera.matrix[1, 1]
+        return rays
+    u, v = np.meshgrid(columns, np.arange(camera.height, dtype=np.float64))
+    return camera.rays(np.stack([u, v], axis=-1))[..., :2].copy()

@@ -9,14 +9,16 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, UInt8, UInt32
 
 from ...core.errors import InputError
 
-__all__ = ["MATERIALS", "TILE_MEAN", "TILE_SIGMA", "texture_tile"]
+__all__ = ["MATERIALS", "TILE_MEAN", "TILE_SIGMA", "TILE_TEXELS", "blurred_texels", "texture_tile"]
 
 TILE_MEAN = 128.0
 TILE_SIGMA = 42.0
+#: Edge length of a tile.
+TILE_TEXELS = 1024
 
 #: Names of the materials and the size of their tile [m].
 MATERIALS: dict[str, float] = {
@@ -135,7 +137,7 @@ _MAKERS = {
 
 
 @lru_cache(maxsize=32)
-def texture_tile(material: str, seed: int = 0, size: int = 1024) -> UInt8[np.ndarray, "size size"]:
+def texture_tile(material: str, seed: int = 0, size: int = TILE_TEXELS) -> UInt8[np.ndarray, "size size"]:
     """Tile of a material; the same name, seed and size give the same image.
 
     Parameters
@@ -164,3 +166,25 @@ def texture_tile(material: str, seed: int = 0, size: int = 1024) -> UInt8[np.nda
     tile = np.clip(np.rint(TILE_MEAN + TILE_SIGMA * values), 0, 255).astype(np.uint8)
     tile.flags.writeable = False  # shared by all callers through the cache
     return tile
+
+
+@lru_cache(maxsize=32)
+def blurred_texels(material: str, seed: int, sigma_texels: float) -> UInt32[np.ndarray, "size size"]:
+    """A blurred texture, each texel in one word with its neighbours to the right, below and below to the right.
+
+    Parameters
+    ----------
+    material, seed
+        As of :func:`texture_tile`.
+    sigma_texels
+        Standard deviation of the blur [texels].
+    """
+    import cv2
+
+    tile = texture_tile(material, seed, TILE_TEXELS)
+    pad = min(int(4 * sigma_texels) + 1, TILE_TEXELS)
+    wrapped = np.pad(tile, pad, mode="wrap")
+    texels = cv2.GaussianBlur(wrapped, (0, 0), sigma_texels)[pad:-pad, pad:-pad].astype(np.uint32)
+    for axis, shift in ((1, 8), (0, 16)):
+        texels |= np.roll(texels, -1, axis) << np.uint32(shift)
+    return texels
