@@ -95,24 +95,6 @@ def test_an_object_of_another_height_is_of_no_class_that_feels_like_it() -> None
     )
 
 
-def test_what_no_gaussian_foresees_is_like_no_class(model: HapticModel) -> None:
-    """Ribs: stiffness and width go up and down from height to height, as no container that the model expects does."""
-    data = synthetic(1, seed=5)
-    for row, name in enumerate(("soft", "rim", "flat")):
-        ribs = np.where(np.arange(16) % 2, 1.0, -1.0)
-        ribbed = replace(
-            data,
-            features=data.features * np.exp(0.7 * ribs)[:, None, None],
-            width_m=data.width_m * np.exp(0.12 * ribs)[:, None],
-        )
-        places = [(height, axis) for height in (6, 7, 9, 10) for axis in "xy"]
-        plain, strange = (
-            update_belief(model, [touch_of(one, row)(*place) for place in places]) for one in (data, ribbed)
-        )
-        assert plain.answer == name
-        assert strange.as_mapping()[UNKNOWN] > 0.99
-
-
 def test_a_known_object_is_called_unlike_its_class_as_rarely_as_said() -> None:
     """Readings that the model itself draws: one in a hundred lies beyond the limit, where unknown is the more probable."""
     model = fit_model(synthetic(30), settings=ModelSettings(unknown_prior=1e-9))
