@@ -8,7 +8,7 @@ import pytest
 from visuohaptic.core import InputError
 from visuohaptic.simulation.rendering import CameraEffects
 from visuohaptic.simulation.rendering._render_kernels import develop
-from visuohaptic.simulation.rendering.effects import _normal_quantiles
+from visuohaptic.simulation.rendering.effects import _normal_quantiles, in_bands
 
 
 def developed(
@@ -127,3 +127,37 @@ def test_jpeg_keeps_the_picture_roughly(channels: int) -> None:
 def test_bad_effects_are_refused(field: str, value: float) -> None:
     with pytest.raises(InputError, match=f"CameraEffects: {field}: found"):
         CameraEffects(**{field: value})
+
+
+def test_bands_of_rows_cover_each_row_once(monkeypatch) -> None:
+    """However many cores draw an image together, each of its rows is worked on once."""
+    for cores, rows in ((1, 900), (2, 901), (3, 899), (64, 300), (None, 5)):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        worked = np.zeros(rows, int)
+
+        def work(low: int, high: int, worked=worked) -> None:
+            worked[low:high] += 1
+
+        in_bands(work, rows)
+        assert (worked == 1).all()
+
+
+def test_an_error_in_a_band_is_raised(monkeypatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 4)
+
+    def work(low: int, _high: int) -> None:
+        if low:
+            raise ValueError(f"row {low}")
+
+    with pytest.raises(ValueError, match="row 225"):
+        in_bands(work, 900)
+
+
+def test_more_cores_give_the_same_levels(monkeypatch) -> None:
+    effects = CameraEffects(noise_sigma=3.0, vignetting=0.3, gradient_x=0.2)
+    exact = np.random.default_rng(2).uniform(0, 255, (400, 21, 3)).astype(np.float32)
+    images = []
+    for cores in (1, 3):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        images.append(effects.developed(exact, np.linspace(0, 0.01, 400), np.random.default_rng(3)))
+    np.testing.assert_array_equal(*images)

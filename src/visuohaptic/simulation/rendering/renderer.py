@@ -1,6 +1,6 @@
 """The sensor camera's image of a :class:`FoamScene`, with exact sub-pixel truth.
 
-Layers are drawn from far to near: floor, objects (whole prisms), foam and robot body
+Layers are laid from far to near (and drawn from near to far): floor, objects (whole prisms), foam and robot body
 less the parts of objects that lean over them, occluders. Each layer covers a
 pixel by its exact fraction behind pixel and lens: the layer's polygon convolved with the pixel's
 square and a Gaussian. Where two layers share a border the nearer one is drawn over a farther one that
