@@ -10,6 +10,8 @@ from visuohaptic.simulation.rendering import CameraEffects
 from visuohaptic.simulation.rendering._render_kernels import develop
 from visuohaptic.simulation.rendering.effects import _normal_quantiles, in_bands
 
+CORES = "visuohaptic.simulation.rendering.effects.available_cores"
+
 
 def developed(
     effects: CameraEffects, level: float = 120.0, shape: tuple[int, int, int] = (200, 300, 1), **more
@@ -131,8 +133,8 @@ def test_bad_effects_are_refused(field: str, value: float) -> None:
 
 def test_bands_of_rows_cover_each_row_once(monkeypatch) -> None:
     """However many cores draw an image together, each of its rows is worked on once."""
-    for cores, rows in ((1, 900), (2, 901), (3, 899), (64, 300), (None, 5)):
-        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+    for cores, rows in ((1, 900), (2, 901), (3, 899), (64, 300), (7, 5)):
+        monkeypatch.setattr(CORES, lambda cores=cores: cores)
         worked = np.zeros(rows, int)
 
         def work(low: int, high: int, worked=worked) -> None:
@@ -143,7 +145,7 @@ def test_bands_of_rows_cover_each_row_once(monkeypatch) -> None:
 
 
 def test_an_error_in_a_band_is_raised(monkeypatch) -> None:
-    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    monkeypatch.setattr(CORES, lambda: 4)
 
     def work(low: int, _high: int) -> None:
         if low:
@@ -158,6 +160,6 @@ def test_more_cores_give_the_same_levels(monkeypatch) -> None:
     exact = np.random.default_rng(2).uniform(0, 255, (400, 21, 3)).astype(np.float32)
     images = []
     for cores in (1, 3):
-        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        monkeypatch.setattr(CORES, lambda cores=cores: cores)
         images.append(effects.developed(exact, np.linspace(0, 0.01, 400), np.random.default_rng(3)))
     np.testing.assert_array_equal(*images)

@@ -23,8 +23,6 @@ NUMBERS = 8
 #: Distance of the centre of friction from the centroid along either axis, by the lever of the bottom: root mean square
 #: of six numbers of real pushes (``benchmarks.nav_push.real_centres``): a centre of mass, two of pressure on flat bottoms.
 CENTRE_FRACTION, CENTRE_NUMBERS = 0.05, 6
-#: Of a normal vector of three numbers, nine in ten squared lengths are below this.
-CHI2_90 = 6.251
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +155,11 @@ def covariance_of_ends(errors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3
     errors
         Of simulated ends: x, y [m], turn [rad]; a hundred or more.
     """
-    moments = errors.T @ errors / len(errors)
-    squares = np.einsum("ni,ni->n", errors, np.linalg.solve(moments, errors.T).T)
-    scaled: Float[np.ndarray, "3 3"] = moments * (np.quantile(squares, 0.9) / CHI2_90)
-    return scaled
+    from scipy.special import chdtri
+
+    moments: Float[np.ndarray, "3 3"] = errors.T @ errors / len(errors)
+    # What never differs has no part in it.
+    if not (rank := int(np.linalg.matrix_rank(moments, hermitian=True))):
+        return moments
+    squares = np.einsum("ni,ij,nj->n", errors, np.linalg.pinv(moments, hermitian=True), errors)
+    return moments * (np.quantile(squares, 0.9) / chdtri(rank, 0.1))

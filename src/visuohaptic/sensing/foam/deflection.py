@@ -15,7 +15,7 @@ from .profile import FoamContour, FoamReading
 from .strip.geometry import StripGeometry
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
-from .uneven_light import blur_excess_px2, gap_shift_px, light_shift_px
+from .uneven_light import SCATTER_POINTS, blur_excess_px2, gap_shift_px, light_shift_px
 
 __all__ = ["Deflection", "edge_uncertainty_m", "fill_gaps", "measure_deflection", "with_states"]
 
@@ -24,8 +24,6 @@ __all__ = ["Deflection", "edge_uncertainty_m", "fill_gaps", "measure_deflection"
 _KINK_NOISE, _BRIDGE_NOISE = 0.08, 0.33
 #: Mean squared residual of a clean step, in noise variances, at the most: some hundred pixels scatter by a seventh.
 _MISFIT = 2.0
-#: Edges at rest from which on their scatter is known: to a fifth.
-_SCATTER_POINTS = 24
 #: Gaps of up to this many points are bridged by the shape of their neighbours.
 _BRIDGED_POINTS = 2
 #: A flank is free foam where the next point beyond its upper end rises on by this part of its rise ...
@@ -193,7 +191,7 @@ def with_cancelled_texture(
     alike = np.where(clean, np.exp(-0.5 * (delta_m / pixel_m) ** 2), 0.0)
     rest = alike > 0.6
     middle = rest[:-2] & rest[1:-1] & rest[2:]
-    if middle.sum() < _SCATTER_POINTS:
+    if middle.sum() < SCATTER_POINTS:
         return sigma_m
     # Second differences have six times the variance of a point, squares of a normal one a median of 0.455.
     bend = (delta_m[:-2] - 2.0 * delta_m[1:-1] + delta_m[2:])[middle]

@@ -19,13 +19,15 @@ from ...tracking.contours.contour import PIXEL_PX
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["blur_excess_px2", "gap_shift_px", "light_shift_px", "neighbours", "row_median"]
+__all__ = ["SCATTER_POINTS", "blur_excess_px2", "gap_shift_px", "light_shift_px", "neighbours", "row_median"]
 
 #: Part a of the step that a shadow within the blur has: the squares of shifts by those of the blur are 0.05 to 0.19 over
 #: 1,300 places of shadows of 10 to 60 %.
 _SHADOW_PART = 0.11
 #: Lengths of both parts of the plateau in which the light is compared [px].
 _PLATEAU_PX = 4.0
+#: Edges at rest from which on their scatter is known: to a fifth.
+SCATTER_POINTS = 24
 #: An excess of the blur by so many standard deviations is a gap's: one edge in forty at rest has it by chance.
 _CHANCE_SIGMAS = 2.0
 
@@ -74,7 +76,10 @@ def gap_shift_px(
     (at_rest,) = _means((sums,), np.clip(np.rint(place), 0, sums.shape[1] - 1).astype(np.int64))
     contrast, beyond = strip.front.contrast, strip.front.level
     still = np.abs(strip.front.position_px - rest_px) < 1.0
-    error = float(np.nanstd(excess_px2[still])) if np.isfinite(excess_px2[still]).any() else math.inf
+    scatter = excess_px2[still & np.isfinite(excess_px2)]
+    error = (
+        float(np.std(scatter)) if len(scatter) >= SCATTER_POINTS else math.inf
+    )  # then nothing is called a gap
     with np.errstate(invalid="ignore", divide="ignore"):
         part = 1.0 + (beyond / contrast - 1.0) * (1.0 - at_rest[:, 2] / at_rest[:, 0])
         square, sigma = part / (1.0 - part) * excess_px2, np.abs(part / (1.0 - part)) * error

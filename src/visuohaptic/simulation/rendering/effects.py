@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from ...core.errors import InputError
 from ...core.files import decode_image, encode_image
+from ...core.map_tasks import available_cores
 from ._render_kernels import develop
 
 __all__ = ["CameraEffects", "in_bands"]
@@ -146,7 +146,7 @@ def in_bands(work: Callable[[int, int], None], rows: int) -> None:
     rows
         Number of rows of the image.
     """
-    count = max(1, min(os.cpu_count() or 1, rows // _MIN_BAND_ROWS))
+    count = max(1, min(available_cores(), rows // _MIN_BAND_ROWS))
     ends = [rows * i // count for i in range(count + 1)]
     # Threads of a frame end with it: a process that is forked between frames inherits none.
     with ThreadPoolExecutor(count) as pool:

@@ -1,0 +1,43 @@
+"""Shifts of edges by what lies beside them, against numbers written out."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from visuohaptic.sensing.foam.uneven_light import SCATTER_POINTS, gap_shift_px
+
+POINTS, GAP_PX = 60, 1.5
+
+
+def _shift(still: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of foam of 180 before a floor of 80; beyond the points at rest there is a body of 30 behind a gap."""
+    touched = np.arange(POINTS) >= still
+    rest_px = np.full(POINTS, 40.0)
+    image = np.where(np.arange(80) < 40, 180.0, 80.0)[None, None].repeat(POINTS, axis=0)
+    front = SimpleNamespace(
+        position_px=np.where(touched, 30.0, rest_px),
+        contrast=np.where(touched, -150.0, -100.0),
+        level=np.where(touched, 30.0, 80.0),
+    )
+    strip: Any = SimpleNamespace(lens_px=0.7, step_px=np.ones(POINTS), front=front)
+    # A third of the whole step is the body's: the variance of two steps a gap apart.
+    excess = np.where(touched, (1 / 3) * (2 / 3) * GAP_PX**2, 0.0)
+    excess += 0.01 * np.random.default_rng(0).standard_normal(POINTS)
+    return gap_shift_px(strip, cast(Any, SimpleNamespace(image=image)), rest_px, excess)
+
+
+def test_the_edges_of_a_gap_and_of_what_is_behind_it_look_like_one() -> None:
+    found, sigma = _shift(SCATTER_POINTS)
+    # A noise of 0.01 px^2 in 0.5, of which two deviations are taken off: 0.49 to 0.51.
+    np.testing.assert_allclose(found[SCATTER_POINTS:], GAP_PX / 3, atol=0.03)
+    assert (found[:SCATTER_POINTS] < 0.1).all()
+    assert (sigma[SCATTER_POINTS:] > 0.0).all()
+
+
+def test_few_edges_at_rest_do_not_tell_a_gap_from_chance() -> None:
+    found, sigma = _shift(SCATTER_POINTS - 1)
+    assert not found.any()
+    assert not sigma.any()
