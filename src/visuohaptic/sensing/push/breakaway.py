@@ -8,7 +8,9 @@ At rest q grows by exactly the travel (:mod:`.at_rest`). From t_0 on Newton's la
 
     m y'' = F(x - y) - F_d,    y = y' = 0 at t_0,    F_s = F(q(t_0)),
 
-with F known from the same push and F_d from its phase (b). Two unknowns, t_0 and m,
+with F known from the same push and F_d from its phase (b), at most F_s: what broke away below the mean friction of its
+path slid on at once. (With F_d above F_s it would not move until F passes F_d, and every t_0 until then would explain
+its rest.) Two unknowns, t_0 and m,
 are left for the displacements y of the few frames before the platform has been caught up;
 a wide prior for the mass comes from F_d (coefficients of friction are 0.2 to 0.8), and
 the posterior on a grid gives F_s and how well the frames determine it. The force of the
@@ -84,7 +86,7 @@ def breakaway_force(record: PushRecord, rest: Rest, dynamic_N: float) -> tuple[f
     masses = max(dynamic_N, 0.1 * float(springs.force_N[-1])) / (coefficients * GRAVITY_M_S2)
     at_rest = start.at_rest_m + np.interp(times, t, x) - x[before]  # squeeze at t_0
     static = springs.force_at(at_rest)
-    model = _displacements(times, masses, at_rest, start, dynamic_N)
+    model = _displacements(times, masses, at_rest, start, np.minimum(dynamic_N, static))
     sigma = np.hypot(start.sigma_m, DISPLACEMENT_ERROR * np.abs(start.y))
     chi2 = np.sum(((model - start.y) / sigma) ** 2, axis=-1)
     prior = (1.0 - ROLLS) * _log_normal(coefficients, FRICTION, LOG_SIGMA)
@@ -156,7 +158,7 @@ def _displacements(
     masses: Float[np.ndarray, "M"],
     depth0: Float[np.ndarray, "T"],
     start: _Start,
-    dynamic_N: float,
+    slides_N: Float[np.ndarray, "T"],
 ) -> Float[np.ndarray, "T M F"]:
     """Displacement of the object at the frames for every break-away and mass (semi-implicit Euler)."""
     frames, springs = start.t[start.chosen], start.springs
@@ -171,7 +173,7 @@ def _displacements(
         depth = (depth0 + np.interp(times + tau, start.t, start.x) - began_m)[:, None] - y
         deepest = np.maximum(deepest, depth)
         push = springs.force_at(deepest) - RELEASED * springs.slope_N_per_m * (deepest - depth)
-        v = np.maximum(v + dt * (np.maximum(push, 0.0) - dynamic_N) / masses, 0.0)
+        v = np.maximum(v + dt * (np.maximum(push, 0.0) - slides_N[:, None]) / masses, 0.0)
         y = y + dt * v
         course.append(y)
     stack = np.array(course)

@@ -5,10 +5,10 @@ motion until the platform stops: dynamic friction, drift, rotation. Phase (c):
 deceleration. What a phase did not show stays None, apart from zero.
 
 What an estimate is an estimate of: of *this* push. Static friction is the force at which the object broke away here
-and now, dynamic friction the mean friction of the floor along the path from there until the platform stops,
-stiffness the one of the object where it is touched, without what its feet shear before they slip. ``value`` +- 1.645
-``sigma`` holds that of this push with a probability of 0.9. The next push meets another place of the floor, another
-contact point and another time at rest: :func:`predictive_interval`.
+and now, dynamic friction the mean friction of the floor along the path from there until the platform stops, both of a
+straight push (:mod:`.off_centre`); stiffness the one of the object where it is touched, without what its feet shear
+before they slip. ``value`` +- 1.645 ``sigma`` holds that of this push with a probability of 0.9. The next push meets
+another place of the floor, another contact point and another time at rest: :func:`predictive_interval`.
 
 An object that was not seen to move needs more than the force that it has withstood, F_w. Whether it needs more than
 the platform has, F_max, follows from what things on floors need: static frictions are log-normal, F_s ~ LN(m, s), and
@@ -32,6 +32,7 @@ from ...core.objects import Estimate, HapticTag, Primitive
 from .at_rest import LOSS, LOSS_SIGMA, SCALE, FoamCurve, Rest, rest_before_motion
 from .breakaway import FRICTION, breakaway_force
 from .events import EventSettings
+from .off_centre import of_straight_push, straight_by_felt
 from .push_record import Phases, PushRecord, StopReason, find_phases
 
 __all__ = ["TagSettings", "fixed_probability", "predictive_interval", "tag_from_push"]
@@ -125,13 +126,19 @@ def tag_from_push(
         return HapticTag(explored=1, failed=int(fell), falls=True if fell else None, fixed=fixed)
     dynamic = _dynamic_friction(record, phases, phases.motion_s, settings) if moved else None
     rests = rest_before_motion(record, phases.contact_s, phases.motion_s, dynamic.value if dynamic else 0.0)
+    begin = max(rests, key=lambda rest: rest.probability).last if rests else 0
     if rests and moved:
-        begin_s = float(record.t_s[max(rests, key=lambda rest: rest.probability).last])
-        dynamic = _dynamic_friction(record, phases, begin_s, settings)
+        dynamic = _dynamic_friction(record, phases, float(record.t_s[begin]), settings)
+    if dynamic is not None:
+        pushing = record.contact_m[phases.pushing(record.t_s)]
+        dynamic = of_straight_push(dynamic, straight_by_felt(pushing, object_centre_m, primitive))
     # Without a phase (b) the object ran ahead at once (a door): the force was its inertia.
     static, chances = None, [rest.probability for rest in rests]
     if dynamic is not None and rests:
-        static, chances = _static_friction(record, rests, dynamic)
+        # Between these frames it breaks away, and turns where it is touched beside its centre.
+        straight = straight_by_felt(record.contact_m[begin : begin + 2], object_centre_m, primitive)
+        static, chances = _static_friction(record, rests, dynamic.value / straight[0])
+        static = of_straight_push(static, straight)
     deformability, stiffness = _deformation(record, rests, chances)
     # Sideways shift of the contact in the world, and turn of the object, by pushed distance.
     drift = _slope(record, phases, record.contact_m + record.lateral_m, settings) if moved else None
@@ -194,7 +201,7 @@ def _withstood_N(record: PushRecord, phases: Phases) -> float | None:
 
 
 def _static_friction(
-    record: PushRecord, rests: Sequence[Rest], dynamic: Estimate
+    record: PushRecord, rests: Sequence[Rest], dynamic_N: float
 ) -> tuple[Estimate, list[float]]:
     """Force at which the object broke away in this push, and how probable each way of resting is after its motion.
 
@@ -214,7 +221,7 @@ def _static_friction(
         low = float(record.force_N[rest.last])
         weight.append(rest.probability * OTHERWISE)
         found.append((0.5 * (low + peak), (peak - low) / np.sqrt(12.0)))
-        fit = breakaway_force(record, rest, dynamic.value)
+        fit = breakaway_force(record, rest, dynamic_N)
         if fit is not None:
             weight.append(rest.probability * (1.0 - OTHERWISE) * float(np.exp(min(fit[2], 100.0))))
             found.append(fit[:2])
