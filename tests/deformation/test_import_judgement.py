@@ -22,6 +22,7 @@ from visuohaptic.deformation.shapes import (
     import_container,
     why_not_as_it_is,
 )
+from visuohaptic.deformation.shapes.resample import find_wall
 from visuohaptic.deformation.shells import RevolutionShell, dual_tip_map, opposing_points, pinch_stiffness
 from visuohaptic.io.meshes import inspect_mesh
 
@@ -371,12 +372,16 @@ def test_an_uneven_wall_is_measured_round_it(tmp_path: Path) -> None:
 
 
 def ball_on_a_stem(kind: str) -> trimesh.Trimesh:
-    """Bodies of revolution, closed by fans; a bulb, and bottles with a cap, and with a small one."""
+    """Bodies of revolution, closed by fans; a bulb, and bottles with a cap, with a small one and with a nozzle, and a pin."""
     profiles = {
         "bulb": [(0.0135, 0.0), (0.0135, 0.045)]
         + [(0.032 * np.sin(t), 0.075 - 0.032 * np.cos(t)) for t in np.linspace(0.45, np.pi - 0.02, 60)],
         "bottle": [(0.03, 0.0), (0.03, 0.12), (0.012, 0.16), (0.012, 0.18)],
         "oil bottle": [(0.03, 0.0), (0.03, 0.12), (0.008, 0.16), (0.008, 0.2)],
+        # Of the nozzle's end 50 mm2 are level; a ball as wide as the body would have 190.
+        "mustard": [(0.045, 0.0), (0.045, 0.13), (0.012, 0.165), (0.006, 0.19), (0.004, 0.191)],
+        "pin": [(0.03, 0.0), (0.03, 0.12), (0.012, 0.16)]
+        + [(0.02 * np.sin(t), 0.176 - 0.02 * np.cos(t)) for t in np.linspace(0.65, np.pi - 0.02, 60)],
         "mushroom": [(0.02, 0.0), (0.02, 0.08), (0.05, 0.0802), (0.05, 0.12)],
     }
     corners = np.array(profiles[kind])
@@ -394,8 +399,11 @@ def ball_on_a_stem(kind: str) -> trimesh.Trimesh:
 
 @pytest.mark.parametrize(
     ("kind", "said"),
-    [("bulb", "neither a mouth nor a lid"), ("mushroom", "overhangs"), ("bottle", ""), ("oil bottle", "")],
-)
+    [
+        ("bulb", "neither a mouth nor a lid"), ("pin", "neither a mouth nor a lid"), ("mushroom", "overhangs"),
+        ("bottle", ""), ("oil bottle", ""), ("mustard", ""),
+    ],
+)  # fmt: skip
 def test_what_is_closed_needs_a_lid_and_no_ledge(kind: str, said: str, tmp_path: Path) -> None:
     ball_on_a_stem(kind).export(tmp_path / "it.ply")
     if not said:
@@ -403,6 +411,19 @@ def test_what_is_closed_needs_a_lid_and_no_ledge(kind: str, said: str, tmp_path:
         return
     with pytest.raises(InputError, match=f"no thin-walled container: .*{said}"):
         import_container(tmp_path / "it.ply")
+
+
+def test_a_wall_that_bulges_is_no_handle(tmp_path: Path) -> None:
+    """A side that is pressed out by 7 of 35 mm over 30 mm of its height is taken for a side, and its bulge is kept."""
+    points, faces = revolved(np.full(60, RADIUS_m), np.linspace(0, 0.12, 60))
+    angle = np.arctan2(points[:, 1], points[:, 0])
+    out = 0.007 * np.exp(-0.5 * ((points[:, 2] - 0.09) / 0.01) ** 2 - 0.5 * (angle / 0.35) ** 2)
+    points[:, :2] *= 1 + out[:, None] / RADIUS_m
+    wall = find_wall(points, faces, "bulge")
+    assert not any("bridged behind what joins it" in note for note in wall.notes)
+    seen = wall.radius_m(np.linspace(0.03, 0.11, 81), 96)
+    # Between facets and rings it is a tenth of a millimetre lower.
+    assert seen.max() == pytest.approx(np.hypot(*points[:, :2].T).max(), abs=2e-4)
 
 
 def test_a_thick_wall_is_no_thin_walled_container(tmp_path: Path) -> None:

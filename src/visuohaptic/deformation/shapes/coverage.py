@@ -164,7 +164,9 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
             )
         elif closed and overhang > LEDGE:
             reason = f"it is closed and overhangs, like a tool, in {100 * overhang:.0f} % of the directions"
-        elif closed and (level := _level_area(state, height)) < 2 * np.pi * (np.sin(LEVEL_rad) * widest) ** 2:
+        elif closed and (level := _level_area(state, height)) < 2 * _ball_area(
+            wall, points[:, 2].max(), height
+        ):
             reason = f"it has neither a mouth nor a lid: of its top {1e6 * level:.0f} mm2 are level, like those of a ball"
     if reason:
         raise InputError(
@@ -173,6 +175,21 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
             field="mesh",
             remedy="leave out what is not the container, or cut its mouth open",
         )
+
+
+def _ball_area(wall: Wall, top_m: float, height: float) -> float:
+    """Area that is level of the top of a ball as wide as the wall [m^2].
+
+    Its radius is that of the ball through the top and the ring below the uppermost tenth: that of what ends the wall, which
+    may be a nozzle on a wide body. No ball is wider than the wall.
+    """
+    deep = TOP * height
+    ring, widest = (
+        float(wall.radius_m(rows, ANGLES).max())
+        for rows in (np.array([top_m - deep]), np.linspace(wall.low_m, wall.high_m, LEVELS))
+    )
+    ball = min(widest, 0.5 * (ring**2 + deep**2) / deep)
+    return float(np.pi * (np.sin(LEVEL_rad) * ball) ** 2)
 
 
 def _level_area(state: MeshState, height: float) -> float:

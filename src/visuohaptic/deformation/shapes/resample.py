@@ -100,7 +100,7 @@ class Wall:
             usual = row_median(gap)
             pair = np.where(near & (gap > 1.8 * usual), first + usual, pair)
             first = np.where(near, (first + np.where(near, pair, first)) / 2, outer)
-        return _bridged(_without_spikes(first)[0], heights_m, self.where)
+        return _bridged(_without_spikes(first, heights_m)[0], heights_m, self.where)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +151,7 @@ def find_wall(
     first, (bottom, top) = bottom, _without_folds(rays, bottom, top)
     low_m = low_m if bottom == first else heights[bottom]
     used = slice(bottom, top + 1)
-    missed = _without_spikes(rays.first[used])[1]
+    missed = _without_spikes(rays.first[used], heights[used])[1]
     if missed:
         notes.append(
             f"the wall is bridged behind what joins it (handle, spout): {100 * missed:.1f} % of the directions"
@@ -291,13 +291,16 @@ def _outside(
     ]
 
 
-def _without_spikes(radius: Float[np.ndarray, "h a"]) -> tuple[Float[np.ndarray, "h a"], float]:
+def _without_spikes(
+    radius: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
+) -> tuple[Float[np.ndarray, "h a"], float]:
     """Rays that pass the wall where a handle or spout joins it see that instead: they count as holes.
 
     They are farther out than what is above and below them at the same angle, in a small part of the ring
-    only; where all of a ring is, it is the shape. Returns the fraction of such rays as well.
+    only; where all of a ring is, it is the shape. What is behind the wall begins with a jump: where the radius
+    changes by less than the height from row to row, the wall itself bulges. Returns the fraction of such rays as well.
     """
-    from scipy.ndimage import median_filter
+    from scipy.ndimage import binary_propagation, median_filter
 
     rows = len(radius)
     if rows < 8:
@@ -305,7 +308,10 @@ def _without_spikes(radius: Float[np.ndarray, "h a"]) -> tuple[Float[np.ndarray,
     usual = median_filter(radius, size=(2 * (rows // 4) + 1, 1), mode="nearest")
     with np.errstate(invalid="ignore"):
         spike = np.isfinite(radius) & (radius > SPIKE * usual)
+        jump = np.abs(np.diff(radius, axis=0)) > np.diff(heights)[:, None]
     spike &= spike.mean(axis=1, keepdims=True) < WIDEST_HOLE
+    beside = np.pad(jump, ((1, 0), (0, 0))) | np.pad(jump, ((0, 1), (0, 0)))
+    spike = binary_propagation(spike & beside, mask=spike)
     # What is beside a spike is its flank.
     flank = spike | np.roll(spike, 1, axis=1) | np.roll(spike, -1, axis=1)
     return np.where(flank, np.inf, radius), float(spike.mean())
