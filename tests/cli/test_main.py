@@ -27,7 +27,7 @@ def verbs(monkeypatch):
             "A verb.\n\nreads   a box\nwrites  a tag\n\nexample: visuohaptic touch box --force 3\n"
         )
         module.run = run
-        module.add_arguments = lambda parser: parser.add_argument("--force", type=float, default=1.0)
+        module.add_arguments = lambda add: add("--force", 1.0, "in newtons")
         for key, value in more.items():
             setattr(module, key, value)
         monkeypatch.setitem(sys.modules, module.__name__, module)
@@ -184,8 +184,8 @@ def test_help_of_a_verb_has_its_example(verbs, capsys):
 
 
 def test_a_verb_may_bring_its_own_json_flag(verbs, capsys):
-    def add_arguments(parser):
-        parser.add_argument("--json", action="store_true")
+    def add_arguments(add):
+        add("--json", bool, "its own")
 
     registry = verbs("touch box", lambda args: {"done": 1}, add_arguments=add_arguments)
     assert main(["touch", "box", "--json"], registry) == 0

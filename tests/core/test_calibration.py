@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli.verbs.sensing import calibrate_camera as command
 from visuohaptic.core import CalibrationError, InputError
 from visuohaptic.core.camera import (
@@ -183,7 +184,7 @@ def test_command_from_pictures_to_file(tmp_path: Path) -> None:
     for number, pose in enumerate(poses(10, seed=5)):
         cv2.imwrite(str(photos / f"{number}.png"), render(CHARUCO, pose))
     parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
+    command.add_arguments(Add(parser))
     out = tmp_path / "camera.yaml"
     words = ["--squares", "9x7", "--square-mm", "30", "--marker-mm", "22", "--out", str(out)]
     result = command.run(parser.parse_args([str(photos), *words]))

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import visuohaptic.io
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli.verbs.geometry import recording_info
 from visuohaptic.core import InputError
 from visuohaptic.io.frames import open_source
@@ -25,7 +26,7 @@ from .helpers import picture, profile, write_video
 
 def info(*words: str) -> dict[str, Any]:
     parser = argparse.ArgumentParser()
-    recording_info.add_arguments(parser)
+    recording_info.add_arguments(Add(parser))
     return recording_info.run(parser.parse_args([*words]))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
@@ -40,26 +39,26 @@ Measured = TypeVar("Measured")
 _BAR = 40
 
 
-def add_run_arguments(parser: argparse.ArgumentParser, *, parquet: str = "", zero_frames: str = "") -> None:
+def add_run_arguments(add: Any, *, parquet: str = "", zero_frames: str = "") -> None:
     """What a run writes, which part of a recording it reads, and which frames make its zero.
 
     Parameters
     ----------
-    parser
+    add
         Of the verb.
     parquet, zero_frames
         Help of ``--parquet`` and ``--zero-frames``, for verbs that have them.
     """
-    parser.add_argument("--out", type=Path, help="MCAP recording to write")
-    parser.add_argument("--csv", type=Path, help="table to write")
-    parser.add_argument("--plot", type=Path, help="plot over time to write: .png, .pdf or .svg")
+    add("--out", Path, "MCAP recording to write")
+    add("--csv", Path, "table to write")
+    add("--plot", Path, "plot over time to write: .png, .pdf or .svg")
     if parquet:
-        parser.add_argument("--parquet", type=Path, help=parquet)
+        add("--parquet", Path, parquet)
     if zero_frames:
-        parser.add_argument("--zero-frames", type=int, default=0, metavar="N", help=zero_frames)
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
-    parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
-    parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
+        add("--zero-frames", 0, zero_frames, metavar="N")
+    add("--start", 0.0, "skip the first S seconds", metavar="S")
+    add("--stop", float("inf"), "stop after S seconds", metavar="S")
+    add("--rate-Hz", float, "rate of an image folder without times")
 
 
 def is_live(source: str) -> bool:

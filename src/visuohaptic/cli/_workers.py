@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ..core.errors import InputError
@@ -14,20 +13,18 @@ __all__ = ["MAX_WORKERS", "add_worker_arguments", "chosen_workers"]
 MAX_WORKERS = 1024
 
 
-def add_worker_arguments(parser: argparse.ArgumentParser, default: str = "1") -> None:
+def add_worker_arguments(add: Any, default: str = "1") -> None:
     """``--workers N`` and ``--cluster ADDRESS``.
 
     Parameters
     ----------
-    parser
+    add
         Of the verb.
     default
         What is done without ``--workers``, for the help.
     """
-    parser.add_argument(
-        "--workers", "--jobs", type=int, metavar="N", help=f"processes of this machine ({default})"
-    )
-    parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, like tcp://10.0.0.1:8786")
+    add("--workers", "--jobs", int, f"processes of this machine ({default})", metavar="N")
+    add("--cluster", str, "dask scheduler, like tcp://10.0.0.1:8786", metavar="ADDRESS")
 
 
 def chosen_workers(args: Any, default: int = 1) -> int | str:

@@ -2,7 +2,7 @@
 
 A verb is a line of ``VERBS`` (what it does) and a module with
 
-- ``add_arguments(parser)``, its arguments;
+- ``add_arguments(add)``, its arguments;
 - ``run(args) -> dict | None``, the work; the mapping is what ``--json`` prints;
 - its docstring, whose first line names it; the rest, what it reads and writes with an example, is the
   end of its help;
@@ -29,6 +29,7 @@ from typing import NoReturn
 
 from .._version import __version__
 from ..core.errors import VisuohapticError
+from ._arguments import Add
 from ._console import Arguments, Console, OutputClosedError
 
 __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
@@ -252,7 +253,7 @@ def verb_parser(
         (("-q", "--quiet"), "say nothing but errors"),
     ):
         common.add_argument(*flags, action="store_true", help=text)
-    module.add_arguments(parser)
+    module.add_arguments(Add(parser))
     return parser
 
 

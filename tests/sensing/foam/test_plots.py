@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli.verbs.sensing import calibrate_foam as command
 from visuohaptic.core import CalibrationError, InputError
 from visuohaptic.sensing.foam.material import FoamMaterial, contour_force
@@ -18,7 +19,7 @@ SIZE = ("--width", "0.02", "--height", "0.01")
 
 def run(*arguments):
     parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
+    command.add_arguments(Add(parser))
     lines: list[str] = []
     args = parser.parse_args([*SIZE, *(str(a) for a in arguments)])
     args.report = lines.append
@@ -87,7 +88,7 @@ def test_refusals_leave_no_file(tmp_path, press):
 @pytest.mark.parametrize("missing", ["--width", "--height"])
 def test_the_size_of_the_strip_has_no_default(press, missing, capsys):
     parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
+    command.add_arguments(Add(parser))
     other = "--height" if missing == "--width" else "--width"
     with pytest.raises(SystemExit):
         parser.parse_args([str(press), other, "0.02"])

@@ -17,7 +17,6 @@ example
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,16 +27,16 @@ __all__ = ["NEEDS", "add_arguments", "report_files", "run", "written"]
 NEEDS = ("av",)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb.
 
     Parameters
     ----------
-    parser
+    add
         Of the verb.
     """
-    parser.add_argument("--out", type=Path, required=True, help="folder")
-    parser.add_argument("--seed", type=int, default=1, help="of the noise (1)")
+    add("--out", Path, "folder", required=True)
+    add("--seed", 1, "of the noise (1)")
 
 
 def written(args: Any, write: Callable[..., Path], verb: str) -> dict[str, Any]:

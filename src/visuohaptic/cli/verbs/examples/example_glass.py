@@ -15,7 +15,6 @@ example
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +24,11 @@ __all__ = ["add_arguments", "run"]
 _STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--out", type=Path, required=True, help="folder")
-    parser.add_argument(
-        "--clear", action="store_true", help="fully clear vessels, for `complete --clear`, without labels"
-    )
-    parser.add_argument("--seed", type=int, default=2, help="of the scene and its noise (2)")
+    add("--out", Path, "folder", required=True)
+    add("--clear", bool, "fully clear vessels, for `complete --clear`, without labels")
+    add("--seed", 2, "of the scene and its noise (2)")
 
 
 def run(args: Any) -> dict[str, Any]:

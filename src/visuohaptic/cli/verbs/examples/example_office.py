@@ -14,16 +14,15 @@ example
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--out", type=Path, required=True, help="folder")
+    add("--out", Path, "folder", required=True)
 
 
 def run(args: Any) -> dict[str, Any]:

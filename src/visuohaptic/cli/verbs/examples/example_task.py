@@ -16,19 +16,18 @@ example
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("task", choices=("cap", "room"), help="which")
-    parser.add_argument("--out", type=Path, required=True, help="folder")
-    parser.add_argument("--contacts", type=int, default=22, help="of the room, after which it ends (22)")
-    parser.add_argument("--seed", type=int, default=0, help="of the world and its noise (0)")
+    add("task", str, "which", choices=("cap", "room"))
+    add("--out", Path, "folder", required=True)
+    add("--contacts", 22, "of the room, after which it ends (22)")
+    add("--seed", 0, "of the world and its noise (0)")
 
 
 def run(args: Any) -> dict[str, Any]:

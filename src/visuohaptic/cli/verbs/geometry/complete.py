@@ -10,7 +10,6 @@ example: visuohaptic complete surface.ply --region regions.json --out completed.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,29 +27,19 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("robust_laplacian", "skimage")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("model", type=Path, help="visible surface, PLY")
-    parser.add_argument("--region", type=Path, required=True, help="regions.json")
-    parser.add_argument(
-        "--cluster", type=int, help="number of the region; the nearest to the model by default"
-    )
-    parser.add_argument(
-        "--clear",
-        action="store_true",
-        help="the vessel is fully clear: complete it from its outlines, without a visible band",
-    )
-    parser.add_argument("--touches", type=Path, help="CSV table of touches so far")
-    parser.add_argument(
-        "--register",
-        type=Path,
-        help="CSV table of contacts on the visible part, to fit the frame of the touches",
-    )
-    parser.add_argument("--out", type=Path, required=True, help="completed surface, PLY")
-    parser.add_argument("--next", action="store_true", help="plan the next touch")
-    parser.add_argument("--bound-m", type=float, default=0.001, help="expected error to stop at, 1 mm")
-    parser.add_argument("--plot", type=Path, help="figure of the completed surface (.png, .pdf, .svg)")
-    parser.add_argument("--no-priors", action="store_true", help="do not use the shape of the visible bands")
+    add("model", Path, "visible surface, PLY")
+    add("--region", Path, "regions.json", required=True)
+    add("--cluster", int, "number of the region; the nearest to the model by default")
+    add("--clear", bool, "the vessel is fully clear: complete it from its outlines, without a visible band")
+    add("--touches", Path, "CSV table of touches so far")
+    add("--register", Path, "CSV table of contacts on the visible part, to fit the frame of the touches")
+    add("--out", Path, "completed surface, PLY", required=True)
+    add("--next", bool, "plan the next touch")
+    add("--bound-m", 0.001, "expected error to stop at, 1 mm")
+    add("--plot", Path, "figure of the completed surface (.png, .pdf, .svg)")
+    add("--no-priors", bool, "do not use the shape of the visible bands")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -10,7 +10,6 @@ example: visuohaptic reconstruct scan --out model
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
@@ -22,47 +21,25 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("skimage",)
 
 
-def add_arguments(parser: ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("sequence", type=Path, help="sequence folder")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write")
-    parser.add_argument(
-        "--method",
-        default="consistency",
-        choices=("consistency", "published"),
-        help="detector (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--sensor", help="whose noise: kinect, kinect_axial, realsense_d435 (default: sequence.yaml)"
-    )
-    parser.add_argument(
+    add("sequence", Path, "sequence folder")
+    add("--out", Path, "folder to write", required=True)
+    add("--method", "consistency", "detector (default: %(default)s)", choices=("consistency", "published"))
+    add("--sensor", str, "whose noise: kinect, kinect_axial, realsense_d435 (default: sequence.yaml)")
+    add(
         "--space",
-        type=float,
+        float,
+        "corners of the space of interest [m] (default: 1 m around what the camera looks at)",
         nargs=6,
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="corners of the space of interest [m] (default: 1 m around what the camera looks at)",
     )
-    parser.add_argument(
-        "--voxel-m", type=float, default=0.005, help="edge of a voxel [m] (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--false-alarm-rate",
-        type=float,
-        default=0.02,
-        help="expected false transparent parts of a search (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--no-refine", action="store_true", help="use the poses as they are (published: as printed)"
-    )
-    parser.add_argument(
-        "--sparse",
-        action="store_true",
-        help="fuse the surface wherever it was seen, not only in the space of interest",
-    )
-    parser.add_argument("--plot", type=Path, help="figure of surface and parts (.png, .pdf, .svg)")
-    parser.add_argument(
-        "--view", action="store_true", help="show the result in the browser until interrupted"
-    )
+    add("--voxel-m", 0.005, "edge of a voxel [m] (default: %(default)s)")
+    add("--false-alarm-rate", 0.02, "expected false transparent parts of a search (default: %(default)s)")
+    add("--no-refine", bool, "use the poses as they are (published: as printed)")
+    add("--sparse", bool, "fuse the surface wherever it was seen, not only in the space of interest")
+    add("--plot", Path, "figure of surface and parts (.png, .pdf, .svg)")
+    add("--view", bool, "show the result in the browser until interrupted")
 
 
 def run(args: Arguments) -> dict[str, Any]:

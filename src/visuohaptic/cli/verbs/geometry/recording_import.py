@@ -9,25 +9,22 @@ example: visuohaptic recording import d435i_robot_arm --out scan
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("folder", type=Path, help="the foreign folder")
-    parser.add_argument("--out", type=Path, required=True, help="new sequence folder")
-    parser.add_argument("--layout", default="auto", help="auto, arm, apc, cleargrasp or plain")
-    parser.add_argument("--kind", default="transparent", help="of ClearGrasp pairs: transparent or opaque")
-    parser.add_argument("--camera", type=Path, help="camera_info YAML file of a plain folder")
-    parser.add_argument("--poses", type=Path, help="TUM text, 4 x 4 text or MCAP of a plain folder")
-    parser.add_argument("--depth-scale-m", type=float, help="metres of one unit of a plain folder")
-    parser.add_argument(
-        "--bit-rotation", type=int, default=0, help="bits by which the words are rotated (F200: 3)"
-    )
+    add("folder", Path, "the foreign folder")
+    add("--out", Path, "new sequence folder", required=True)
+    add("--layout", "auto", "auto, arm, apc, cleargrasp or plain")
+    add("--kind", "transparent", "of ClearGrasp pairs: transparent or opaque")
+    add("--camera", Path, "camera_info YAML file of a plain folder")
+    add("--poses", Path, "TUM text, 4 x 4 text or MCAP of a plain folder")
+    add("--depth-scale-m", float, "metres of one unit of a plain folder")
+    add("--bit-rotation", 0, "bits by which the words are rotated (F200: 3)")
 
 
 def run(args: Any) -> dict[str, Any]:

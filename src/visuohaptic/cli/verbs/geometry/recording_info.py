@@ -7,18 +7,16 @@ Example: visuohaptic recording info run.mcap
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from typing import Any
 
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the command."""
-    parser.add_argument("file", help="video, folder of images, MCAP or map YAML file")
-    parser.add_argument(
-        "--rate-Hz", type=float, dest="rate_Hz", help="frame rate of an image folder without times"
-    )
+    add("file", str, "video, folder of images, MCAP or map YAML file")
+    add("--rate-Hz", float, "frame rate of an image folder without times")
 
 
 def run(args: Namespace) -> dict[str, Any]:

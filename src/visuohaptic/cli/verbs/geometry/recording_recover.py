@@ -10,19 +10,17 @@ example: visuohaptic recording recover run.mcap.part
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
 __all__ = ["add_arguments", "needs", "run"]
 
 
-def add_arguments(parser: ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the command."""
-    parser.add_argument(
-        "path", type=Path, help="the unfinished file, the bag, or the folder of a depth sequence"
-    )
-    parser.add_argument("--out", type=Path, help="the new file (default: the name without .part)")
+    add("path", Path, "the unfinished file, the bag, or the folder of a depth sequence")
+    add("--out", Path, "the new file (default: the name without .part)")
 
 
 def needs(args: Any) -> set[str]:

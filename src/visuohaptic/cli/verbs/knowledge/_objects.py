@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from typing import Any
 
@@ -14,19 +13,20 @@ __all__ = ["add_database", "described", "opened"]
 VARIABLE = "VISUOHAPTIC_OBJECTS"
 
 
-def add_database(parser: argparse.ArgumentParser) -> None:
+def add_database(add: Any) -> None:
     """The option that every one of these verbs has.
 
     Parameters
     ----------
-    parser
+    add
         Of the verb.
     """
-    parser.add_argument(
+    add(
         "--db",
+        str,
+        f"database: a folder, or postgresql://...; by default ${VARIABLE}, else objects.db",
         default=os.environ.get(VARIABLE, "objects.db"),
         metavar="FOLDER|URL",
-        help=f"database: a folder, or postgresql://...; by default ${VARIABLE}, else objects.db",
     )
 
 

@@ -10,17 +10,16 @@ example: visuohaptic classify plan tree.json --plot tree.png
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("tree", type=Path, help="tree.json of classify train")
-    parser.add_argument("--plot", type=Path, help="plot to write")
+    add("tree", Path, "tree.json of classify train")
+    add("--plot", Path, "plot to write")
 
 
 def run(args: Any) -> dict[str, Any]:

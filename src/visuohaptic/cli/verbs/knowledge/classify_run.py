@@ -13,7 +13,6 @@ example: visuohaptic classify run tree.json curves.csv --json
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -27,24 +26,24 @@ from ....core.errors import InputError
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("tree", type=Path, help=".json of classify train")
-    parser.add_argument("curves", type=Path, nargs="?", help="CSV file of measured curves")
-    parser.add_argument("--ask", action="store_true", help="ask for one touch after the other")
-    parser.add_argument("--confidence", type=float, default=0.99, help="target probability (0.99)")
-    parser.add_argument("--max-touches", type=int, default=10, help="with --ask (10)")
-    parser.add_argument("--no-width", action="store_true", help="do not use widths as evidence")
-    parser.add_argument("--force-noise", type=float, default=0.1, help="of one sample [N]")
-    parser.add_argument("--deformation-noise", type=float, default=1e-4, help="of one sample [m]")
-    parser.add_argument(
-        "--prior", action="append", default=[], metavar="CLASS=PROBABILITY", help="of vision; may be repeated"
+    add("tree", Path, ".json of classify train")
+    add("curves", Path, "CSV file of measured curves", nargs="?")
+    add("--ask", bool, "ask for one touch after the other")
+    add("--confidence", 0.99, "target probability (0.99)")
+    add("--max-touches", 10, "with --ask (10)")
+    add("--no-width", bool, "do not use widths as evidence")
+    add("--force-noise", 0.1, "of one sample [N]")
+    add("--deformation-noise", 1e-4, "of one sample [m]")
+    add(
+        "--prior", str, "of vision; may be repeated", default=[], action="append", metavar="CLASS=PROBABILITY"
     )
-    parser.add_argument("--state", type=Path, help="state.json of this object: also estimate its state")
-    parser.add_argument("--view", action="store_true", help="show the touches on a page in the browser")
-    parser.add_argument("--port", type=int, default=8080, help="of --view on 127.0.0.1")
-    parser.add_argument("--seconds", type=float, help="close the page after this time; without, at Ctrl-C")
-    parser.add_argument("--steps", type=Path, help="file for the steps of the tree, .json")
+    add("--state", Path, "state.json of this object: also estimate its state")
+    add("--view", bool, "show the touches on a page in the browser")
+    add("--port", 8080, "of --view on 127.0.0.1")
+    add("--seconds", float, "close the page after this time; without, at Ctrl-C")
+    add("--steps", Path, "file for the steps of the tree, .json")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -17,7 +17,6 @@ example: visuohaptic classify train --objects objects --classes bottle,cup,ellip
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,38 +29,31 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("curves", type=Path, nargs="?", help="curves of known objects, .csv")
-    parser.add_argument("--objects", type=Path, help="folder of objects build, or .npz")
-    parser.add_argument("--states", metavar="CONTAINER", help="learn the states of this container instead")
-    parser.add_argument("--out", type=Path, required=True, help="tree or states to write, .json")
-    parser.add_argument("--classes", help="candidates, with commas; all by default")
-    parser.add_argument(
+    add("curves", Path, "curves of known objects, .csv", nargs="?")
+    add("--objects", Path, "folder of objects build, or .npz")
+    add("--states", str, "learn the states of this container instead", metavar="CONTAINER")
+    add("--out", Path, "tree or states to write, .json", required=True)
+    add("--classes", str, "candidates, with commas; all by default")
+    add(
         "--group",
-        action="append",
+        str,
+        "classes that are answered by one name; may be repeated",
         default=[],
+        action="append",
         metavar="NAME=CLASS,CLASS",
-        help="classes that are answered by one name; may be repeated",
     )
-    parser.add_argument("--scheme", choices=("norm", "centre", "point"), default="centre", help="of scaling")
-    parser.add_argument(
-        "--reuse", type=float, default=0.1, help="how much to prefer what was touched already, 0..1"
-    )
-    parser.add_argument(
-        "--tune", action="store_true", help="choose --scheme and --reuse by cross-validation (with --objects)"
-    )
-    add_worker_arguments(parser)
-    parser.add_argument("--seed", type=int, default=0, help="of folds and calibration")
-    parser.add_argument("--plot", type=Path, help="plot of the tree and the features")
-    states = parser.add_argument_group("with --states")
-    states.add_argument(
-        "--fill", type=float, action="append", default=[], help="a state closed and so full, 0..1; repeatable"
-    )
-    states.add_argument(
-        "--places", default="y+4,y+6,y+8,y+10", help="candidates, side and height (y+4,y+6,y+8,y+10)"
-    )
-    states.add_argument("--variants", type=int, default=8, help="draws of wall and modulus, each 10 %% (8)")
+    add("--scheme", "centre", "of scaling", choices=("norm", "centre", "point"))
+    add("--reuse", 0.1, "how much to prefer what was touched already, 0..1")
+    add("--tune", bool, "choose --scheme and --reuse by cross-validation (with --objects)")
+    add_worker_arguments(add)
+    add("--seed", 0, "of folds and calibration")
+    add("--plot", Path, "plot of the tree and the features")
+    states = add.group("with --states")
+    states("--fill", float, "a state closed and so full, 0..1; repeatable", default=[], action="append")
+    states("--places", "y+4,y+6,y+8,y+10", "candidates, side and height (y+4,y+6,y+8,y+10)")
+    states("--variants", 8, "draws of wall and modulus, each 10 %% (8)")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -10,7 +10,6 @@ example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thic
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ....core.errors import InputError
@@ -26,24 +25,18 @@ NEEDS = ("pyarrow", "sqlalchemy")
 THICKEST_m = 0.05
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("id", help="of the object, new or known")
-    parser.add_argument("--name", default="", help="for people")
-    parser.add_argument("--class", dest="visual_class", default="", help="what vision calls it")
-    parser.add_argument("--licence", default="", help="SPDX identifier")
-    parser.add_argument(
-        "--state", action="append", default=[], metavar="NAME=VALUE", help="as lid=open, fill=0.5"
-    )
-    parser.add_argument(
-        "--estimate", action="append", default=[], metavar="PLACE=VALUE+-SIGMA", help="SI units"
-    )
-    parser.add_argument("--source", default="command line", help="where the evidence comes from")
-    parser.add_argument(
-        "--seen", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where it is now, in the map [m]"
-    )
-    parser.add_argument("--context", action="append", default=[], help="room, furniture, neighbours")
-    add_database(parser)
+    add("id", str, "of the object, new or known")
+    add("--name", "", "for people")
+    add("--class", "", "what vision calls it", dest="visual_class")
+    add("--licence", "", "SPDX identifier")
+    add("--state", str, "as lid=open, fill=0.5", default=[], action="append", metavar="NAME=VALUE")
+    add("--estimate", str, "SI units", default=[], action="append", metavar="PLACE=VALUE+-SIGMA")
+    add("--source", "command line", "where the evidence comes from")
+    add("--seen", float, "where it is now, in the map [m]", nargs=3, metavar=("X", "Y", "Z"))
+    add("--context", str, "room, furniture, neighbours", default=[], action="append")
+    add_database(add)
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -21,7 +21,6 @@ example: visuohaptic objects build classes.yaml --out objects --workers 2
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +29,12 @@ from ..._workers import add_worker_arguments, chosen_workers
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("classes", type=Path, help="plan: classes, numbers of variants, seed")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
-    add_worker_arguments(parser)
-    parser.add_argument(
-        "--nonlinear", action="store_true", help="features from force-deformation curves (i, I, II)"
-    )
+    add("classes", Path, "plan: classes, numbers of variants, seed")
+    add("--out", Path, "folder to write to", required=True)
+    add_worker_arguments(add)
+    add("--nonlinear", bool, "features from force-deformation curves (i, I, II)")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -8,7 +8,6 @@ example: visuohaptic objects export cup-1 --licence CC-BY-4.0 --out kitchen_expo
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ._objects import add_database, opened
@@ -19,12 +18,12 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("id", nargs="*", help="of the objects; by default all")
-    parser.add_argument("--out", required=True, help="folder, made if it is not there")
-    parser.add_argument("--licence", default="", help="for objects that name none, an SPDX identifier")
-    add_database(parser)
+    add("id", str, "of the objects; by default all", nargs="*")
+    add("--out", str, "folder, made if it is not there", required=True)
+    add("--licence", "", "for objects that name none, an SPDX identifier")
+    add_database(add)
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -8,7 +8,6 @@ example: visuohaptic objects import kitchen_export
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ._objects import add_database, opened
@@ -19,10 +18,10 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("folder", nargs="+", help="folder with a card, or with folders that have cards")
-    add_database(parser)
+    add("folder", str, "folder with a card, or with folders that have cards", nargs="+")
+    add_database(add)
 
 
 def run(args: Any) -> dict[str, Any]:

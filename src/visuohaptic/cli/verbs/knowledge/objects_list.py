@@ -8,7 +8,6 @@ example: visuohaptic objects list --class cup
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ._objects import add_database, opened
@@ -19,11 +18,11 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--class", dest="visual_class", help="only those that vision calls so")
-    parser.add_argument("--name", help="only those with this text in their name")
-    add_database(parser)
+    add("--class", str, "only those that vision calls so", dest="visual_class")
+    add("--name", str, "only those with this text in their name")
+    add_database(add)
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -9,7 +9,6 @@ example: visuohaptic objects recognise --cloud seen.ply --context kitchen
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ....core.errors import InputError
@@ -18,17 +17,15 @@ from ._objects import add_database, opened
 __all__ = ["add_arguments", "needs", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--image", metavar="FILE", help="image of the object and its surroundings")
-    parser.add_argument(
-        "--cloud", metavar="FILE", help="points of the object alone: .npy (n, 3) or .ply, in m"
-    )
-    parser.add_argument("--context", default="", metavar="WORDS", help="of the place, as kitchen,sink")
-    parser.add_argument("--prior", metavar="FILE", help=".npz of --save; the database is not read")
-    parser.add_argument("--save", metavar="FILE", help="write the prior of the database (.npz)")
-    parser.add_argument("--min-probability", type=float, default=0.01, help="of a listed object (0.01)")
-    add_database(parser)
+    add("--image", str, "image of the object and its surroundings", metavar="FILE")
+    add("--cloud", str, "points of the object alone: .npy (n, 3) or .ply, in m", metavar="FILE")
+    add("--context", "", "of the place, as kitchen,sink", metavar="WORDS")
+    add("--prior", str, ".npz of --save; the database is not read", metavar="FILE")
+    add("--save", str, "write the prior of the database (.npz)", metavar="FILE")
+    add("--min-probability", 0.01, "of a listed object (0.01)")
+    add_database(add)
 
 
 def needs(args: Any) -> set[str]:

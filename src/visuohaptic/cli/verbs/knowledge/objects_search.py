@@ -8,7 +8,6 @@ example: visuohaptic objects search --like cup-1 --count 5
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ....core.errors import InputError
@@ -20,14 +19,14 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    query = parser.add_mutually_exclusive_group(required=True)
-    query.add_argument("--like", help="id of an object")
-    query.add_argument("--features", help=".npy file with one vector")
-    parser.add_argument("--kind", default="stiffness", help="of features")
-    parser.add_argument("--count", type=int, default=5, help="how many")
-    add_database(parser)
+    query = add.one_of(required=True)
+    query("--like", str, "id of an object")
+    query("--features", str, ".npy file with one vector")
+    add("--kind", "stiffness", "of features")
+    add("--count", 5, "how many")
+    add_database(add)
 
 
 def run(args: Any) -> dict[str, Any]:

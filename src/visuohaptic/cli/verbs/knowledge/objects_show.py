@@ -8,7 +8,6 @@ example: visuohaptic objects show cup-1 --json
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from ._objects import add_database, described, opened
@@ -19,10 +18,10 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("id", help="of the object")
-    add_database(parser)
+    add("id", str, "of the object")
+    add_database(add)
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -8,7 +8,6 @@ example: visuohaptic objects sync postgresql://robots@server/objects
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,10 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("shared", help="postgresql://..., or a folder")
-    add_database(parser)
+    add("shared", str, "postgresql://..., or a folder")
+    add_database(add)
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,73 +17,71 @@ __all__ = [
 ]
 
 
-def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") -> None:
+def add_container_arguments(add: Any, *, also: str = "") -> None:
     """The object, and options of its wall, lid and shape; ``also`` is what else a verb reads.
 
     Parameters
     ----------
-    parser
+    add
         Of the verb.
     also
         What else the verb reads as an object, for the help.
     """
-    parser.add_argument("object", help=f"YAML description, class, mesh (STL, PLY, OBJ, GLB, DAE){also}")
-    wall = parser.add_argument_group("wall")
-    wall.add_argument(
-        "--material", help="of the library, or a YAML file of plies; a mesh is of PET by default"
-    )
-    wall.add_argument(
+    add("object", str, f"YAML description, class, mesh (STL, PLY, OBJ, GLB, DAE){also}")
+    wall = add.group("wall")
+    wall("--material", str, "of the library, or a YAML file of plies; a mesh is of PET by default")
+    wall(
         "--thickness",
+        str,
+        "[m]: a number, a range LOW:HIGH, or a CSV with z_m, thickness_m or x_m, y_m, z_m, thickness_m; by default as a mesh with two surfaces measures, else 0.0005",
         metavar="M",
-        help="[m]: a number, a range LOW:HIGH, or a CSV with z_m, thickness_m or x_m, y_m, z_m, thickness_m; "
-        "by default as a mesh with two surfaces measures, else 0.0005",
     )
-    wall.add_argument(
+    wall(
         "--thickness-spread",
-        type=float,
+        float,
+        "its relative standard deviation (as measured in a mesh, or 0.1)",
         dest="wall_spread",
-        help="its relative standard deviation (as measured in a mesh, or 0.1)",
     )
-    wall.add_argument("--youngs-modulus", type=float, dest="youngs_modulus_Pa", metavar="PA", help="[Pa]")
-    wall.add_argument("--poisson", type=float, dest="poisson_ratio", metavar="NU", help="Poisson's ratio")
-    shape = parser.add_argument_group("shape")
-    shape.add_argument("--open-top", action="store_true", help="take the cap off")
-    shape.add_argument(
+    wall("--youngs-modulus", float, "[Pa]", dest="youngs_modulus_Pa", metavar="PA")
+    wall("--poisson", float, "Poisson's ratio", dest="poisson_ratio", metavar="NU")
+    shape = add.group("shape")
+    shape("--open-top", bool, "take the cap off")
+    shape(
         "--base-stiffness",
-        type=float,
+        float,
+        "of an elastic base, each direction; the base is clamped by default",
         dest="base_N_per_m",
         metavar="N/M",
-        help="of an elastic base, each direction; the base is clamped by default",
     )
-    shape.add_argument("--variant", type=int, help="of a class; its middle by default")
-    shape.add_argument("--seed", type=int, default=0, help="of the variants")
-    shape.add_argument("--around", type=int, help="vertices round the wall (72; 96 for a mesh)")
-    shape.add_argument("--unit", choices=("m", "dm", "cm", "mm", "in"), help="of a mesh; guessed by default")
-    shape.add_argument(
+    shape("--variant", int, "of a class; its middle by default")
+    shape("--seed", 0, "of the variants")
+    shape("--around", int, "vertices round the wall (72; 96 for a mesh)")
+    shape("--unit", str, "of a mesh; guessed by default", choices=("m", "dm", "cm", "mm", "in"))
+    shape(
         "--up",
+        "z",
+        "axis of a mesh that points up; maps and places have it turned to z",
         choices=("x", "y", "z", "-x", "-y", "-z"),
-        default="z",
-        help="axis of a mesh that points up; maps and places have it turned to z",
     )
-    shape.add_argument(
+    shape(
         "--remesh",
+        "auto",
+        "of a mesh: repair its triangles on their surface (auto), sample the wall anew on rings, or neither",
         choices=("auto", "cast", "never"),
-        default="auto",
-        help="of a mesh: repair its triangles on their surface (auto), sample the wall anew on rings, or neither",
     )
 
 
-def add_contents_arguments(parser: argparse.ArgumentParser) -> None:
+def add_contents_arguments(add: Any) -> None:
     """Options of what is inside.
 
     Parameters
     ----------
-    parser
+    add
         Of the verb.
     """
-    state = parser.add_argument_group("state")
-    state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
-    state.add_argument("--fill", type=float, help="fill level of what is enclosed, 0..1; implies --closed")
+    state = add.group("state")
+    state("--closed", bool, "enclosed contents; open by default")
+    state("--fill", float, "fill level of what is enclosed, 0..1; implies --closed")
 
 
 def read_contents(args: Any) -> tuple[Contents | None, Any]:

@@ -27,24 +27,22 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "grasp_json", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add_container_arguments(parser, also=", or map.npz")
-    parser.add_argument("--force", type=float, metavar="N", help="of each finger; what is needed by default")
-    parser.add_argument("--state", choices=("open", "closed"), default="open", help="open by default")
-    parser.add_argument("--fill", type=float, default=0.0, help="fill level of liquid, 0..1")
-    parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
-    parser.add_argument("--count", type=int, default=5, help="of grasps, at most")
-    parser.add_argument(
+    add_container_arguments(add, also=", or map.npz")
+    add("--force", float, "of each finger; what is needed by default", metavar="N")
+    add("--state", "open", "open by default", choices=("open", "closed"))
+    add("--fill", 0.0, "fill level of liquid, 0..1")
+    add("--plot", Path, "plot to write: .png, .pdf or .svg")
+    add("--count", 5, "of grasps, at most")
+    add(
         "--confirm",
+        str,
+        "check each by nonlinear simulation, seconds for each; by default those that bend the wall by more than its thickness",
         action=argparse.BooleanOptionalAction,
-        help="check each by nonlinear simulation, seconds for each; by default those that bend the wall by more "
-        "than its thickness",
     )
-    parser.add_argument(
-        "--several", type=int, metavar="M", help="also distribute the force over the M best, acting at once"
-    )
-    hand = parser.add_argument_group("hand")
+    add("--several", int, "also distribute the force over the M best, acting at once", metavar="M")
+    hand = add.group("hand")
     for flag, default, text in (
         ("friction", 0.6, "coefficient of the fingers"),
         ("opening", 0.11, "maximum opening [m]"),
@@ -53,13 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("finger-thickness", 0.012, "along the closing direction [m]"),
         ("max-force", 60.0, "of one finger [N]"),
     ):
-        hand.add_argument(f"--{flag}", type=float, default=default, help=f"{text} ({default:g})")
-    limits = parser.add_argument_group("limits")
-    limits.add_argument(
-        "--max-deformation", type=float, default=0.005, help="allowed, of one side [m] (0.005)"
-    )
-    limits.add_argument("--min-score", type=float, default=0.5, help="of a grasp (0.5)")
-    limits.add_argument("--mass", type=float, metavar="KG", help="instead of that of wall and liquid")
+        hand(f"--{flag}", float, f"{text} ({default:g})", default=default)
+    limits = add.group("limits")
+    limits("--max-deformation", 0.005, "allowed, of one side [m] (0.005)")
+    limits("--min-score", 0.5, "of a grasp (0.5)")
+    limits("--mass", float, "instead of that of wall and liquid", metavar="KG")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ Example: visuohaptic map build run.mcap --out map.yaml
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +23,14 @@ from ..._workers import add_worker_arguments, chosen_workers
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the command."""
-    parser.add_argument("scans", nargs="+", help="MCAP or CSV file, one for each floor")
-    parser.add_argument("--out", required=True, help="map YAML file to write, a folder for several floors")
-    parser.add_argument(
-        "--resolution-m", type=float, default=0.05, help="edge of a cell [m] (default: %(default)s)"
-    )
-    parser.add_argument("--scan-topic", help="topic of the scans, where an MCAP file has several")
-    parser.add_argument("--odometry-topic", help="topic of the odometry, where an MCAP file has several")
-    add_worker_arguments(parser)
+    add("scans", str, "MCAP or CSV file, one for each floor", nargs="+")
+    add("--out", str, "map YAML file to write, a folder for several floors", required=True)
+    add("--resolution-m", 0.05, "edge of a cell [m] (default: %(default)s)")
+    add("--scan-topic", str, "topic of the scans, where an MCAP file has several")
+    add("--odometry-topic", str, "topic of the odometry, where an MCAP file has several")
+    add_worker_arguments(add)
 
 
 def run(args: Namespace) -> dict[str, Any]:

@@ -11,7 +11,6 @@ example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --pl
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,40 +23,22 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("map", type=Path, help="map_server YAML file")
-    parser.add_argument("--radius", type=float, required=True, dest="radius_m", help="of the robot [m]")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="folder to write into, made if it is not there"
+    add("map", Path, "map_server YAML file")
+    add("--radius", float, "of the robot [m]", required=True, dest="radius_m")
+    add("--out", Path, "folder to write into, made if it is not there", required=True)
+    add("--v-max", 0.3, "speed far from obstacles [m/s]", dest="v_max_m_s")
+    add("--v-min", 0.05, "speed at obstacles [m/s]", dest="v_min_m_s")
+    add("--spacing", float, "keep connection nodes at this spacing [m]", dest="spacing_m")
+    add("--stub", float, "remove dead ends shorter than this [m]", dest="stub_length_m")
+    add("--objects", Path, "objects.yaml: what is pushed, waited for or kept clear of")
+    add(
+        "--route", float, "also the path from one point to another [m]", nargs=4, metavar=("X", "Y", "X", "Y")
     )
-    parser.add_argument(
-        "--v-max", type=float, default=0.3, dest="v_max_m_s", help="speed far from obstacles [m/s]"
-    )
-    parser.add_argument(
-        "--v-min", type=float, default=0.05, dest="v_min_m_s", help="speed at obstacles [m/s]"
-    )
-    parser.add_argument(
-        "--spacing", type=float, dest="spacing_m", help="keep connection nodes at this spacing [m]"
-    )
-    parser.add_argument(
-        "--stub", type=float, dest="stub_length_m", help="remove dead ends shorter than this [m]"
-    )
-    parser.add_argument(
-        "--objects", type=Path, help="objects.yaml: what is pushed, waited for or kept clear of"
-    )
-    parser.add_argument(
-        "--route",
-        type=float,
-        nargs=4,
-        metavar=("X", "Y", "X", "Y"),
-        help="also the path from one point to another [m]",
-    )
-    parser.add_argument("--frame", default="map", help="name of the map frame in the files")
-    parser.add_argument("--plot", action="store_true", help="draw it, as figure 4.1")
-    parser.add_argument(
-        "--unknown-is-free", action="store_true", help="the robot may enter what was never seen"
-    )
+    add("--frame", "map", "name of the map frame in the files")
+    add("--plot", bool, "draw it, as figure 4.1")
+    add("--unknown-is-free", bool, "the robot may enter what was never seen")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -8,7 +8,6 @@ example: visuohaptic map inspect office.yaml --radius 0.25
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +18,12 @@ __all__ = ["add_arguments", "run"]
 _NARROWEST = 5
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("map", type=Path, help="map_server YAML file")
-    parser.add_argument(
-        "--radius", type=float, default=0.17, dest="radius_m", help="of the robot [m], 0.17 by default"
-    )
-    parser.add_argument(
-        "--doors", action="store_true", help="also the doors, and what stands alone and may be movable"
-    )
-    parser.add_argument(
-        "--unknown-is-free", action="store_true", help="the robot may enter what was never seen"
-    )
+    add("map", Path, "map_server YAML file")
+    add("--radius", 0.17, "of the robot [m], 0.17 by default", dest="radius_m")
+    add("--doors", bool, "also the doors, and what stands alone and may be movable")
+    add("--unknown-is-free", bool, "the robot may enter what was never seen")
 
 
 def run(args: Any) -> dict[str, Any]:

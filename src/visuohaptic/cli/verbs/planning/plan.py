@@ -17,7 +17,6 @@ example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml 
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,34 +31,21 @@ NO_PLAN = 3
 PROOF_BUDGETS = 10.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("map", type=Path, metavar="MAP.yaml", help="occupancy map")
-    parser.add_argument("--objects", type=Path, help="objects.yaml; without it nothing is pushed")
-    parser.add_argument("--robot", required=True, type=Path, help="robot.yaml")
+    add("map", Path, "occupancy map", metavar="MAP.yaml")
+    add("--objects", Path, "objects.yaml; without it nothing is pushed")
+    add("--robot", Path, "robot.yaml", required=True)
     for name in ("start", "goal"):
-        parser.add_argument(
-            f"--{name}",
-            required=True,
-            nargs=2,
-            type=float,
-            metavar=("X", "Y"),
-            help=f"{name} in the map frame [m]",
-        )
-    parser.add_argument("--plot", type=Path, help="plot to write (PNG)")
-    parser.add_argument("--compare", action="store_true", help="with plans under other side conditions")
-    parser.add_argument(
-        "--budget",
-        type=float,
-        default=2.0,
-        metavar="S",
-        help="wall time of the search [s] (default %(default)s)",
-    )
-    parser.add_argument("--memory", type=float, default=500.0, metavar="MB", help="memory of the search [MB]")
-    parser.add_argument(
+        add(f"--{name}", float, f"{name} in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
+    add("--plot", Path, "plot to write (PNG)")
+    add("--compare", bool, "with plans under other side conditions")
+    add("--budget", 2.0, "wall time of the search [s] (default %(default)s)", metavar="S")
+    add("--memory", 500.0, "memory of the search [MB]", metavar="MB")
+    add(
         "--prove",
-        action="store_true",
-        help="search for the cheapest plan, or a proof that there is none, for ten times the budget",
+        bool,
+        "search for the cheapest plan, or a proof that there is none, for ten times the budget",
     )
 
 

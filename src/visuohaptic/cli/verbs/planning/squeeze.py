@@ -11,7 +11,6 @@ example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv 
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 from typing import Any
@@ -27,30 +26,19 @@ from ._container import (
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add_container_arguments(parser)
-    parser.add_argument(
-        "--at", type=float, nargs=3, metavar=("X", "Y", "Z"), help="where the first tip is [m]"
-    )
-    parser.add_argument(
-        "--side",
-        choices=("x+", "x-", "y+", "y-"),
-        default="x+",
-        help="instead of --at: side of the container (x+)",
-    )
-    parser.add_argument(
-        "--height", type=float, help="instead of --at: above the foot [m]; half the height by default"
-    )
-    limit = parser.add_mutually_exclusive_group()
-    limit.add_argument("--force", type=float, metavar="N", help="largest, of one tip [N]")
-    limit.add_argument(
-        "--deformation", type=float, metavar="M", help="largest, of one side [m]; 0.005 by default"
-    )
-    parser.add_argument("--points", type=int, default=8, help="of the curve (8)")
-    parser.add_argument("--out", type=Path, help="curve to write: .csv")
-    parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
-    add_contents_arguments(parser)
+    add_container_arguments(add)
+    add("--at", float, "where the first tip is [m]", nargs=3, metavar=("X", "Y", "Z"))
+    add("--side", "x+", "instead of --at: side of the container (x+)", choices=("x+", "x-", "y+", "y-"))
+    add("--height", float, "instead of --at: above the foot [m]; half the height by default")
+    limit = add.one_of()
+    limit("--force", float, "largest, of one tip [N]", metavar="N")
+    limit("--deformation", float, "largest, of one side [m]; 0.005 by default", metavar="M")
+    add("--points", 8, "of the curve (8)")
+    add("--out", Path, "curve to write: .csv")
+    add("--plot", Path, "plot to write: .png, .pdf or .svg")
+    add_contents_arguments(add)
 
 
 def run(args: Any) -> dict[str, Any]:

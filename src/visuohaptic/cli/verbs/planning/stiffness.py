@@ -14,7 +14,6 @@ example: visuohaptic stiffness bottle --material PET --thickness 0.0005 --out ma
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,23 +33,21 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add_container_arguments(parser)
-    parser.add_argument("--out", type=Path, help="map to write: .npz, .vtu or .glb")
-    parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
-    parser.add_argument(
+    add_container_arguments(add)
+    add("--out", Path, "map to write: .npz, .vtu or .glb")
+    add("--plot", Path, "plot to write: .png, .pdf or .svg")
+    add(
         "--at",
-        type=float,
+        float,
+        "also say the stiffness at the surface point nearest to this one, between vertices by interpolation, and its distance from it [m]; z up from the foot and x, y from the axis (as the map is written); may be repeated",
         nargs=3,
         action="append",
         metavar=("X", "Y", "Z"),
-        help="also say the stiffness at the surface point nearest to this one, between vertices by interpolation, and its distance from it [m]; z up from the foot and x, y from the axis (as the map is written); may be repeated",
     )
-    add_contents_arguments(parser)
-    parser.add_argument(
-        "--no-sigma", action="store_true", help="leave the standard deviation out; half the time"
-    )
+    add_contents_arguments(add)
+    add("--no-sigma", bool, "leave the standard deviation out; half the time")
 
 
 def run(args: Any) -> dict[str, Any]:

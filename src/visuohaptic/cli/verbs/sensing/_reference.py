@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,25 +14,21 @@ if TYPE_CHECKING:
 __all__ = ["add_reference", "checked_reference", "reported"]
 
 
-def add_reference(parser: argparse.ArgumentParser, reference: str) -> None:
+def add_reference(add: Any, reference: str) -> None:
     """Options of a reference.
 
     Parameters
     ----------
-    parser
+    add
         Of the verb.
     reference
         Name of the argument that names the file.
     """
     text = "what a scale or another sensor recorded: CSV with t_s and force_N, mass_g or mass_kg"
-    parser.add_argument(reference, type=Path, metavar="REFERENCE", help=text)
-    parser.add_argument("--page", type=Path, help="page of both to write (HTML)")
-    parser.add_argument(
-        "--offset", type=float, metavar="S", help="time of the reference at time 0 of the run [s]; estimated"
-    )
-    parser.add_argument(
-        "--max-offset", type=float, default=2.0, metavar="S", help="how far apart the clocks may be [s] (2)"
-    )
+    add(reference, Path, text, metavar="REFERENCE")
+    add("--page", Path, "page of both to write (HTML)")
+    add("--offset", float, "time of the reference at time 0 of the run [s]; estimated", metavar="S")
+    add("--max-offset", 2.0, "how far apart the clocks may be [s] (2)", metavar="S")
 
 
 def checked_reference(args: Any, path: Path) -> ForceRecord:

@@ -14,23 +14,20 @@ example
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("loads", type=Path, help="CSV of known loads and readings")
-    parser.add_argument("--beam", type=Path, help="beam.yaml (by default a 12 cm rod of 1.5 mm spring steel)")
-    parser.add_argument("--out", type=Path, default=Path("beam.yaml"), help="file to write (beam.yaml)")
-    parser.add_argument("--xi", type=float, default=1.0, help="x / L of the observed motion (1: the tip)")
-    parser.add_argument("--angles", choices=("deg", "rad"), help="unit of columns roll, pitch, yaw")
-    parser.add_argument(
-        "--load-tolerance", type=float, default=0.002, metavar="R", help="relative sigma of the loads (0.002)"
-    )
+    add("loads", Path, "CSV of known loads and readings")
+    add("--beam", Path, "beam.yaml (by default a 12 cm rod of 1.5 mm spring steel)")
+    add("--out", Path("beam.yaml"), "file to write (beam.yaml)")
+    add("--xi", 1.0, "x / L of the observed motion (1: the tip)")
+    add("--angles", str, "unit of columns roll, pitch, yaw", choices=("deg", "rad"))
+    add("--load-tolerance", 0.002, "relative sigma of the loads (0.002)", metavar="R")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --mar
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from typing import Any
@@ -19,35 +19,23 @@ from ..._sensor_run import is_live
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the command."""
-    parser.add_argument(
-        "source", help="folder of images, video, file.mcap[:/topic], or a camera until Ctrl-C (with --every)"
-    )
-    parser.add_argument(
-        "--squares", required=True, metavar="COLUMNSxROWS", help="squares of the board, as 9x6"
-    )
-    parser.add_argument("--square-mm", type=float, required=True, help="edge of a square on the print [mm]")
-    parser.add_argument(
-        "--marker-mm", type=float, help="edge of a ChArUco marker [mm]; without it the board is a chessboard"
-    )
-    parser.add_argument(
-        "--dictionary", default="DICT_4X4_250", help="ArUco dictionary (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--every", type=float, default=0.0, metavar="S", help="use one frame per S seconds of a video"
-    )
-    parser.add_argument(
-        "--max-rms-px", type=float, default=0.6, help="refuse above this (default: %(default)s)"
-    )
-    parser.add_argument(
+    add("source", str, "folder of images, video, file.mcap[:/topic], or a camera until Ctrl-C (with --every)")
+    add("--squares", str, "squares of the board, as 9x6", required=True, metavar="COLUMNSxROWS")
+    add("--square-mm", float, "edge of a square on the print [mm]", required=True)
+    add("--marker-mm", float, "edge of a ChArUco marker [mm]; without it the board is a chessboard")
+    add("--dictionary", "DICT_4X4_250", "ArUco dictionary (default: %(default)s)")
+    add("--every", 0.0, "use one frame per S seconds of a video", metavar="S")
+    add("--max-rms-px", 0.6, "refuse above this (default: %(default)s)")
+    add(
         "--transfer-function",
+        "unknown",
+        "from light to grey levels, if you know it: srgb is any gamma of about 2.2 (default: %(default)s)",
         choices=("linear", "srgb", "unknown"),
-        default="unknown",
-        help="from light to grey levels, if you know it: srgb is any gamma of about 2.2 (default: %(default)s)",
     )
-    parser.add_argument("--name", default="camera", help="name of the camera (default: %(default)s)")
-    parser.add_argument("--out", required=True, help="ROS camera_info YAML file to write")
+    add("--name", "camera", "name of the camera (default: %(default)s)")
+    add("--out", str, "ROS camera_info YAML file to write", required=True)
 
 
 def run(args: Namespace) -> dict[str, Any]:

@@ -16,37 +16,33 @@ from typing import Any
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Declare what the command reads and writes."""
-    parser.add_argument("data", type=Path, help="CSV of strain and stress")
-    parser.add_argument("--out", type=Path, default=Path("foam.yaml"), help="file to write (foam.yaml)")
-    parser.add_argument(
-        "--plate", type=Path, help="CSV of contours under a narrow plate: calibrates tension and expansion"
-    )
-    parser.add_argument(
+    add("data", Path, "CSV of strain and stress")
+    add("--out", Path("foam.yaml"), "file to write (foam.yaml)")
+    add("--plate", Path, "CSV of contours under a narrow plate: calibrates tension and expansion")
+    add(
         "--width",
-        type=float,
+        float,
+        "w, thickness of the strip along the compression [m]; zeroing checks it",
         required=True,
         metavar="M",
-        help="w, thickness of the strip along the compression [m]; zeroing checks it",
     )
-    parser.add_argument(
+    add(
         "--height",
-        type=float,
+        float,
+        "h, height of the strip across the contour [m]; forces are proportional to it, no camera sees it",
         required=True,
         metavar="M",
-        help="h, height of the strip across the contour [m]; forces are proportional to it, no camera sees it",
     )
-    parser.add_argument(
-        "--curve", choices=("spline", "cubic"), default="spline", help="model of the curve (spline)"
-    )
-    parser.add_argument(
+    add("--curve", "spline", "model of the curve (spline)", choices=("spline", "cubic"))
+    add(
         "--section",
+        "rectangle",
+        "cross section of the rod that the sensor will use; the data are of a rectangle (rectangle)",
         choices=("rectangle", "triangle", "trapezoid"),
-        default="rectangle",
-        help="cross section of the rod that the sensor will use; the data are of a rectangle (rectangle)",
     )
-    parser.add_argument("--plot", type=Path, metavar="PNG", help="draw the curve and the sensitivity")
+    add("--plot", Path, "draw the curve and the sensitivity", metavar="PNG")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

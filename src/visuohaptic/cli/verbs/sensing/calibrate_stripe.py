@@ -29,13 +29,13 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("sklearn",)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("image", metavar="IMAGE", help="colour image of the untouched sensor")
-    parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
-    parser.add_argument("--out", required=True, type=Path, help="NPZ file to write")
-    parser.add_argument("--mask", type=Path, metavar="PNG", help="draw which pixels were used")
-    parser.add_argument("--seed", type=int, default=0, help="choice of pixels and start of the fit (0)")
+    add("image", str, "colour image of the untouched sensor", metavar="IMAGE")
+    add("--config", Path, "sensor.yaml", required=True)
+    add("--out", Path, "NPZ file to write", required=True)
+    add("--mask", Path, "draw which pixels were used", metavar="PNG")
+    add("--seed", 0, "choice of pixels and start of the fit (0)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

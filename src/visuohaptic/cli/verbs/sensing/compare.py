@@ -12,7 +12,6 @@ example: visuohaptic compare run.csv scale.csv --page compare.html
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,10 @@ from ._reference import add_reference, checked_reference, reported
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("table", type=Path, metavar="RUN", help="table of a run: .csv or .parquet")
-    add_reference(parser, "reference")
+    add("table", Path, "table of a run: .csv or .parquet", metavar="RUN")
+    add_reference(add, "reference")
 
 
 def run(args: Any) -> dict[str, Any]:

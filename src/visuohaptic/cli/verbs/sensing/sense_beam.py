@@ -21,7 +21,6 @@ examples
 
 from __future__ import annotations
 
-import argparse
 from contextlib import ExitStack
 from itertools import islice
 from math import nan
@@ -60,21 +59,19 @@ _LIVE_ZERO = 100
 _AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
-    where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--source", help="where the frames come from")
-    where.add_argument("--poses", type=Path, help="poses of the templates, CSV")
-    parser.add_argument("--zero", action="store_true", help="take and store the zero, then stop")
+    add("--config", Path, "sensor.yaml", required=True)
+    where = add.one_of(required=True)
+    where("--source", str, "where the frames come from")
+    where("--poses", Path, "poses of the templates, CSV")
+    add("--zero", bool, "take and store the zero, then stop")
     add_run_arguments(
-        parser,
+        add,
         parquet="table to write",
         zero_frames="zero on the first N frames, then measure (nothing is stored); with --zero: from N frames",
     )
-    parser.add_argument(
-        "--view", action="store_true", help="show it live on a page of this machine (with --source)"
-    )
+    add("--view", bool, "show it live on a page of this machine (with --source)")
 
 
 def run(args: Any) -> dict[str, Any]:

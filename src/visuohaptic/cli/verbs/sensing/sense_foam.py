@@ -21,7 +21,6 @@ examples
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,24 +48,24 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
-    parser.add_argument("--source", required=True, help="where the frames come from")
+    add("--config", Path, "sensor.yaml", required=True)
+    add("--source", str, "where the frames come from", required=True)
     add_run_arguments(
-        parser,
+        add,
         parquet="table with profiles to write",
         zero_frames="zero on the first N frames of the source, then measure (nothing is stored)",
     )
-    add_reference(parser, "--against")
-    parser.add_argument("--zero", action="store_true", help="take and store the zero reference, then stop")
-    parser.add_argument(
+    add_reference(add, "--against")
+    add("--zero", bool, "take and store the zero reference, then stop")
+    add(
         "--speed",
-        type=float,
+        float,
+        "how fast the platform drives; the event 'motion' (the object starts to move) needs it",
         metavar="M/S",
-        help="how fast the platform drives; the event 'motion' (the object starts to move) needs it",
     )
-    parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
+    add("--view", bool, "show it live on a page of this machine")
 
 
 def run(args: Any) -> dict[str, Any]:

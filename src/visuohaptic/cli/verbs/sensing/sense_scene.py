@@ -20,7 +20,6 @@ examples
 
 from __future__ import annotations
 
-import argparse
 from math import degrees, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,16 +44,16 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--config", required=True, type=Path, help="scene.yaml")
-    parser.add_argument("--source", required=True, help="where the frames come from")
-    parser.add_argument("--odometry", type=Path, metavar="CSV", help="speed and turn rate of the platform")
+    add("--config", Path, "scene.yaml", required=True)
+    add("--source", str, "where the frames come from", required=True)
+    add("--odometry", Path, "speed and turn rate of the platform", metavar="CSV")
     add_run_arguments(
-        parser, zero_frames="zero the foam sensor on the first N frames, then measure (nothing is stored)"
+        add, zero_frames="zero the foam sensor on the first N frames, then measure (nothing is stored)"
     )
-    parser.add_argument("--mask", action="store_true", help="write the obstacle mask to --out, too")
-    parser.add_argument("--seed", type=int, default=0, help="of the consensus search (0)")
+    add("--mask", bool, "write the obstacle mask to --out, too")
+    add("--seed", 0, "of the consensus search (0)")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -10,7 +10,6 @@ examples
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,13 @@ from ....core.errors import InputError
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("image", type=Path, help="image file")
-    parser.add_argument(
-        "--width-m", type=float, dest="width_m", help="printed width, where the file has no dpi"
-    )
-    parser.add_argument("--sheet", type=Path, help="PDF or PNG to write")
-    parser.add_argument("--paper", default="A4", help="paper of the sheet: A4, A3 or letter")
-    parser.add_argument("--dpi", type=float, default=300.0, help="dots per inch of a PNG sheet")
+    add("image", Path, "image file")
+    add("--width-m", float, "printed width, where the file has no dpi")
+    add("--sheet", Path, "PDF or PNG to write")
+    add("--paper", "A4", "paper of the sheet: A4, A3 or letter")
+    add("--dpi", 300.0, "dots per inch of a PNG sheet")
 
 
 def run(args: Any) -> dict[str, Any]:

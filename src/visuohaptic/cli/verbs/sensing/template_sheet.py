@@ -8,7 +8,6 @@ example: visuohaptic template sheet --ids 0 1 2 --size-m 0.04 --out tags.pdf
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +16,13 @@ from ....core.errors import InputError
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--ids", type=int, nargs="+", required=True, help="numbers in the family, 0..586")
-    parser.add_argument("--size-m", type=float, dest="size_m", required=True, help="side of the black border")
-    parser.add_argument("--out", type=Path, required=True, help="PDF or PNG to write")
-    parser.add_argument("--paper", default="A4", help="A4, A3 or letter")
-    parser.add_argument("--dpi", type=float, default=300.0, help="dots per inch of a PNG")
+    add("--ids", int, "numbers in the family, 0..586", nargs="+", required=True)
+    add("--size-m", float, "side of the black border", required=True)
+    add("--out", Path, "PDF or PNG to write", required=True)
+    add("--paper", "A4", "A4, A3 or letter")
+    add("--dpi", 300.0, "dots per inch of a PNG")
 
 
 def run(args: Any) -> dict[str, Any]:

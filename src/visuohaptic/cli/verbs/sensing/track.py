@@ -14,7 +14,6 @@ example: visuohaptic track --templates templates/ --source run.mp4 --camera came
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from contextlib import ExitStack
 from math import nan
@@ -34,13 +33,13 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--templates", required=True, type=Path, help="folder of templates")
-    parser.add_argument("--source", required=True, help="where the frames come from")
-    parser.add_argument("--camera", required=True, type=Path, help="camera.yaml")
-    add_run_arguments(parser)
-    parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
+    add("--templates", Path, "folder of templates", required=True)
+    add("--source", str, "where the frames come from", required=True)
+    add("--camera", Path, "camera.yaml", required=True)
+    add_run_arguments(add)
+    add("--view", bool, "show it live on a page of this machine")
 
 
 def run(args: Any) -> dict[str, Any]:

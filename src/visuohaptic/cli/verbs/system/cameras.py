@@ -9,13 +9,12 @@ example: visuohaptic cameras
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """No arguments of its own."""
 
 

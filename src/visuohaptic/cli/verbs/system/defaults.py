@@ -14,7 +14,6 @@ examples
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import inspect
 import re
@@ -68,11 +67,11 @@ class _Entry(NamedTuple):
     comment: str
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("kind", choices=tuple(_KINDS), help="what the file describes")
-    parser.add_argument("--config", type=Path, help="file whose values are kept")
-    parser.add_argument("--out", type=Path, help="file to write (YAML); shown without")
+    add("kind", str, "what the file describes", choices=tuple(_KINDS))
+    add("--config", Path, "file whose values are kept")
+    add("--out", Path, "file to write (YAML); shown without")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -54,21 +54,17 @@ def needs(args: argparse.Namespace) -> set[str]:
     return {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"} | remembers
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("part", nargs="?", choices=PARTS, help="run this part alone")
-    parser.add_argument(
-        "--quick", action="store_true", help="replay a recorded mission: seconds, needs no extra"
-    )
-    parser.add_argument("--map", type=Path, metavar="YAML", help="touch three obstacles in this map")
-    parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder (results/demo)")
-    parser.add_argument("--seed", type=int, default=2, help="of everything random (2)")
-    parser.add_argument("--world", type=int, default=0, help="seed of a drawn house; 0: the office (0)")
-    parser.add_argument("--visit", type=int, default=0, help="day in this world; people move things (0)")
-    parser.add_argument(
-        "--memory", metavar="FOLDER|URL", help="database of what is remembered between visits"
-    )
-    parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
+    add("part", str, "run this part alone", nargs="?", choices=PARTS)
+    add("--quick", bool, "replay a recorded mission: seconds, needs no extra")
+    add("--map", Path, "touch three obstacles in this map", metavar="YAML")
+    add("--out", Path("results/demo"), "folder (results/demo)")
+    add("--seed", 2, "of everything random (2)")
+    add("--world", 0, "seed of a drawn house; 0: the office (0)")
+    add("--visit", 0, "day in this world; people move things (0)")
+    add("--memory", str, "database of what is remembered between visits", metavar="FOLDER|URL")
+    add("--view", bool, "show it live on a page of this machine")
 
 
 def run(args: Any) -> dict[str, Any]:

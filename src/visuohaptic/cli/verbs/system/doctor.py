@@ -16,7 +16,6 @@ examples
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import importlib
 import os
@@ -70,19 +69,11 @@ class Finding:
     remedy: str  #: command that mends it; empty when it works
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument(
-        "--robot", metavar="MODULE:FUNCTION", help="try a robot of one's own instead of the libraries"
-    )
-    parser.add_argument(
-        "--still", action="store_true", help="do not move the robot: signatures and readings only"
-    )
-    parser.add_argument(
-        "--apart",
-        action="store_true",
-        help="make the robot in a process of its own, and reach it by its protocols",
-    )
+    add("--robot", str, "try a robot of one's own instead of the libraries", metavar="MODULE:FUNCTION")
+    add("--still", bool, "do not move the robot: signatures and readings only")
+    add("--apart", bool, "make the robot in a process of its own, and reach it by its protocols")
 
 
 def run(args: Arguments) -> dict[str, Any]:

@@ -13,7 +13,6 @@ example: visuohaptic reproduce figure-3.4 --out results/dissertation
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -27,16 +26,15 @@ NEEDS = ("matplotlib",)
 _TOLD = ("name", "seconds", "cpu_seconds", "kept", "problem")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("names", nargs="+", metavar="NAME", help="figure-3.2, 3.4, table-6.1 ..., or all")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write to; made if it is not there")
-    parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
-    parser.add_argument("--quick", action="store_true", help="fewer samples, for a first look")
-    add_worker_arguments(parser, "one for each core")
-    parser.add_argument("--gallery", type=Path, metavar="DOCS",
-                        help="then write gallery.md and images/gallery of the documentation to this folder")  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="run again even if the same result is there")
+    add("names", str, "figure-3.2, 3.4, table-6.1 ..., or all", nargs="+", metavar="NAME")
+    add("--out", Path, "folder to write to; made if it is not there", required=True)
+    add("--seed", 0, "of everything random (0)")
+    add("--quick", bool, "fewer samples, for a first look")
+    add_worker_arguments(add, "one for each core")
+    add("--gallery", Path, "then write gallery.md and images/gallery of the documentation to this folder", metavar="DOCS")  # fmt: skip
+    add("--force", bool, "run again even if the same result is there")
 
 
 def needs(args: Any) -> set[str]:

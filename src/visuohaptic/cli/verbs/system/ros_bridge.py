@@ -16,7 +16,6 @@ example: visuohaptic ros bridge bridge.yaml
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,10 +32,10 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 NEEDS = ("zenoh",)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("config", type=Path, help="bridge.yaml")
-    parser.add_argument("--duration", type=float, metavar="S", help="end by itself after S seconds")
+    add("config", Path, "bridge.yaml")
+    add("--duration", float, "end by itself after S seconds", metavar="S")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -14,7 +14,6 @@ example: visuohaptic ros launch
 
 from __future__ import annotations
 
-import argparse
 import shlex
 import threading
 from pathlib import Path
@@ -26,10 +25,10 @@ from ..._stop import signals
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("file", nargs="?", help="*.launch.xml, or the name of one of this library")
-    parser.add_argument("values", nargs="*", metavar="NAME:=VALUE", help="arguments of the file")
+    add("file", str, "*.launch.xml, or the name of one of this library", nargs="?")
+    add("values", str, "arguments of the file", nargs="*", metavar="NAME:=VALUE")
 
 
 def run(args: Any) -> dict[str, Any]:

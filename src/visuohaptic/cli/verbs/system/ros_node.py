@@ -31,29 +31,24 @@ from ..._stop import signals
 __all__ = ["add_arguments", "run"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("name", nargs="?", help="of the node, as foam")
-    parser.add_argument(
-        "--param", action="append", default=[], metavar="NAME:=VALUE", help="a parameter; may be repeated"
-    )
-    parser.add_argument("--list", action="store_true", help="show the node's parameters instead")
-    parser.add_argument("--transport", default="rclpy", choices=("rclpy", "zenoh", "cyclonedds"))
-    parser.add_argument(
-        "--domain", type=int, default=0, metavar="N", help="ROS_DOMAIN_ID; by default its own"
-    )
-    parser.add_argument("--namespace", default="/", metavar="NAME", help="of the node's topics")
-    parser.add_argument(
+    add("name", str, "of the node, as foam", nargs="?")
+    add("--param", str, "a parameter; may be repeated", default=[], action="append", metavar="NAME:=VALUE")
+    add("--list", bool, "show the node's parameters instead")
+    add("--transport", "rclpy", None, choices=("rclpy", "zenoh", "cyclonedds"))
+    add("--domain", 0, "ROS_DOMAIN_ID; by default its own", metavar="N")
+    add("--namespace", "/", "of the node's topics", metavar="NAME")
+    add(
         "--connect",
+        str,
+        "router or peer of zenoh, as tcp/127.0.0.1:7447; may be repeated; none: wait for others",
         action="append",
         metavar="PLACE",
-        help="router or peer of zenoh, as tcp/127.0.0.1:7447; may be repeated; none: wait for others",
     )
-    parser.add_argument("--managed", action="store_true", help="wait for a lifecycle manager")
-    parser.add_argument("--duration", type=float, metavar="S", help="end by itself after S seconds")
-    parser.add_argument(
-        "--ros-args", nargs=argparse.REMAINDER, default=[], metavar="...", help="as for any node of ROS"
-    )
+    add("--managed", bool, "wait for a lifecycle manager")
+    add("--duration", float, "end by itself after S seconds", metavar="S")
+    add("--ros-args", str, "as for any node of ROS", default=[], nargs=argparse.REMAINDER, metavar="...")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -51,28 +51,25 @@ _STILL = 0.03
 _NEW_LOAD = 0.2
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--source", help="camera or recording; asked for when there are several cameras")
-    parser.add_argument(
-        "--camera", type=Path, help="camera.yaml of calibrate camera; a usual webcam without it"
-    )
+    add("--source", str, "camera or recording; asked for when there are several cameras")
+    add("--camera", Path, "camera.yaml of calibrate camera; a usual webcam without it")
     for name, text in (
         ("length", "of the back contour, along the robot"),
         ("width", "w, thickness of the foam in the direction of pushing"),
         ("height", "h, extent of the foam across, which no camera sees"),
     ):
-        parser.add_argument(f"--{name}", type=float, metavar="MM", help=f"{text} [mm]")
-    parser.add_argument("--foam", type=Path, help="foam.yaml of the same foam: no known loads are needed")
-    parser.add_argument(
-        "--tag", type=float, default=30.0, metavar="MM", help="side of the printed tag [mm] (30)"
-    )
-    parser.add_argument("--out", type=Path, default=Path("sensor"), help="folder (sensor)")
-    parser.add_argument("--csv", type=Path, help="table of the forces to write")
-    parser.add_argument(
+        add(f"--{name}", float, f"{text} [mm]", metavar="MM")
+    add("--foam", Path, "foam.yaml of the same foam: no known loads are needed")
+    add("--tag", 30.0, "side of the printed tag [mm] (30)", metavar="MM")
+    add("--out", Path("sensor"), "folder (sensor)")
+    add("--csv", Path, "table of the forces to write")
+    add(
         "--view",
+        str,
+        "page in the browser; by default where viser is installed",
         action=argparse.BooleanOptionalAction,
-        help="page in the browser; by default where viser is installed",
     )
 
 

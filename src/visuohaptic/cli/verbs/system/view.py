@@ -11,7 +11,6 @@ example: visuohaptic view cup-rim map.yaml plan.json completed.ply
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import Any
 
@@ -23,16 +22,14 @@ __all__ = ["NEEDS", "add_arguments", "check_page", "run", "wait"]
 NEEDS = ("trimesh", "viser")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument("files", nargs="+", metavar="FILE", help="what to show")
-    parser.add_argument("--port", type=int, default=8080, help="on 127.0.0.1; the next free one if in use")
-    parser.add_argument(
-        "--force", type=float, default=10.0, metavar="N", help="of a finger, at the start (10)"
-    )
-    parser.add_argument("--state", choices=("open", "closed"), default="open", help="of containers")
-    parser.add_argument("--fill", type=float, default=0.0, help="fill level in containers, 0..1")
-    parser.add_argument("--seconds", type=float, help="stop after this time")
+    add("files", str, "what to show", nargs="+", metavar="FILE")
+    add("--port", 8080, "on 127.0.0.1; the next free one if in use")
+    add("--force", 10.0, "of a finger, at the start (10)", metavar="N")
+    add("--state", "open", "of containers", choices=("open", "closed"))
+    add("--fill", 0.0, "fill level in containers, 0..1")
+    add("--seconds", float, "stop after this time")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -11,7 +11,6 @@ examples
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import time
 from collections.abc import Sequence
@@ -34,12 +33,10 @@ SIGNATURES = Path(__file__).parents[3] / "core" / "kernel_signatures.txt"
 MAX_USEFUL_WORKERS = 4
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    parser.add_argument(
-        "packages", nargs="*", metavar="PACKAGE", help="only these, as navigation or sensing.foam"
-    )
-    add_worker_arguments(parser, f"one per core, at most {MAX_USEFUL_WORKERS}")
+    add("packages", str, "only these, as navigation or sensing.foam", nargs="*", metavar="PACKAGE")
+    add_worker_arguments(add, f"one per core, at most {MAX_USEFUL_WORKERS}")
 
 
 def read_signatures() -> dict[str, list[tuple[str, str]]]:

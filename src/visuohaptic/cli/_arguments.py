@@ -1,0 +1,65 @@
+"""One line for an argument: name, type or default, and what it means."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Add"]
+
+
+class Add:
+    """Declares arguments; verbs are given it as ``add``.
+
+    Called with names, then the type or the default, whose type it has then (``bool`` is a switch), then the line of
+    help; options as of :meth:`argparse.ArgumentParser.add_argument`.
+
+    Parameters
+    ----------
+    place
+        Parser, or a group of it.
+
+    Examples
+    --------
+    >>> import argparse
+    >>> parser = argparse.ArgumentParser()
+    >>> add = Add(parser)
+    >>> add("--count", 5, "how many")
+    >>> add("--plot", Path, "figure to write")
+    >>> parser.parse_args(["--count", "3"])
+    Namespace(count=3, plot=None)
+    """
+
+    def __init__(self, place: Any) -> None:
+        self._place = place
+
+    def __call__(self, *words: Any, **more: Any) -> None:
+        *names, kind, said = words
+        if kind is bool:
+            more["action"] = "store_true"
+        elif not isinstance(kind, type):
+            more["default"] = kind
+            kind = Path if isinstance(kind, Path) else type(kind)
+        if kind not in (bool, str):
+            more.setdefault("type", kind)
+        self._place.add_argument(*names, help=said, **more)
+
+    def group(self, title: str) -> Add:
+        """Arguments under a title of their own.
+
+        Parameters
+        ----------
+        title
+            In the help.
+        """
+        return Add(self._place.add_argument_group(title))
+
+    def one_of(self, *, required: bool = False) -> Add:
+        """Arguments of which one may be given.
+
+        Parameters
+        ----------
+        required
+            One must.
+        """
+        return Add(self._place.add_mutually_exclusive_group(required=required))
