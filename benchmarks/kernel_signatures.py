@@ -320,7 +320,8 @@ def run_foam() -> None:
     rectify(grey, points_px, points_px, one_px, one_px, np.zeros(2, np.int64), now)
     front, states = np.full(2, 20.0), np.zeros((2, 4))
     foam_bands(now, rest, front, front, one_px, 1.0, seen, np.zeros((2, 9)))
-    shadow_odds(now, rest, front, front + 9.0, one_px, 1.0, 1.0, 1.0, seen, np.zeros((2, 7)))
+    edges = front, front + 9.0, one_px
+    shadow_odds(now, rest, np.ones((2, 6)), *edges, 1.0, 1.0, 1.0, seen, np.zeros((2, 7)))
     rules, pairs = (1.0, 0.0, 0.0), np.zeros((2, 2))
     join(
         states,

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from visuohaptic.sensing.foam._chain_kernels import join
 from visuohaptic.sensing.foam._posterior_kernels import (
@@ -17,6 +18,7 @@ from visuohaptic.sensing.foam._posterior_kernels import (
     shadow_odds,
 )
 from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH, edge_crossing
+from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
 
 ENTER = np.log([0.05, 0.01, 0.01, 0.01])
 
@@ -97,7 +99,9 @@ def strip(rng, front, texture, *, shade=1.0, beyond="body", noise=2.0, blur=1.0)
 
 def texture_odds(rest, now, front, texture_part=1.0, variance=4.5) -> np.ndarray:
     result, ones = np.empty((30, 7)), np.ones(30)
-    shadow_odds(now, rest, front * ones, 84.5 * ones, 0 * ones, 1.0, texture_part, variance, ones > 0, result)
+    lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))  # samples are pixels
+    places = front * ones, 84.5 * ones, 0 * ones
+    shadow_odds(now, rest, lines, *places, 1.0, texture_part, variance, ones > 0, result)
     return result[:, 0] / np.median(result[:, 6])
 
 
@@ -136,6 +140,29 @@ def test_smooth_textures_that_agree_by_chance_say_little(beyond) -> None:
         # Honest log-odds are wrong by more than 4 once in 55 points; three of 30 are rare, and pixels taken for
         # independent are wrong in ten.
         assert (texture > 4.0).sum() <= 3
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.25, 0.5])
+def test_a_sharp_edge_between_the_pixels_is_not_two_edges(phase) -> None:
+    """Samples half way between two pixels show an edge of half a pixel's blur with one of .74: a body's, of one step."""
+    rng, y = np.random.default_rng(7), np.arange(130.0)[:, None] * np.ones(330)
+    base = np.column_stack([np.linspace(10.0, 310.0, 30), np.full(30, 3.0 + phase)])
+    blur, down, ones = 0.55, np.tile([0.0, 1.0], (30, 1)), np.ones(30)
+
+    def sampled(edge: float, beyond: float) -> np.ndarray:
+        image = np.clip(
+            beyond + (170.0 - beyond) * ndtr((edge - y) / blur) + rng.normal(0.0, 1.0, y.shape), 0, 255
+        )
+        found = np.zeros((30, 5, 110), np.float32)
+        rectify(np.rint(image).astype(np.uint8), base, down, ones, ones, np.zeros(30, np.int64), found)
+        return found
+
+    rest = np.rint(sampled(88.0, 80.0)).astype(np.uint8)
+    now, result = sampled(87.0, 30.0), np.empty((30, 7))
+    lines = np.column_stack([base, down, ones, ones])
+    front = (84.0 - phase) * ones, (85.0 - phase) * ones, 0.0 * ones
+    shadow_odds(now, rest, lines, *front, blur, 1.0, 1.0, ones > 0, result)
+    assert np.quantile(result[:, 1], 0.9) < 0.0, "log-odds of a second edge, where there is one"
 
 
 def test_the_foam_behind_a_slanted_edge_is_compared_without_what_lies_beyond_it() -> None:

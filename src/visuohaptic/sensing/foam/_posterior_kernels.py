@@ -126,7 +126,7 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, after, s
             for j in range(first, last + 1):
                 value = float(now[lane, j])
                 foam = mean + transfer * (template[lane, j] - mean)
-                p1, p0, tau = over[lane, j], out[j], (j - first) / 20.0
+                p1, p0, tau = over[lane, j], out[lane, j], (j - first) / 20.0
                 if shaded:
                     design[0] = foam * (1.0 - p1) * (1.0 - p0)
                     design[1] = foam * p1 * (1.0 - p0)
@@ -159,14 +159,34 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, after, s
 
 
 @kernel(nogil=True)
-def _ramp(over, at, slope, width, first, last):
-    """Fill the part of the samples that lies beyond an edge of a width."""
+def _sampling(line, taps, first, last):
+    """Fill what each sample is made of: the place of a pixel and the part of the next one along the steeper axis of the
+    line, and the variance by those along the other [samples^2]. Between pixels an edge looks softer than on one."""
+    lanes = taps.shape[1]
+    axis = 0 if abs(line[2]) > abs(line[3]) else 1
+    for lane in range(lanes):
+        away = (lane - 0.5 * (lanes - 1)) * line[5]
+        for j in range(first, last + 1):
+            u = (line[0] + j * line[4] * line[2] - away * line[3]) % 1.0
+            v = (line[1] + j * line[4] * line[3] + away * line[2]) % 1.0
+            part, other = (v, u) if axis else (u, v)
+            taps[0, lane, j] = j - part * line[2 + axis] / line[4]
+            taps[1, lane, j] = part
+            taps[2, lane, j] = other * (1.0 - other) * (line[3 - axis] / line[4]) ** 2
+    return line[2 + axis] / line[4]
+
+
+@kernel(nogil=True)
+def _ramp(over, at, slope, width, taps, apart, first, last):
+    """Fill the part of the samples that lies beyond an edge of a width, as pixels ``apart`` show it."""
     lanes = over.shape[0]
-    scale = 1.0 / (math.sqrt(2.0) * width)
     for lane in range(lanes):
         x1 = at + (lane - 0.5 * (lanes - 1)) * slope
         for j in range(first, last + 1):
-            over[lane, j] = 0.5 * math.erfc((x1 - j) * scale)
+            scale = 1.0 / math.sqrt(2.0 * (width * width + taps[2, lane, j]))
+            away, part = x1 - taps[0, lane, j], taps[1, lane, j]
+            value = (1.0 - part) * math.erfc(away * scale) + part * math.erfc((away - apart) * scale)
+            over[lane, j] = 0.5 * value
 
 
 @kernel(nogil=True)
@@ -202,13 +222,15 @@ def _dependence(residual, texture, first, last):
 
 
 @kernel(nogil=True)
-def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, tested, result):
+def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, variance, tested, result):
     """Does the zero go on beyond each edge, in another light? Three answers for each tested point.
 
     Parameters
     ----------
     now, rest, front, resting, slope, blur
         As of :func:`foam_bands`.
+    lines
+        Origin (x, y) [px] and unit direction of each line, distance of its samples and of its parallels [px], (K, 6).
     transfer
         Part of the zero's texture that this image shows.
     variance
@@ -224,12 +246,11 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
     """
     parallels, samples = now.shape[1], now.shape[2]
     over = np.zeros((parallels, samples))
-    out = np.zeros(samples)
+    out, taps = np.zeros((parallels, samples)), np.zeros((3, parallels, samples))
     template = np.zeros((parallels, samples))
     solution = np.zeros(5)
     other = np.zeros(5)
     left, texture = np.zeros((parallels, samples)), np.zeros((parallels, samples))
-    scale = 1.0 / (math.sqrt(2.0) * blur)
     for k in range(len(front)):
         for i in range(7):
             result[k, i] = np.nan
@@ -246,24 +267,24 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
                 mean += rest[k, lane, j]
             beyond += rest[k, lane, last] + rest[k, lane, last - 1] + rest[k, lane, last - 2]
         mean /= parallels * (edge + 1 - begin)
-        for j in range(first, last + 1):
-            out[j] = 0.5 * math.erfc((x0 - j) * scale)
+        apart = _sampling(lines[k], taps, first, last)
+        _ramp(out, x0, 0.0, blur, taps, apart, first, last)
         for lane in range(parallels):
             for j in range(first, last + 1):
                 template[lane, j] = rest[k, lane, j] if j <= edge else mean
-        _ramp(over, front[k], slope[k], blur, first, last)
+        _ramp(over, front[k], slope[k], blur, taps, apart, first, last)
         count = parallels * (last + 1 - first)
         result[k, 4] = beyond / (3.0 * parallels)
         if x0 - front[k] > 2.0 * EDGE * blur:
             best, place, width = 1e300, front[k], blur
             for i in range(SOFT):
-                _ramp(over, front[k], slope[k], SOFTNESS**i * blur, first, last)
+                _ramp(over, front[k], slope[k], SOFTNESS**i * blur, taps, apart, first, last)
                 fit = _fit(
                     now[k], template, over, out, first, last, mean, transfer, True, -1.0, other, left, texture
                 )
                 if fit < best:
                     best, width = fit, SOFTNESS**i * blur
-            _ramp(over, place, slope[k], width, first, last)
+            _ramp(over, place, slope[k], width, taps, apart, first, last)
             without = _fit(
                 now[k], template, over, out, first, last, mean, 0.0, True, 0.5, other, left, texture
             )
@@ -291,7 +312,7 @@ def shadow_odds(now, rest, front, resting, slope, blur, transfer, variance, test
                 for m in range(3):
                     # A hard edge is seen apart from the front where it lies before it, a soft one anywhere.
                     away = 1.5 + 1.5 * m if i == 0 else 1.5 * (m - 1)
-                    _ramp(over, x0 - away * width, 0.0, width, first, last)
+                    _ramp(over, x0 - away * width, 0.0, width, taps, apart, first, last)
                     double = _fit(
                         now[k],
                         template,

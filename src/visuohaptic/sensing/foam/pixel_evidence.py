@@ -134,8 +134,21 @@ def _shadow_evidence(
 ) -> Float[np.ndarray, "K"]:
     """Log-odds of a shadow's edge against a body's, by what lies between the edge and where it was at rest."""
     found = np.empty((len(tested), 7))
+    lines = np.column_stack(
+        [strip.reference_points_px, strip.front.lines.direction_px, strip.step_px, strip.across_px]
+    )
     shadow_odds(
-        strip.image, zero.image, at.front, at.resting, at.slope, at.blur, transfer, variance, tested, found
+        strip.image,
+        zero.image,
+        lines,
+        at.front,
+        at.resting,
+        at.slope,
+        at.blur,
+        transfer,
+        variance,
+        tested,
+        found,
     )
     texture, near, between, beyond, floor, misfit, alike = found.T
     # A point whose texture agrees by chance leaves residuals that look independent; its neighbours know better.
