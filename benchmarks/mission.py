@@ -10,6 +10,7 @@ measures anew: what comes before is filled in from the simulated world.
 
     python -m benchmarks.mission --worlds open --count 10 --report worlds.jsonl  ten drawn houses, judged
     python -m benchmarks.mission --worlds open --count 5 --visits 2 --report visits.jsonl  and each visited again
+    python -m benchmarks.mission --worlds open --count 5 --full --robot-seed 1 --report full.jsonl  as demo --world N does
 
 Every story is a line of the report when it has ended; the same command goes on after the last one.
 """
@@ -28,7 +29,7 @@ from visuohaptic.demo import run_mission, write_story
 from visuohaptic.simulation import FaultKind
 
 from ._journal import Journal
-from ._mission_worlds import worlds
+from ._mission_worlds import Robot, worlds
 
 SEEDS, RUNS = 20, 20
 PARTS = ("seeds", "faults")
@@ -191,12 +192,18 @@ def main() -> None:
     parser.add_argument("--worlds", choices=("open", "closed"), help="drawn houses of even or odd seeds")
     parser.add_argument("--count", type=int, default=2, help="houses (2)")
     parser.add_argument("--visits", type=int, default=1, help="to each house (1)")
+    parser.add_argument(
+        "--full", action="store_true", help="all views and whole pushes in houses, as the demo"
+    )
+    parser.add_argument("--robot-seed", type=int, default=0, help="in houses (the number of each)")
     parser.add_argument("--figure", type=Path, help="PNG of the calibration")
     args = parser.parse_args()
     if args.worlds is not None:
+        robot = Robot(args.robot_seed, args.full)
         found = worlds(
-            args.worlds, args.count, args.report, first=args.first, visits=args.visits, figure=args.figure
-        )
+            args.worlds, args.count, args.report,
+            first=args.first, visits=args.visits, robot=robot, figure=args.figure,
+        )  # fmt: skip
         _show(found)
         return
     seeds = args.seeds or (SEEDS if args.whole else 1)

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.camera.frame import Frame
 from ..core.objects import Estimate
+from ..deformation.shapes.container import load_container
 from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import SCALE, ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
+from ..rigs.virtual_beam import weighing_sensor
 from ..rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
 from ..simulation.faults import FaultKind
 from ..tasks.framework.supervised_parts import Supervisor
@@ -31,6 +34,7 @@ from ..tasks.manipulation.hand import Hand, Place
 from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
 from .bottle import GROUPS, HEIGHTS, PLACE, TableBottle, container_of_outline, training_objects
 from .judge import Claim
+from .memory import BottleMemory
 from .probe_chapters import HEIGHT_SIGMA_M, set_the_table
 from .story import ChapterResult, Illustration, Known, Measure, Mission, counted, done, failed
 
@@ -70,26 +74,31 @@ def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
     if mission.kitchen is None:
         bottle = set_the_table(mission)
         x, y, _ = bottle.T_base_bottle.translation_m
+        slip_s = 0.0 if mission.fault is FaultKind.SLIP else math.inf
         # Squeezes and grasp take 35 s and more: it falls in the midst of them.
-        late = float(mission.rng(30).uniform(2.0, 34.0))
+        falls = mission.fault is FaultKind.OBJECT_FALLS
+        fall_s = float(mission.rng(30).uniform(2.0, 34.0)) if falls else math.inf
         mission.kitchen = VirtualHand(
-            bottle.container,
-            mission.rng(31),
-            place_m=(float(x), float(y)),
-            slip_at_s=0.0 if mission.fault is FaultKind.SLIP else math.inf,
-            fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else math.inf,
+            bottle.container, mission.rng(31), (float(x), float(y)), slip_at_s=slip_s, fall_at_s=fall_s
         )
     if mission.known.finger is None:
-        folder = mission.folder / "finger"
-        folder.mkdir(parents=True, exist_ok=True)
-        mission.known.finger = finger_sensor().build(
-            folder, mission.rng(33), zero_frames=10, tracking=TRACKING, strip=STRIP
-        )
-    kitchen, sensor = mission.kitchen, mission.known.finger
+        (folder := mission.folder / "finger").mkdir(parents=True, exist_ok=True)
+        made = finger_sensor().build(folder, mission.rng(33), zero_frames=10, tracking=TRACKING, strip=STRIP)
+        mission.known.finger = made
+    if mission.known.wrist is None:
+        mission.known.wrist = weighing_sensor(mission.kitchen.wrist_camera, mission.folder / "wrist")
+    kitchen, sensor, wrist = mission.kitchen, mission.known.finger, mission.known.wrist
     guard = Supervisor(SafetyLimits(max_force_N=MAX_GRIP_N), clock=lambda: kitchen.arm.t_s)
     feel = guard.force(FoamFingerOnDrive(sensor, kitchen))
-    hand = Hand(guard.arm(kitchen.arm), guard.gripper(kitchen), guard.frames(kitchen), feel, kitchen.weigh)
-    return kitchen, hand
+
+    def weigh(_: Frame) -> float:
+        """Downward pull on the beam at the wrist."""
+        pull = wrist.read(kitchen.wrist_frame()).reading.wrench
+        return float(pull.force_N[0]) if pull.valid else math.nan
+
+    scale = math.sqrt(float(wrist.sensor.correction.row_covariance[0, 0, 0]))
+    arm, gripper, frames = guard.arm(kitchen.arm), guard.gripper(kitchen), guard.frames(kitchen)
+    return kitchen, Hand(arm, gripper, frames, feel, weigh, scale)
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:
@@ -124,6 +133,9 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         mission.attempt and found.ending.outcome == ClassifyOutcome.UNDECIDED
     ):
         return failed(f"{found.ending.outcome}: {found.ending.why} ({ranked})")
+    called = (
+        "it is like none of the classes that are known" if found.best == UNKNOWN else f"it is a {found.best}"
+    )
     # Squeezed once more it goes on with what is most probable, and claims no class: the map is corrected by what was felt.
     model_wall_m = _take_class(known, found.best)
     assert known.class_model is not None
@@ -144,7 +156,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         ),
     ]
     if contents.lid == UNKNOWN or contents.mass_kg is None:
-        return failed(f"{_called(found.best)}, but its contents are not identified: {contents.why}", *parts)
+        return failed(f"{called}, but its contents are not identified: {contents.why}", *parts)
     # A lid that is not sure is not claimed: an open wall is the softer one, and is what the grasp is planned for.
     known.closed = contents.sure and contents.lid == "closed"
     known.fill, known.mass_kg = contents.fill[0], contents.mass_kg[0]
@@ -152,7 +164,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         _keep_the_bottle(mission, found.belief[found.best], wall)
     gentle = counted(len(known.curves), "gentle squeeze")
     lid = "" if contents.sure else "whether it is closed stays undecided: "
-    why = f"{_called(found.best)} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
+    why = f"{called} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
     return done(why, *_contents_claims(found, contents, bottle), *parts)
 
 
@@ -172,8 +184,6 @@ def _odds(mission: Mission) -> dict[str, float]:
 
 
 def _keep_the_bottle(mission: Mission, probability: float, wall_m: float) -> None:
-    from .memory import BottleMemory
-
     known, before = mission.known, mission.known_bottle
     assert mission.memory is not None
     assert known.outline_m is not None
@@ -190,8 +200,8 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
     told = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     named = Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best])
     return [
-        *([told] if contents.sure else []),
-        *([named] if found.ending.success else []),
+        *[told] * contents.sure,
+        *[named] * found.ending.success,
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
         Claim("mass", "bottle", contents.mass_kg[0], bottle.container.mass_kg, sigma=contents.mass_kg[1]),
     ]
@@ -224,14 +234,8 @@ def _report_classes(mission: Mission, found: Classification) -> str:
     return classes
 
 
-def _called(name: str) -> str:
-    return "it is like none of the classes that are known" if name == UNKNOWN else f"it is a {name}"
-
-
 def _take_class(known: Known, name: str) -> float:
     """Keep the class with its nearest variant, or the outline as it is of one that is unknown; returns its wall [m]."""
-    from ..deformation.shapes.container import load_container
-
     assert known.outline_m is not None
     known.class_name = name
     known.class_model = (
@@ -252,7 +256,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     """
     kitchen, hand = the_hand(mission)
     plan, scale = _planned(mission.known)
-    mass = plan.load.mass_kg if plan.load is not None else math.nan
+    mass = mission.known.mass_kg
     if not plan.grasps:
         return failed(f"no grasp: {plan.reason} ({1e3 * mass:.0f} g)")
     best = plan.grasps[0]
@@ -262,20 +266,20 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         f"by {1e3 * best.deformation_m:.1f} mm there"
     )
     held = grasp_and_lift(hand, lift)
+    deformed_mm, truly_mm = 1e3 * held.deformation_m, 1e3 * kitchen.deformation_m
     parts = (
         Measure("mass [kg]", mass, kitchen.container.mass_kg),
         Measure("force of each finger, needed at least [N]", best.needed_N, None),
         Measure("force of each finger, felt [N]", held.force_N, kitchen.force_N),
-        Measure(
-            "deformation of one side at the grasp [mm]", 1e3 * held.deformation_m, 1e3 * kitchen.deformation_m
-        ),
+        Measure("deformation of one side at the grasp [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, kitchen.lifted_m),
         Illustration(
             _grasp_figure(plan, lift, mission.known.outline_m, held.ending.success),
             "Grasp score and stiffness of the recognised class with the grasp (circles), and the lifted bottle",
         ),
+        Illustration(kitchen.image(kitchen.arm.t_s), "The camera on the finger sees its foam, in the end"),
         Illustration(
-            kitchen.image(kitchen.arm.t_s), "What the camera on the finger sees of its foam in the end"
+            kitchen.wrist_frame().image, "The beam from which the hand hangs: it weighs what is lifted"
         ),
     )
     if not held.ending.success:
@@ -321,14 +325,8 @@ def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
     angle = math.remainder(math.atan2(best.direction[1], best.direction[0]), math.pi)
     force = max(best.force_N, min(MIN_GRIP_N, best.deformation_limit_N))
     bound = 2.0 * force / best.force_N * (best.deformation_m + 3.0 * best.deformation_sigma_m) + 0.001
-    return LiftPlan(
-        Place(height_m, angle),
-        force,
-        deformation_m=min(bound, 0.01),
-        object_m=_foot_m(known),
-        open_m=_open_m(known),
-        arm_m_s=LIFT_M_S,
-    )
+    place, give = Place(height_m, angle), min(bound, 0.01)
+    return LiftPlan(place, force, give, _foot_m(known), open_m=_open_m(known), arm_m_s=LIFT_M_S)
 
 
 def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) -> Figure:

@@ -130,6 +130,9 @@ class Known:
     outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
     finger: FoamSensor | None = None  #: of the gripper, zeroed
+    wrist: TrackedBeam | None = (
+        None  #: the beam from which the hand hangs, zeroed and calibrated with weights
+    )
     curves: tuple[SqueezeCurve, ...] = ()  #: gentle
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""

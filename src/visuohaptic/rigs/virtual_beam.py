@@ -14,9 +14,12 @@ from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
 from ..core.files import save_yaml, write_image
+from ..sensing.beam.calibration import calibrate_beam
 from ..sensing.beam.config import BeamSensorConfig, save_beam
 from ..sensing.beam.mechanics import Beam
+from ..sensing.beam.records import LoadRecord
 from ..sensing.beam.tracked import TrackedBeam
+from ..simulation.beam.rod import ElasticRod
 from ..simulation.beam.rod_prints import Print, collage, print_of_image, print_of_tag
 from ..simulation.beam.rod_rig import RodRig
 from ..simulation.beam.rod_view import RodRenderer, hand_held
@@ -25,7 +28,10 @@ from ..simulation.tabletop.probe_cell import ProbeCell
 from ..tracking.templates.template import Template
 from .foam_example import write_truth, write_video
 
-__all__ = ["T_TIP_SENSOR", "VirtualBeam", "VirtualProbe", "probe_beam", "write_beam_example"]
+__all__ = [
+    "T_TIP_SENSOR", "BeamCamera", "VirtualBeam", "VirtualProbe", "probe_beam", "weighing_sensor", "wrist_beam",
+    "write_beam_example",
+]  # fmt: skip
 
 WRENCH_COLUMNS = ("t_s", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Printed in a usual office: an even light that falls off a little, sensor noise of indoor light.
@@ -179,6 +185,94 @@ def probe_beam() -> VirtualBeam:
     return VirtualBeam(camera=Camera.simple(640, 360, 720.0), view="steady", frame_rate_Hz=10.0)
 
 
+#: The hand hangs from a guided spring of this stiffness [N/m], 5 % of which no data sheet says.
+WRIST_N_PER_M, WRIST_TOLERANCE = 3000.0, 0.05
+#: Weights that are hung below it before it is used, two images of each [N].
+WEIGHTS_N = (0.0, 2.0, 4.0, 6.0, 8.0, 0.0)
+
+
+def wrist_beam(rng: np.random.Generator) -> VirtualBeam:
+    """The beam sensor from which a hand hangs: its weight and what it lifts stretch the spring along X.
+
+    The camera sees a strip of 640 x 192 pixels, 0.4 mm each: ten images tell 1 % of a litre.
+
+    Parameters
+    ----------
+    rng
+        Draws what the spring differs from its data sheet.
+    """
+    sheet = Beam(
+        diameter_m=0.003,
+        spring_N_per_m=WRIST_N_PER_M,
+        spring_Nm_per_rad=20.0,
+        spring_tolerance=WRIST_TOLERANCE,
+    )
+    true_N_per_m = WRIST_N_PER_M * (1.0 + WRIST_TOLERANCE * float(rng.standard_normal()))
+    rod = ElasticRod(diameter_m=sheet.diameter_m, spring_N_per_m=true_N_per_m, spring_Nm_per_rad=20.0)
+    camera = Camera.simple(640, 192, 740.0)
+    return VirtualBeam(RodRig(rod), camera, kind="pictures", view="steady", beam=sheet, frame_rate_Hz=20.0)
+
+
+class BeamCamera:
+    """Looks at the rod of a beam sensor, time by time.
+
+    Parameters
+    ----------
+    virtual
+        Rod and camera, bolted to the clamp.
+    rng
+        Source of the noise.
+    """
+
+    def __init__(self, virtual: VirtualBeam, rng: np.random.Generator) -> None:
+        self.virtual, self._rng, self._renderer = virtual, rng, virtual.renderer()
+        self._drawn: tuple[np.ndarray, Float32[np.ndarray, "rows columns"]] | None = None
+
+    def frame(self, force_N: Float[np.ndarray, "3"], t_s: float, index: int = 0) -> Frame:
+        """Image of the rod under a force on its tip; what stays as it is is drawn once, with new noise.
+
+        Parameters
+        ----------
+        force_N
+            In the sensor's frame.
+        t_s, index
+            Time [s] and number of the frame.
+        """
+        if self._drawn is None or not np.array_equal(self._drawn[0], force_N):
+            rig = self.virtual.rig
+            self._drawn = force_N, self._renderer.exact(rig.rod.bend(force_N), rig.T_camera_sensor)
+        rows_s = np.full(self.virtual.camera.height, t_s)
+        image = self.virtual.effects.developed(self._drawn[1][..., None], rows_s, self._rng)
+        return Frame(image[..., 0], t_s, index)
+
+
+def weighing_sensor(camera: BeamCamera, folder: Path | str) -> TrackedBeam:
+    """The sensor of its files, zeroed on images of the rod at rest and calibrated with weights, before the time 0.
+
+    Parameters
+    ----------
+    camera
+        Looks at the rod.
+    folder
+        Folder to write the files of the sensor to.
+    """
+    sensor = camera.virtual.sensor(folder)
+    loads = np.zeros((20 + 2 * len(WEIGHTS_N), 6))
+    loads[20:, 0] = np.repeat(WEIGHTS_N, 2)
+    frames = (
+        camera.frame(load[:3], (row - len(loads)) / camera.virtual.frame_rate_Hz, row)
+        for row, load in enumerate(loads)
+    )
+    sensor.zero(next(frames) for _ in range(20))
+    read = [sensor.read(frame).reading.wrench for frame in frames]
+    valid = np.flatnonzero([wrench.valid for wrench in read])
+    observed = np.array([[*read[k].force_N, *read[k].moment_Nm] for k in valid])
+    record = LoadRecord(loads[20:][valid], observed, "wrench", valid + 1, "weights")
+    # The reference template, seen in all these frames already, is not begun anew.
+    sensor.sensor.correction = calibrate_beam(record, camera.virtual.beam).correction
+    return sensor
+
+
 @dataclass
 class VirtualProbe(ProbeCell):
     """A ``ProbeCell`` whose frames show the rod; its spring is that of the rod across its axis."""
@@ -191,8 +285,7 @@ class VirtualProbe(ProbeCell):
         # Large deflections make it stiffer by 0.2 % at half a newton.
         half_N = np.array([0.0, 0.5, 0.0])
         self.stiffness_N_per_m = 0.5 / float(self.virtual.rig.rod.bend(half_N).points_m[-1, 1])
-        self._renderer = self.virtual.renderer()
-        self._at_rest: Float32[np.ndarray, "rows columns"] | None = None
+        self._view = BeamCamera(self.virtual, self.rng)
 
     @property
     def camera(self) -> Camera:
@@ -208,17 +301,7 @@ class VirtualProbe(ProbeCell):
             The world's time [s].
         """
         force_N = (self.arm.true_pose() @ T_TIP_SENSOR).rotation.T @ self.load_N()
-        # Most of the time nothing is touched: that view is drawn once, its noise is that of each frame.
-        if force_N.any():
-            exact = self._exact(force_N)
-        else:
-            exact = self._at_rest = self._exact(force_N) if self._at_rest is None else self._at_rest
-        return self.virtual.effects.developed(exact[..., None], np.full(self.camera.height, t_s), self.rng)[
-            ..., 0
-        ]
-
-    def _exact(self, force_N: np.ndarray) -> Float32[np.ndarray, "rows columns"]:
-        return self._renderer.exact(self.virtual.rig.rod.bend(force_N), self.virtual.rig.T_camera_sensor)
+        return self._view.frame(force_N, t_s).image
 
 
 def push_and_twist(frames: int = 90) -> Float[np.ndarray, "frames 6"]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.camera.plane import PlaneView
 from ..sensing.foam.finger import FingerSensor
@@ -36,6 +37,7 @@ from ..simulation.tabletop.gripper_setup import (
     gripper_look,
 )
 from ..simulation.tabletop.kitchen import KitchenTable
+from .virtual_beam import BeamCamera, VirtualBeam, wrist_beam
 from .virtual_sensor import VirtualSensor, calibrate_by_press
 
 __all__ = ["STRIP", "TRACKING", "GripperSensor", "VirtualHand", "finger_sensor"]
@@ -158,13 +160,20 @@ def finger_sensor() -> VirtualSensor:
 
 @dataclass
 class VirtualHand(KitchenTable):
-    """A ``KitchenTable`` whose frames show the foam of one finger; the other finger does the same from across."""
+    """A ``KitchenTable`` whose frames show the foam of one finger; the other finger does the same from across.
+
+    Another camera looks at the beam from which the hand hangs: see :meth:`wrist_frame`.
+    """
 
     #: Closing by 12 mm/s, a finger comes 0.3 mm nearer from frame to frame: 1 N where the wall does not give way.
     frame_rate_Hz: float = 20.0
     finger: VirtualSensor = field(default_factory=finger_sensor)
+    wrist: VirtualBeam | None = None  #: from which it hangs; by default a :func:`.wrist_beam`
 
     def __post_init__(self) -> None:
+        (rng,) = self.rng.spawn(1)
+        wrist = self.wrist or wrist_beam(rng)
+        self.wrist_camera, self.wrist_N_per_m = BeamCamera(wrist, rng), wrist.rig.rod.spring_N_per_m
         self._strip = FoamStrip(self.finger.geometry, self.finger.law)
         self._back_m = self.finger.geometry.back_m(self._strip.s_m)
         self._front_m = self._strip.inner_m(self.finger.geometry.width_m)
@@ -197,6 +206,10 @@ class VirtualHand(KitchenTable):
             scene = FoamScene(t_s, self._back_m, self._front_m, bodies, floor_below_m=FLOOR_M)
             self._drawn = state, np.atleast_3d(self._renderer.render_exact(scene))
         return effects.developed(self._drawn[1], np.full(camera.height, t_s), self.rng)[..., 0]
+
+    def wrist_frame(self) -> Frame:
+        """The beam from which the hand hangs, now."""
+        return self.wrist_camera.frame(np.array([self.load_N, 0.0, 0.0]), self.arm.t_s)
 
     def _wall(self) -> Outline:
         """The container's section in the frame of the finger, as far as it has given way."""

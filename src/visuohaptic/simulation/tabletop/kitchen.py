@@ -51,6 +51,7 @@ class KitchenTable(BlankFrames, Gripper):
     surface_sigma_m: float = 4e-5
     load_sigma_N: float = 0.05  #: of the vertical load on the fingers, frame by frame
     load_zero_N: float = 0.3  #: of that sensor: it has to be tared
+    wrist_N_per_m: float = math.inf  #: of the spring from which the hand hangs
     frame_rate_Hz: float = 30.0
     force_limit_N: float = 60.0
     slip_at_s: float = math.inf  #: from then on the fingers are wet: a tenth of the friction
@@ -60,7 +61,7 @@ class KitchenTable(BlankFrames, Gripper):
     def __post_init__(self) -> None:
         start = Pose(np.eye(3), np.array([*self.place_m, 0.35]))
         self.arm = SimulatedArm(start, repeat_sigma_m=2e-4, rng=self.rng, turn_rate_rad_s=1.0)
-        self.lifted_m = 0.0  #: of the object above the table
+        self._raised_m = 0.0  #: arm above where the fingers have held the object on the table
         self.fallen = False
         self.force_N = self.deformation_m = 0.0
         self._opening, self._target, self._limit = self.open_m, self.open_m, 0.0
@@ -127,12 +128,22 @@ class KitchenTable(BlankFrames, Gripper):
         """
         if self.arm.t_s >= self.blind_at_s:
             return math.nan
-        load = self.container.mass_kg * GRAVITY_M_S2 if self.lifted_m > 0 else 0.0
-        return load + self.load_zero_N + self.load_sigma_N * float(self.rng.standard_normal())
+        return self.load_N + self.load_zero_N + self.load_sigma_N * float(self.rng.standard_normal())
+
+    @property
+    def load_N(self) -> float:
+        """True weight on the fingers: none before the spring of the wrist is stretched by it."""
+        weight_N = self.container.mass_kg * GRAVITY_M_S2
+        return min(weight_N, self.wrist_N_per_m * self._raised_m) if self._raised_m > 0 else 0.0
+
+    @property
+    def lifted_m(self) -> float:
+        """How far the object is above the table: the arm has first to stretch the spring."""
+        return max(0.0, self._raised_m - self.container.mass_kg * GRAVITY_M_S2 / self.wrist_N_per_m)
 
     def _height(self) -> float:
         """Where on the object the fingers are."""
-        return self._tip_z() - self.lifted_m
+        return self._tip_z() - self._raised_m
 
     def _tip_z(self) -> float:
         return float(self.arm.true_pose().translation_m[2])
@@ -165,7 +176,7 @@ class KitchenTable(BlankFrames, Gripper):
 
     def _fall(self) -> None:
         if self.arm.t_s >= self.fall_at_s and not self.fallen:
-            self.fallen, self.lifted_m = True, 0.0
+            self.fallen, self._raised_m = True, 0.0
 
     def _carry(self) -> None:
         """The object goes with the fingers as long as friction carries it."""
@@ -173,6 +184,6 @@ class KitchenTable(BlankFrames, Gripper):
         friction = self.container.friction * (0.1 if self.arm.t_s >= self.slip_at_s else 1.0)
         holds = 2.0 * friction * self.force_N >= self.container.mass_kg * GRAVITY_M_S2
         if holds and self._held_z is not None:
-            self.lifted_m = max(0.0, self.lifted_m + z - self._held_z)
-        elif not holds and self.lifted_m > 0:
-            self.lifted_m = 0.0  # it drops back onto the table
+            self._raised_m = max(0.0, self._raised_m + z - self._held_z)
+        elif not holds:
+            self._raised_m = 0.0  # it drops back onto the table

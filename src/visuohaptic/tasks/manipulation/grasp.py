@@ -174,6 +174,17 @@ class GraspAndLiftTask(HandTask[GraspState]):
             return self._fail(GraspOutcome.NOTHING_THERE, "closed without reaching the force")
         return HandCommand(opening_m=0.0, finger_m_s=p.finger_m_s)
 
+    def weighs(self, t_s: float) -> bool:
+        """Up in the air, and before that for as long with nothing between the fingers.
+
+        Parameters
+        ----------
+        t_s
+            Time of the observation [s].
+        """
+        tares = self.state is GraspState.CLOSE and self.since_s(t_s) <= self.plan.hold_s
+        return tares or self.state is GraspState.CHECK
+
     def load_N(self) -> tuple[float, float]:
         """Weight felt while lifted beside before, and its standard deviation [N]; NaN where it was not felt."""
         felt = [np.array([v for v in one if math.isfinite(v)]) for one in (self._unloaded_N, self._loaded_N)]
@@ -222,4 +233,6 @@ def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLif
     task = GraspAndLiftTask(plan, *others)
     run_hand(hand, task)
     assert task.ending is not None
-    return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, *task.load_N())
+    load_N, noise_N = task.load_N()
+    sigma_N = math.hypot(noise_N, hand.weigh_scale * load_N)
+    return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, load_N, sigma_N)

@@ -30,6 +30,7 @@ class Hand:
     feel: Callable[[Frame], FingerTouch]
     #: downward load on the fingers at a frame [N], up to a constant; NaN when it was not read. ``None``: no sensor
     weigh: Callable[[Frame], float] | None = None
+    weigh_scale: float = 0.0  #: relative standard deviation of what that sensor takes for a newton
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,16 @@ class HandTask(Machine[StateT, HandObservation, HandCommand]):
         """Arm and fingers hold: what is in the hand stays there."""
         return HandCommand()
 
+    def weighs(self, t_s: float) -> bool:
+        """Whether the load is to be read at a time: pictures that nobody asks for are not read.
+
+        Parameters
+        ----------
+        t_s
+            Time of the observation [s].
+        """
+        return False
+
     def unread(self, seen: HandObservation, outcome: StrEnum, max_frames: int) -> bool:
         """End where too many frames in a row cannot be trusted.
 
@@ -104,7 +115,7 @@ def as_vector(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def run_hand(hand: Hand, task: Machine[Any, HandObservation, HandCommand]) -> None:
+def run_hand(hand: Hand, task: HandTask[Any]) -> None:
     """Step a task with every frame until it ends; arm and gripper then hold.
 
     Parameters
@@ -124,14 +135,14 @@ def run_hand(hand: Hand, task: Machine[Any, HandObservation, HandCommand]) -> No
     require_members(hand.source, FrameSource, task.task, "frame source", members=("__iter__",))
     run_machine(
         task,
-        (_observation(hand, frame) for frame in hand.source),
+        (_observation(hand, frame, task.weighs(frame.t_s)) for frame in hand.source),
         lambda command: _carry_out(hand, command),
         hand.gripper.stop,
         hand.arm.stop,
     )
 
 
-def _observation(hand: Hand, frame: Frame) -> HandObservation:
+def _observation(hand: Hand, frame: Frame, weighs: bool) -> HandObservation:
     reading = hand.feel(frame)
     _, pose = hand.arm.pose()
     return HandObservation(
@@ -142,7 +153,7 @@ def _observation(hand: Hand, frame: Frame) -> HandObservation:
         bool(reading.valid and math.isfinite(reading.force_N)),
         float(reading.force_N),
         float(reading.surface_m),
-        math.nan if hand.weigh is None else float(hand.weigh(frame)),
+        float(hand.weigh(frame)) if hand.weigh is not None and weighs else math.nan,
     )
 
 
