@@ -357,6 +357,17 @@ def test_neighbours_do_not_depend_on_the_order_of_views():
     assert {int(order[k]) for k in again} == set(first)
 
 
+def test_many_near_views_are_compared_with_independent_ones_and_few_with_what_there_is():
+    wide, independent, least = math.radians(60.0), math.radians(10.0), math.radians(4.0)
+    graph = view_graph([plane_frame(looking_down(x)) for x in np.tan(np.linspace(-wide / 2, wide / 2, 61))])
+    chosen = graph.neighbours(30, 4, independent, least)
+    assert graph.angle_rad[np.ix_([30, *chosen], chosen)][~np.eye(5, 4, -1, dtype=bool)].min() >= independent
+    # A sequence of 17 degrees has none that are independent of its middle, and some that are 4 degrees apart.
+    few = view_graph([plane_frame(looking_down(x)) for x in np.tan(np.radians(np.linspace(-8.5, 8.5, 18)))])
+    assert few.neighbours(9, 4, independent) == []
+    assert few.neighbours(9, 4, independent, least) == few.neighbours(9, 4, least) != []
+
+
 def test_space_of_interest_is_where_the_axes_meet(sequence):
     _, frames = sequence
     grid = space_of_interest(frames)

@@ -66,8 +66,8 @@ class EvidenceSettings:
     false_alarm_rate: float = 0.02  #: expected false parts of a search
     radius_m: float = 0.015  #: of the smallest object that is sought
     neighbours: int = 10  #: views that each one is compared with
+    independent_rad: float = math.radians(10.0)  #: between independent views; compared ones if there are so many
     min_angle_rad: float = math.radians(4.0)  #: between compared views: nearer ones see the same glass alike
-    independent_rad: float = math.radians(10.0)  #: between independent views
     max_wrong: float = 0.3  #: views with a larger fraction of contradicted rays are left out
 
     def __post_init__(self) -> None:
@@ -173,8 +173,10 @@ class EvidenceDetector:
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[tuple[DepthFrame, RayImage]], list[float]]:
         """Readings and weights of all views that have others to compare them with."""
         graph, settings = view_graph(frames), self.settings
-        near = [graph.neighbours(i, settings.neighbours, settings.min_angle_rad) for i in range(len(frames))]
-        noise = TrackedNoise.measured(frames, near, self.noise)
+        apart_rad = settings.independent_rad, settings.min_angle_rad
+        near = [graph.neighbours(i, settings.neighbours, *apart_rad) for i in range(len(frames))]
+        nearest = [graph.neighbours(i, 1, settings.min_angle_rad) for i in range(len(frames))]
+        noise = TrackedNoise.measured(frames, nearest, self.noise)
         views = [ViewDepth.of_frame(frame, noise) for frame in frames]
         read, weights = [], []
         for i, weight in enumerate(graph.weights(settings.independent_rad)):
