@@ -5,7 +5,7 @@ pose errors of 2 mm and 0.3 degrees per axis. A vessel is found where the centro
 grown by 15 mm; the position error is the horizontal distance of the nearest such centroid from the vessel's axis, for how
 much of the height is found is no error of place. ``false``: the same tables with opaque twins, black and shiny ones,
 and people who walk past; every region is false. ``filled``: vessels with water. Regions that belong to no vessel of a
-clear scene count as false, too.
+clear scene count as false, too. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
 
     python -m benchmarks.glass_evidence found false --seeds open --count 50 --cache scenes --report out.json
 
@@ -55,7 +55,11 @@ FAMILY = {
     "found": ("clear", (48, 24, 12, 8)),
     "filled": ("filled", (24, 12)),
     "false": ("opaque", (48, 24, 12, 8)),
+    "dense": ("clear", (120, 60, 30, 15)),
+    "dense_false": ("opaque", (120, 60, 30, 15)),
 }
+#: Campaigns whose views are those of a ring.
+RINGS = {"dense": {"ring": 120}, "dense_false": {"ring": 120}}
 #: Rates of false regions per scene that are asked for.
 RATES = (0.02, 0.1, 0.3)
 TOUCHED = {"clear_touch": vessel_figures, "objects": object_figures}
@@ -72,6 +76,10 @@ FOUND_LIMITS = {
     ("found", 8): (0.5, 0.75),
     ("filled", 24): (0.8, 0.95),
     ("filled", 12): (0.5, 0.8),
+    ("dense", 120): (0.97, 0.99),
+    ("dense", 60): (0.97, 0.99),
+    ("dense", 30): (0.9, 0.97),
+    ("dense", 15): (0.75, 0.9),
 }
 
 
@@ -146,7 +154,7 @@ def campaign(
             for variant in variants:
                 key = f"{seed} {count} {variant}"
                 if key not in done:
-                    whole = whole or sequence(family, seed, cache)
+                    whole = whole or sequence(family, seed, cache, **RINGS.get(name, {}))
                     done.put(key, detect(whole.views(count, **VARIANTS[variant])))
                 rows.append({"seed": seed, "views": count, "variant": variant, **done.rows[key]})
         print(f"{name}: seed {seed}, {len(rows)} runs", flush=True)

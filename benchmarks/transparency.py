@@ -41,7 +41,7 @@ from visuohaptic.reconstruction.transparency import (
     ray_image,
     refine_poses,
 )
-from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, ViewEvidence, reading_tables
+from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, RayEvidence, reading_tables
 from visuohaptic.reproduce.worlds import VOXEL_M, detected, judged, rendered
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
@@ -174,14 +174,13 @@ def speed() -> list[dict[str, Any]]:
     own, others = frames[-1], [frames[i] for i in (0, 2, 4, 6, 8, 10, 12, 14)]
     tracked = TrackedNoise(SENSOR_NOISE["simulated"])
     known = [ViewDepth.of_frame(frame, tracked) for frame in others]
-    sums = [np.zeros(grid.shape, np.float32) for _ in range(3)]
     detector = EvidenceDetector(grid)
 
     def weighed() -> None:
         rays = ray_image(ViewDepth.of_frame(own, tracked), known, tracked)
-        ViewEvidence.of_ratios(
-            own, 1.0, rays, detector.ratios(own, rays, reading_tables([rays.code])), 0.05
-        ).add(grid, *sums)
+        ratios = detector.ratios(own, rays, reading_tables([rays.code]))[None]
+        weights = np.ones(1, np.float32)
+        RayEvidence.of_ratios([own], weights, rays.limit_m[None], ratios, 0.05).sums(grid, count=True)
 
     rows: list[dict[str, Any]] = []
     for name, work in (("published", printed), ("consistency", weighed)):

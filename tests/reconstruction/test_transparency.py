@@ -39,6 +39,7 @@ from visuohaptic.reconstruction.transparency import (
 from visuohaptic.reconstruction.transparency._background_kernels import cast_rays, view_moments, warp_views
 from visuohaptic.reconstruction.transparency._ray_kernels import projector_shadow
 from visuohaptic.reconstruction.transparency.pose_refinement import common_sigma_m
+from visuohaptic.reconstruction.transparency.ray_readings import RayEvidence
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 CAMERA = Camera.simple(64, 48, 60.0)
@@ -357,6 +358,17 @@ def test_neighbours_do_not_depend_on_the_order_of_views():
     assert {int(order[k]) for k in again} == set(first)
 
 
+def test_many_near_views_are_compared_with_independent_ones_and_few_with_what_there_is():
+    wide, independent, least = math.radians(60.0), math.radians(10.0), math.radians(4.0)
+    graph = view_graph([plane_frame(looking_down(x)) for x in np.tan(np.linspace(-wide / 2, wide / 2, 61))])
+    chosen = graph.neighbours(30, 4, independent, least)
+    assert graph.angle_rad[np.ix_([30, *chosen], chosen)][~np.eye(5, 4, -1, dtype=bool)].min() >= independent
+    # A sequence of 17 degrees has none that are independent of its middle, and some that are 4 degrees apart.
+    few = view_graph([plane_frame(looking_down(x)) for x in np.tan(np.radians(np.linspace(-8.5, 8.5, 18)))])
+    assert few.neighbours(9, 4, independent) == []
+    assert few.neighbours(9, 4, independent, least) == few.neighbours(9, 4, least) != []
+
+
 def test_space_of_interest_is_where_the_axes_meet(sequence):
     _, frames = sequence
     grid = space_of_interest(frames)
@@ -425,3 +437,44 @@ def test_what_the_second_eye_does_not_have_in_its_image_is_no_evidence():
     assert detector.used == 12
     # Of one view a window holds several drop-outs of 0.3 % by chance, and no two views agree on one; strips together have 7.
     assert detector.evidence.max() < 3.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sums_of_evidence_are_those_of_every_voxel_by_itself(seed):
+    rng = np.random.default_rng([17, seed])
+    camera = Camera.simple(60, 44, 50.0)
+    eyes = [(0.5 * np.cos(a), 0.5 * np.sin(a), rng.uniform(0.1, 0.6)) for a in rng.uniform(0, 6, 5)]
+    # One camera is in the volume, and sees some of it behind itself.
+    poses = [Camera.pose_of_view(eye, (0.0, 0.0, 0.1)) for eye in (*eyes, (0.1, 0.05, 0.12))]
+    frames = [DepthFrame(0.0, np.ones((44, 60), np.float32), None, pose, camera) for pose in poses]
+    shape = (len(frames), 44, 60)
+    limit_m = np.where(rng.random(shape) < 0.9, rng.uniform(0.3, 0.9, shape), 0.0).astype(np.float32)
+    # Most of the images speaks against glass, so that some blocks are left out.
+    found = np.full(shape, -1.0, np.float32)
+    found[:, 16:26, 24:36] = rng.normal(0.5, 1.0, (len(frames), 10, 12))
+    reaching = (0.1 * found - 0.02).astype(np.float32)
+    weights = rng.uniform(0.3, 1.0, len(frames)).astype(np.float32)
+    grid = SpaceGrid.around((-0.2, -0.21, -0.1), (0.2, 0.2, 0.26), 0.013)
+    evidence, extent, seen = RayEvidence(frames, weights, limit_m, found, reaching).sums(grid, count=True)
+    points_m = grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool)))
+    truth = np.zeros((3, len(points_m)))
+    for k, pose in enumerate(poses):
+        local = pose.inverse().apply(points_m)
+        u, v = np.floor(camera.project(np.maximum(local, [-np.inf, -np.inf, 0.05])) + 0.5).astype(int).T
+        held = (local[:, 2] > 0.05) & (u >= 0) & (v >= 0) & (u < 60) & (v < 44)
+        at = v[held], u[held]
+        held[held] = local[held, 2] < limit_m[k][at]
+        at = v[held], u[held]
+        truth[:, held] += weights[k] * np.array([found[k][at], reaching[k][at], np.ones(held.sum())])
+    # A point on the edge of two pixels may fall to either, by single precision.
+    same = np.isclose(seen.ravel(), truth[2], atol=1e-5)
+    assert same.mean() > 0.999
+    either = ((truth[0] > 0) | (truth[1] > 0)) & same
+    assert either.any()
+    for ours, expected in zip((evidence.ravel(), extent.ravel()), truth[:2], strict=True):
+        assert np.isclose(ours, expected, atol=1e-4)[either].mean() > 0.999
+        # Elsewhere neither is positive, and what is told is no less than it is.
+        assert ((ours <= 1e-4) | either | ~same).all()
+        assert (ours >= expected - 1e-4)[same].mean() > 0.999
+    left_out = ~np.isclose(evidence.ravel(), truth[0], atol=1e-4) & same
+    assert left_out.sum() > 100

@@ -1,6 +1,7 @@
 """Seeded depth sequences of a table with thin clear vessels, and of the same table with opaque twins.
 
 A scene has 48 views; fewer are every second, fourth or sixth of them, so that all campaigns share what was rendered.
+Or it is seen from a level ring, by as many views as are asked for.
 Even seeds are open, odd ones closed; the kind of a scene goes with seed // 2, so that both halves have all kinds.
 """
 
@@ -40,8 +41,8 @@ class Layout:
     material: int  #: of the vessels
     objects: tuple[Revolved, ...]  #: opaque
     boxes: tuple[Box, ...]
-    T_world_camera: np.ndarray  #: (VIEWS, 4, 4)
-    walker_m: np.ndarray | None  #: foot of a person at each view, (VIEWS, 3)
+    T_world_camera: np.ndarray  #: (views, 4, 4)
+    walker_m: np.ndarray | None  #: foot of a person at each view, (views, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +117,14 @@ def _path(kind: str, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
     return np.array([_towards(eye + w + target, aim) for eye, w, aim in zip(eyes, wobble, aims, strict=True)])
 
 
+def _ring(count: int, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
+    """Poses all around the table at one height, as of a turntable."""
+    radius, height = rng.uniform(0.55, 0.7), rng.uniform(0.3, 0.42)
+    turn = middle_rad + 2 * np.pi * np.arange(count) / count
+    eyes = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(count, height)])
+    return np.array([_towards(eye, np.array([0, 0, 0.07])) for eye in eyes])
+
+
 def _places(
     count: int, rng: np.random.Generator, apart_m: float, taken: list[np.ndarray]
 ) -> list[np.ndarray]:
@@ -128,9 +137,9 @@ def _places(
     return found
 
 
-def layout(family: str, seed: int) -> Layout:
-    """What stands where, and the path of the camera."""
-    kinds = FAMILIES[family]
+def layout(family: str, seed: int, ring: int = 0) -> Layout:
+    """What stands where, and the path of the camera: a ring of so many views, past no wall, hand or person, or its own."""
+    kinds = [kind for kind in FAMILIES[family] if not ring or kind not in ("wall", "person", "hand")]
     kind = kinds[seed // 2 % len(kinds)]
     rng = _rng(family, seed, 0)
     middle = rng.uniform(-np.pi, np.pi)
@@ -168,9 +177,8 @@ def layout(family: str, seed: int) -> Layout:
         across = np.array([-view[1], view[0]])
         steps = np.linspace(-0.8, 0.8, VIEWS)[:, None]
         walker = np.column_stack([-rng.uniform(0.65, 0.8) * view + steps * across, np.full(VIEWS, -0.75)])
-    return Layout(
-        family, kind, seed, vessels, material, objects, (*boxes, *cartons), _path(kind, middle, rng), walker
-    )
+    poses = _ring(ring, middle, rng) if ring else _path(kind, middle, rng)
+    return Layout(family, kind, seed, vessels, material, objects, (*boxes, *cartons), poses, walker)
 
 
 def _beside(
@@ -219,10 +227,10 @@ def _fingerprint(scene: Layout, camera: DepthCamera) -> int:
 
 
 def sequence(
-    family: str, seed: int, cache: Path | None = None, camera: DepthCamera | None = None
+    family: str, seed: int, cache: Path | None = None, camera: DepthCamera | None = None, ring: int = 0
 ) -> GlassSequence:
-    """A rendered scene, from the folder ``cache`` where it is there."""
-    scene = layout(family, seed)
+    """A rendered scene, from the folder ``cache`` where it is there; from a ring of so many views, or its own path."""
+    scene = layout(family, seed, ring)
     camera = camera or DepthCamera()
     path = cache and cache / f"{family}_{seed:04d}_{_fingerprint(scene, camera):08x}.npz"
     if path and path.exists():

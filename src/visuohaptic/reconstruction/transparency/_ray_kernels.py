@@ -7,9 +7,13 @@ from numba import prange
 
 from ...core.kernels import kernel
 
-__all__ = ["add_evidence", "depth_deviation", "projector_shadow", "read_rays"]
+__all__ = ["EDGE", "depth_deviation", "projector_shadow", "read_rays", "sum_evidence", "tile_bounds"]
 
 UNKNOWN, SAME, FAR, NEAR, DROPPED = 0, 1, 2, 3, 4
+#: Edge of the blocks of voxels and of the tiles of pixels that share a bound.
+EDGE = 8
+#: Of how many voxels of a block a view says something.
+NO_VOXEL, SOME_VOXELS, EACH_VOXEL = 0, 1, 2
 
 
 @kernel(parallel=True)
@@ -226,48 +230,170 @@ def projector_shadow(predicted, focal_baseline, slack, shadow):
 
 
 @kernel(parallel=True)
-def add_evidence(limit, found, reaching, weight, motion, fx, fy, cx, cy, low, voxel, evidence, extent, seen):  # fmt: skip
-    """Add to every voxel the evidence of the ray that passes it before it ends.
+def tile_bounds(limits, found, reaching, nearest, farthest, most_found, most_reaching):
+    """Bounds of every tile of pixels: what :func:`sum_evidence` knows of a block of voxels before it looks at each.
 
     Parameters
     ----------
-    limit
-        Depth up to which each ray is evidence (h, w) [m]; 0: of nothing.
-    found, reaching
-        Evidence of each ray that glass is on it, and that it is here rather than beside (h, w) [nat].
-    weight
-        Of this view.
-    motion
-        ``T_camera_world`` (3, 4).
-    fx, fy, cx, cy
-        Focal lengths and principal point [px].
-    low, voxel
-        Lowest corner (3) and edge of a voxel [m].
-    evidence, extent, seen
-        Sums of each voxel (x, y, z): of both kinds of evidence [nat], and of the weights; changed.
+    limits, found, reaching
+        As of :func:`sum_evidence`.
+    nearest, farthest, most_found, most_reaching
+        Least and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across),
+        filled.
     """
-    rows, columns = limit.shape
-    nx, ny, nz = evidence.shape
+    views, rows, columns = limits.shape
+    down, across = nearest.shape[1:]
+    for n in prange(views):
+        for a in range(down):
+            for b in range(across):
+                least, most = np.float32(np.inf), np.float32(0)
+                top_found, top_reaching = np.float32(-np.inf), np.float32(-np.inf)
+                for i in range(a * EDGE, min((a + 1) * EDGE, rows)):
+                    for j in range(b * EDGE, min((b + 1) * EDGE, columns)):
+                        least, most = min(least, limits[n, i, j]), max(most, limits[n, i, j])
+                        if limits[n, i, j] > np.float32(0):
+                            top_found = max(top_found, found[n, i, j])
+                            top_reaching = max(top_reaching, reaching[n, i, j])
+                nearest[n, a, b], farthest[n, a, b] = least, most
+                most_found[n, a, b], most_reaching[n, a, b] = top_found, top_reaching
+
+
+@kernel
+def _block_sight(
+    m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, most_found, most_reaching
+):
+    """(whether a view says something of no, some or each voxel of a block, largest evidence of both kinds of one)."""
     half = np.float32(0.5)
-    for i in prange(nx):
-        x = low[0] + np.float32(voxel) * (np.float32(i) + half)
-        for j in range(ny):
-            y = low[1] + np.float32(voxel) * (np.float32(j) + half)
-            px = motion[0, 0] * x + motion[0, 1] * y + motion[0, 3]
-            py = motion[1, 0] * x + motion[1, 1] * y + motion[1, 3]
-            pz = motion[2, 0] * x + motion[2, 1] * y + motion[2, 3]
-            for k in range(nz):
-                w = low[2] + np.float32(voxel) * (np.float32(k) + half)
-                z = pz + motion[2, 2] * w
+    low_z, high_z = np.float32(np.inf), np.float32(-np.inf)
+    low_u, high_u, low_v, high_v = low_z, high_z, low_z, high_z
+    for p in range(8):
+        x = corner[0] + size[0] * np.float32(p & 1)
+        y = corner[1] + size[1] * np.float32(p >> 1 & 1)
+        w = corner[2] + size[2] * np.float32(p >> 2)
+        z = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
+        low_z, high_z = min(low_z, z), max(high_z, z)
+        if z > np.float32(0.05):
+            u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * w + m[0, 3]) / z + cx + half
+            v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * w + m[1, 3]) / z + cy + half
+            low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
+    top_found, top_reaching = np.float32(-np.inf), np.float32(-np.inf)
+    if high_z <= np.float32(0.05):
+        return NO_VOXEL, top_found, top_reaching
+    behind = low_z <= np.float32(0.051)
+    # Single precision: a pixel and a tenth of a millimetre more.
+    first_row = 0 if behind else int(min(max(low_v - 1, 0), rows)) // EDGE
+    first_column = 0 if behind else int(min(max(low_u - 1, 0), columns)) // EDGE
+    last_row = rows - 1 if behind else int(min(max(high_v + 1, -1), rows - 1))
+    last_column = columns - 1 if behind else int(min(max(high_u + 1, -1), columns - 1))
+    least, most = np.float32(np.inf), np.float32(0)
+    if last_row >= 0 and last_column >= 0:
+        for a in range(first_row, last_row // EDGE + 1):
+            for b in range(first_column, last_column // EDGE + 1):
+                least, most = min(least, nearest[a, b]), max(most, farthest[a, b])
+                top_found = max(top_found, most_found[a, b])
+                top_reaching = max(top_reaching, most_reaching[a, b])
+    slack = np.float32(1e-4)
+    if low_z - slack >= most:
+        return NO_VOXEL, top_found, top_reaching
+    inside = low_u >= 1 and low_v >= 1 and high_u < columns - 1 and high_v < rows - 1
+    if inside and not behind and high_z + slack < least:
+        return EACH_VOXEL, top_found, top_reaching
+    return SOME_VOXELS, max(top_found, np.float32(0)), max(top_reaching, np.float32(0))
+
+
+@kernel
+def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, first, shape, each, summed, counted, evidence, extent, seen):  # fmt: skip
+    """Add what one view says of the voxels of a block."""
+    rows, columns = limit.shape
+    half = np.float32(0.5)
+    for i in range(first[0], first[0] + shape[0]):
+        x = low[0] + voxel * (np.float32(i) + half)
+        for j in range(first[1], first[1] + shape[1]):
+            y = low[1] + voxel * (np.float32(j) + half)
+            px = m[0, 0] * x + m[0, 1] * y + m[0, 3]
+            py = m[1, 0] * x + m[1, 1] * y + m[1, 3]
+            pz = m[2, 0] * x + m[2, 1] * y + m[2, 3]
+            for k in range(first[2], first[2] + shape[2]):
+                w = low[2] + voxel * (np.float32(k) + half)
+                z = pz + m[2, 2] * w
                 if z <= np.float32(0.05):
                     continue
                 inverse = np.float32(1) / z
-                u = fx * (px + motion[0, 2] * w) * inverse + cx + half
-                v = fy * (py + motion[1, 2] * w) * inverse + cy + half
+                u = fx * (px + m[0, 2] * w) * inverse + cx + half
+                v = fy * (py + m[1, 2] * w) * inverse + cy + half
                 if not (u >= 0 and v >= 0 and u < columns and v < rows):
                     continue
                 a, b = int(v), int(u)
                 if z < limit[a, b]:
-                    evidence[i, j, k] += weight * found[a, b]
-                    extent[i, j, k] += weight * reaching[a, b]
-                    seen[i, j, k] += weight
+                    if summed:
+                        evidence[i, j, k] += weight * found[a, b]
+                        extent[i, j, k] += weight * reaching[a, b]
+                    if counted and not each:
+                        seen[i, j, k] += weight
+
+
+@kernel(parallel=True)
+def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, nearest, farthest, most_found, most_reaching, low, voxel, evidence, extent, seen):  # fmt: skip
+    """Sum over the views, for every voxel, the evidence of the ray that passes it before it ends.
+
+    Blocks of voxels in which no sum can be positive, by the bounds of the tiles that they are seen in, are not looked at.
+
+    Parameters
+    ----------
+    limits
+        Depth up to which each ray is evidence (n, h, w) [m]; 0: of nothing.
+    found, reaching
+        Evidence of each ray that glass is on it, and that it is here rather than beside (n, h, w) [nat].
+    weights
+        Of each view (n).
+    motions
+        ``T_camera_world`` (n, 3, 4).
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    nearest, farthest, most_found, most_reaching
+        Of :func:`tile_bounds`.
+    low, voxel
+        Lowest corner (3) and edge of a voxel [m].
+    evidence, extent
+        Sums of each voxel (x, y, z) of both kinds of evidence [nat], filled: where neither can be positive the bounds.
+    seen
+        Sum of the weights of each voxel (x, y, z), filled; of no size: not wanted.
+    """
+    views, rows, columns = limits.shape
+    nx, ny, nz = evidence.shape
+    by, bz = -(-ny // EDGE), -(-nz // EDGE)
+    counted, half = seen.size > 0, np.float32(0.5)
+    for block in prange(-(-nx // EDGE) * by * bz):
+        first, shape = np.empty(3, np.int64), np.empty(3, np.int64)
+        first[0], first[1], first[2] = block // (by * bz) * EDGE, block // bz % by * EDGE, block % bz * EDGE
+        corner, size = np.empty(3, np.float32), np.empty(3, np.float32)
+        for axis in range(3):
+            shape[axis] = min(EDGE, evidence.shape[axis] - first[axis])
+            corner[axis] = low[axis] + voxel * (np.float32(first[axis]) + half)
+            size[axis] = voxel * np.float32(shape[axis] - 1)
+        sight = np.empty(views, np.uint8)
+        bound, reach, whole = np.float32(0), np.float32(0), np.float32(0)
+        for n in range(views):
+            sight[n], most, wide = _block_sight(
+                motions[n], fx, fy, cx, cy, rows, columns, corner, size, nearest[n], farthest[n], most_found[n], most_reaching[n]
+            )  # fmt: skip
+            if sight[n] != NO_VOXEL:
+                bound += weights[n] * most
+                reach += weights[n] * wide
+            if sight[n] == EACH_VOXEL:
+                whole += weights[n]
+        summed = bound > 0 or reach > 0
+        for i in range(first[0], first[0] + shape[0]):
+            for j in range(first[1], first[1] + shape[1]):
+                for k in range(first[2], first[2] + shape[2]):
+                    evidence[i, j, k] = np.float32(0) if summed else bound
+                    extent[i, j, k] = np.float32(0) if summed else reach
+                    if counted:
+                        seen[i, j, k] = whole
+        for n in range(views):
+            each = sight[n] == EACH_VOXEL
+            if sight[n] != NO_VOXEL and (summed or (counted and not each)):
+                _add_view(
+                    limits[n], found[n], reaching[n], weights[n], motions[n], fx, fy, cx, cy, low, voxel, first, shape, each,
+                    summed, counted, evidence, extent, seen
+                )  # fmt: skip

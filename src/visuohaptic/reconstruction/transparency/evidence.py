@@ -40,10 +40,10 @@ from .outline_fit import OutlineView, UprightBody, fit_bodies
 from .ray_readings import (
     FAR,
     NEAR,
+    RayEvidence,
     RayImage,
     TrackedNoise,
     ViewDepth,
-    ViewEvidence,
     ray_image,
     reading_tables,
 )
@@ -66,8 +66,10 @@ class EvidenceSettings:
     false_alarm_rate: float = 0.02  #: expected false parts of a search
     radius_m: float = 0.015  #: of the smallest object that is sought
     neighbours: int = 10  #: views that each one is compared with
+    independent_rad: float = math.radians(
+        10.0
+    )  #: between independent views; compared ones if there are so many
     min_angle_rad: float = math.radians(4.0)  #: between compared views: nearer ones see the same glass alike
-    independent_rad: float = math.radians(10.0)  #: between independent views
     max_wrong: float = 0.3  #: views with a larger fraction of contradicted rays are left out
 
     def __post_init__(self) -> None:
@@ -93,14 +95,16 @@ class EvidenceDetector:
     grid: SpaceGrid
     noise: DepthNoise = SENSOR_NOISE["kinect"]
     settings: EvidenceSettings = field(default_factory=EvidenceSettings)
-    evidence: Float32[np.ndarray, "x y z"] = field(init=False)  #: that glass is here [nat]
-    extent: Float32[np.ndarray, "x y z"] = field(init=False)  #: that it is here rather than beside [nat]
+    evidence: Float32[np.ndarray, "x y z"] = field(init=False)  #: that glass is here, below 0 a bound [nat]
+    extent: Float32[np.ndarray, "x y z"] = field(init=False)  #: that it is not beside, likewise [nat]
     seen: Float32[np.ndarray, "x y z"] = field(init=False)  #: independent views that say anything of a voxel
     threshold: float = field(init=False)  #: evidence that founds a part [nat]
     look_alike: float = field(init=False, default=_LOOK_ALIKE)  #: fraction of windows that look like glass
     views: int = field(init=False, default=0)  #: views that were given
     skipped: Counter[str] = field(default_factory=Counter)  #: views that were not compared, by cause
-    _rays: list[ViewEvidence] = field(init=False)
+    _images: list[RayImage] = field(init=False)
+    _rays: RayEvidence = field(init=False)
+    _tables: Float32[np.ndarray, "kinds n"] = field(init=False)
     _outlines: list[OutlineView] = field(init=False)
     _inside: Bool[np.ndarray, "x y z"] = field(init=False)
     _found: tuple[TransparentRegion, ...] = field(init=False)
@@ -109,13 +113,15 @@ class EvidenceDetector:
         shape = self.grid.shape
         self.evidence, self.extent, self.seen = (np.zeros(shape, np.float32) for _ in range(3))
         self._inside = np.zeros(shape, dtype=bool)
-        self._rays, self._outlines, self._found = [], [], ()
+        none = np.zeros((0, 0, 0), np.float32)
+        self._rays, self._tables = RayEvidence((), none.ravel(), none, none, none), none.reshape(0, 0)
+        self._images, self._outlines, self._found = [], [], ()
         self.threshold = -math.log(self.settings.false_alarm_rate)
 
     @property
     def used(self) -> int:
         """Views that were compared with others."""
-        return len(self._rays)
+        return len(self._images)
 
     def run(self, frames: Sequence[DepthFrame]) -> None:
         """Compare every view with others, sum what its rays say, and take the parts that are found.
@@ -128,53 +134,68 @@ class EvidenceDetector:
         self.__post_init__()
         self.skipped.clear()
         self.views = len(frames)
-        read, weights = self._read(frames)
+        frames, weights = self._read(frames)
+        if not frames:
+            return
+        limit_m = np.stack([rays.limit_m for rays in self._images])
         whole, before = self.evidence, -1
-        while read and before < len(self._found):
+        while before < len(self._found):
             first, before = before < 0, len(self._found)
-            self._sum(read, weights, counted=[rays.limit_m > 0 for _, rays in read])
+            self._sum(frames, weights, limit_m, limit_m > 0, first=first)
             whole = self.evidence if first else whole
             strong = np.argwhere(self.evidence >= self.threshold)
             if before and len(strong):
                 # What is weaker than the parts that were taken, as a bowl of which the rim alone shows, hides less of itself.
                 there_m, voxel_m = self.grid.centres_m(strong), self.grid.voxel_m
-                self._sum(read, weights, counted=[~view.passed(there_m, voxel_m) for view in self._rays])
+                passed = np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(len(frames))])
+                self._sum(frames, weights, limit_m, (limit_m > 0) & ~passed)
             self._take()
         self.evidence = whole
 
     def _sum(
         self,
-        read: Sequence[tuple[DepthFrame, RayImage]],
-        weights: Sequence[float],
-        counted: Sequence[Bool[np.ndarray, "h w"]],
+        frames: Sequence[DepthFrame],
+        weights: Float32[np.ndarray, "n"],
+        limit_m: Float32[np.ndarray, "n h w"],
+        counted: Bool[np.ndarray, "n h w"],
+        *,
+        first: bool = False,
     ) -> None:
         """Sum what rays say that no part explains, by the rates without glass of those that are counted."""
-        tables = reading_tables(
-            [rays.code[some & (rays.limit_m > 0)] for (_, rays), some in zip(read, counted, strict=True)]
+        self._outlines = []
+        self._tables = reading_tables(
+            [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
         )
-        ratios = [self.ratios(frame, rays, tables) for frame, rays in read]
-        windows = [
-            ratio[rays.limit_m > 0][:: _STRIDE**2] for ratio, (_, rays) in zip(ratios, read, strict=True)
-        ]
+        ratios = np.stack(
+            [self.ratios(frame, rays, self._tables) for frame, rays in zip(frames, self._images, strict=True)]
+        )
+        windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, limit_m, strict=True)]
         self.look_alike = _mixing_fraction(np.concatenate(windows))
-        self._rays, self._outlines = [], []
-        self.evidence, self.extent, seen = (np.zeros(self.grid.shape, np.float32) for _ in range(3))
-        for (frame, rays), weight, ratio in zip(read, weights, ratios, strict=True):
-            view = ViewEvidence.of_ratios(frame, weight, rays, ratio, self.look_alike)
-            view.add(self.grid, self.evidence, self.extent, seen)
-            readings = [np.take(table, rays.code) for table in tables]
-            self._rays.append(view)
-            self._outlines.append(OutlineView.of_view(frame, readings, view.limit_m, self.noise, weight))
-        # What was explained was seen.
-        self.seen = np.maximum(self.seen, seen)
-        places = np.count_nonzero(self.seen) * self.grid.voxel_m**3 / (2 * self.settings.radius_m) ** 3
-        self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
+        self._rays = RayEvidence.of_ratios(frames, weights, limit_m, ratios, self.look_alike)
+        self.evidence, self.extent, seen = self._rays.sums(self.grid, count=first)
+        if first:
+            # What is explained later was seen.
+            self.seen = seen
+            places = np.count_nonzero(seen) * self.grid.voxel_m**3 / (2 * self.settings.radius_m) ** 3
+            self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
 
-    def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[tuple[DepthFrame, RayImage]], list[float]]:
-        """Readings and weights of all views that have others to compare them with."""
+    def _outline_views(self) -> list[OutlineView]:
+        """Outlines of all views by the present rates, once they are asked for."""
+        rays = self._rays
+        if not self._outlines:
+            views = zip(rays.frames, self._images, rays.limit_m, rays.weights.tolist(), strict=True)
+            for frame, image, limit_m, weight in views:
+                readings = [np.take(table, image.code) for table in self._tables]
+                self._outlines.append(OutlineView.of_view(frame, readings, limit_m, self.noise, weight))
+        return self._outlines
+
+    def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
+        """Views that have others to compare them with, and their weights; their readings are kept."""
         graph, settings = view_graph(frames), self.settings
-        near = [graph.neighbours(i, settings.neighbours, settings.min_angle_rad) for i in range(len(frames))]
-        noise = TrackedNoise.measured(frames, near, self.noise)
+        apart_rad = settings.independent_rad, settings.min_angle_rad
+        near = [graph.neighbours(i, settings.neighbours, *apart_rad) for i in range(len(frames))]
+        nearest = [graph.neighbours(i, 1, settings.min_angle_rad) for i in range(len(frames))]
+        noise = TrackedNoise.measured(frames, nearest, self.noise)
         views = [ViewDepth.of_frame(frame, noise) for frame in frames]
         read, weights = [], []
         for i, weight in enumerate(graph.weights(settings.independent_rad)):
@@ -186,9 +207,10 @@ class EvidenceDetector:
             if wrong > settings.max_wrong * max(float(np.count_nonzero(rays.reading)), 1.0):
                 self.skipped["too wrong"] += 1
                 continue
-            read.append((frames[i], rays))
-            weights.append(float(weight))
-        return read, weights
+            read.append(frames[i])
+            self._images.append(rays)
+            weights.append(weight)
+        return read, np.array(weights, np.float32)
 
     def ratios(
         self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
@@ -234,7 +256,7 @@ class EvidenceDetector:
         while best.max(initial=-np.inf) >= self.threshold:
             number = int(best.argmax())
             box = boxes[number]
-            evidence, extent = self._unexplained(box)
+            evidence, extent, _ = self._rays.sums(self._part_grid(box))
             left = (labels[box] == number + 1) & (extent > 0)
             peak = evidence[left].max(initial=-np.inf)
             # A part has the evidence that others leave of it.
@@ -286,7 +308,7 @@ class EvidenceDetector:
             return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         # Windows may look like glass by a common cause in all views that has no outline: shine, an edge.
-        bodies = fit_bodies(self._outlines, points_m, evidence[part])
+        bodies = fit_bodies(self._outline_views(), points_m, evidence[part])
         # What is thinner than the smallest object is a piece of a rim, whose middle is elsewhere.
         thick = (body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m)
         return [body for body in thick if body.evidence >= self.threshold]
@@ -300,8 +322,8 @@ class EvidenceDetector:
         grid = self.grid
         cells = np.argwhere(part) + [s.start for s in box]
         points_m, body_m = grid.centres_m(cells), body.points_m(grid.voxel_m)
-        for view in self._rays:
-            view.limit_m[view.passed(np.concatenate([points_m, body_m]), grid.voxel_m)] = 0.0
+        for k, limit_m in enumerate(self._rays.limit_m):
+            limit_m[self._rays.passed(k, np.concatenate([points_m, body_m]), grid.voxel_m)] = 0.0
         # Windows, as wide as the smallest object, show a body larger by half of them; a piece beyond it hangs in the air.
         piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
         own = np.bincount(piece, weights=body.contains(points_m, self.settings.radius_m))
@@ -314,19 +336,11 @@ class EvidenceDetector:
             self._inside[chosen] = True
             self._found += (region_of(cells, self.score()[chosen], grid, body),)
 
-    def _unexplained(
-        self, box: tuple[slice, ...]
-    ) -> tuple[Float32[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"]]:
-        """Evidence in a box of the volume of rays that no part explains."""
+    def _part_grid(self, box: tuple[slice, ...]) -> SpaceGrid:
+        """The voxels of a box of the volume."""
         nx, ny, nz = (int(s.stop - s.start) for s in box)
-        shape = (nx, ny, nz)
-        grid = SpaceGrid(
-            self.grid.low_m + self.grid.voxel_m * np.array([s.start for s in box]), shape, self.grid.voxel_m
-        )
-        evidence, extent, seen = (np.zeros(shape, np.float32) for _ in range(3))
-        for view in self._rays:
-            view.add(grid, evidence, extent, seen)
-        return evidence, extent
+        low_m = self.grid.low_m + self.grid.voxel_m * np.array([s.start for s in box])
+        return SpaceGrid(low_m, (nx, ny, nz), self.grid.voxel_m)
 
     def score(self) -> Float[np.ndarray, "x y z"]:
         """Probability that glass is in a voxel, with one place in the volume expected to hold some."""
@@ -353,10 +367,9 @@ class EvidenceDetector:
             threshold=self.threshold,
             regions=len(self._found),
         )
-        if found.found or not self._rays:
+        if found.found or not self._images:
             return found
-        frames = [view.frame for view in self._rays]
-        eye = next_eye(frames, self.grid, self.seen, self.look_alike, self.threshold)
+        eye = next_eye(self._rays.frames, self.grid, self.seen, self.look_alike, self.threshold)
         return replace(found, next_eye_m=eye)
 
 

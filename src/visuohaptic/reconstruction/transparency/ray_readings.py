@@ -267,61 +267,76 @@ def _beyond_second_eye(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ViewEvidence:
-    """What the rays of one view say."""
+class RayEvidence:
+    """What the rays of all views say."""
 
-    frame: DepthFrame
-    weight: float  #: part of an independent view
-    limit_m: Float32[np.ndarray, "h w"]  #: depth up to which each ray is evidence, 0: of nothing
-    found: Float32[np.ndarray, "h w"]  #: that glass is on it [nat]
-    reaching: Float32[np.ndarray, "h w"]  #: that it is here rather than beside [nat]
+    frames: Sequence[DepthFrame]  #: views of one camera
+    weights: Float32[np.ndarray, "n"]  #: part of an independent view that each one is
+    limit_m: Float32[np.ndarray, "n h w"]  #: depth up to which each ray is evidence, 0: of nothing
+    found: Float32[np.ndarray, "n h w"]  #: that glass is on it [nat]
+    reaching: Float32[np.ndarray, "n h w"]  #: that it is here rather than beside [nat]
 
     @classmethod
     def of_ratios(
         cls,
-        frame: DepthFrame,
-        weight: float,
-        rays: RayImage,
-        ratio: Float32[np.ndarray, "h w"],
+        frames: Sequence[DepthFrame],
+        weights: Float32[np.ndarray, "n"],
+        limit_m: Float32[np.ndarray, "n h w"],
+        ratios: Float32[np.ndarray, "n h w"],
         look_alike: float,
-    ) -> ViewEvidence:
-        """Evidence of the windows of a view.
+    ) -> RayEvidence:
+        """Evidence of the windows of views.
 
         Parameters
         ----------
-        frame, rays
-            View and its readings.
-        weight
-            Part of an independent view that it is.
-        ratio
-            Likelihood ratio of the window around every pixel (h, w).
+        frames
+            Views of one camera.
+        weights
+            Part of an independent view that each one is (n).
+        limit_m
+            Depth up to which each ray is evidence (n, h, w) [m]; not copied.
+        ratios
+            Likelihood ratio of the window around every pixel (n, h, w).
         look_alike
             Fraction of windows that look like glass anywhere.
         """
-        return cls(frame, weight, rays.limit_m, _log_ratio(ratio, look_alike), _log_ratio(ratio, _BESIDE))
+        return cls(frames, weights, limit_m, _log_ratio(ratios, look_alike), _log_ratio(ratios, _BESIDE))
 
-    def add(self, grid: SpaceGrid, evidence: np.ndarray, extent: np.ndarray, seen: np.ndarray) -> None:
-        """Add to the sums of a volume.
+    def sums(
+        self, grid: SpaceGrid, *, count: bool = False
+    ) -> tuple[Float32[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"], Float32[np.ndarray, "..."]]:
+        """Both kinds of evidence of every voxel [nat], and the weights of the views that say anything of it.
+
+        Where neither kind can be positive both are upper bounds of it.
 
         Parameters
         ----------
         grid
             Volume.
-        evidence, extent, seen
-            Sums (x, y, z), see :class:`EvidenceDetector`; changed.
+        count
+            Whether the weights are wanted, otherwise none are returned.
         """
-        from ._ray_kernels import add_evidence
+        from ._ray_kernels import EDGE, sum_evidence, tile_bounds
 
-        motion = self.frame.T_world_camera.inverse().matrix[:3].astype(np.float32)
-        images = self.limit_m, self.found, self.reaching, np.float32(self.weight)
-        place = grid.low_m.astype(np.float32), grid.voxel_m
-        add_evidence(*images, motion, *intrinsics(self.frame.camera), *place, evidence, extent, seen)
+        rays = self.limit_m, self.found, self.reaching
+        n, h, w = self.limit_m.shape
+        bounds = [np.empty((n, -(-h // EDGE), -(-w // EDGE)), np.float32) for _ in range(4)]
+        tile_bounds(*rays, *bounds)
+        views = np.array([frame.T_world_camera.inverse().matrix[:3] for frame in self.frames], np.float32)
+        sums = [np.empty(grid.shape if wanted else (0, 0, 0), np.float32) for wanted in (True, True, count)]
+        place = grid.low_m.astype(np.float32), np.float32(grid.voxel_m)
+        sum_evidence(*rays, self.weights, views, *intrinsics(self.frames[0].camera), *bounds, *place, *sums)
+        return sums[0], sums[1], sums[2]
 
-    def passed(self, points_m: Float[np.ndarray, "n 3"], voxel_m: float) -> Bool[np.ndarray, "h w"]:
-        """Rays that pass voxels.
+    def passed(
+        self, number: int, points_m: Float[np.ndarray, "n 3"], voxel_m: float
+    ) -> Bool[np.ndarray, "h w"]:
+        """Rays of a view that pass voxels.
 
         Parameters
         ----------
+        number
+            Of the view.
         points_m
             Centres (n, 3) of voxels in the world [m].
         voxel_m
@@ -329,10 +344,10 @@ class ViewEvidence:
         """
         import cv2
 
-        camera = self.frame.camera
-        local = self.frame.T_world_camera.inverse().apply(points_m)
+        camera = self.frames[number].camera
+        local = self.frames[number].T_world_camera.inverse().apply(points_m)
         local = local[local[:, 2] > 0.05]
-        found = np.zeros(self.limit_m.shape, np.uint8)
+        found = np.zeros(self.limit_m.shape[1:], np.uint8)
         fx, fy, cx, cy = intrinsics(camera)
         u = np.rint(fx * local[:, 0] / local[:, 2] + cx).astype(int)
         v = np.rint(fy * local[:, 1] / local[:, 2] + cy).astype(int)
@@ -358,9 +373,9 @@ def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndar
     return tables.reshape(len(_KINDS), -1)
 
 
-def _log_ratio(ratio: Float32[np.ndarray, "h w"], elsewhere: float) -> Float32[np.ndarray, "h w"]:
+def _log_ratio(ratio: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32[np.ndarray, "n h w"]:
     """Evidence of windows for glass here, against glass elsewhere on the ray with a probability [nat]."""
-    found: Float32[np.ndarray, "h w"] = np.log(
+    found: Float32[np.ndarray, "n h w"] = np.log(
         ((1 - _HIDDEN) * ratio + _HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
     ).astype(np.float32)
     return found

@@ -25,8 +25,11 @@ class ViewGraph:
     overlap: Float[np.ndarray, "n n"]  #: fraction of the points of a view (row) in the image of another
     angle_rad: Float[np.ndarray, "n n"]  #: median angle between both lines of sight at these points
 
-    def neighbours(self, index: int, count: int, min_angle_rad: float = 0.0) -> list[int]:
+    def neighbours(self, index: int, count: int, *apart_rad: float) -> list[int]:
         """Views to compare with one: nearest in angle for their overlap, all of them apart from each other.
+
+        Many views that are near each other look through the same glass at what is behind it, and together know no more of
+        that than one of them does.
 
         Parameters
         ----------
@@ -34,18 +37,19 @@ class ViewGraph:
             The view.
         count
             Maximum number of neighbours.
-        min_angle_rad
-            Angle between the view and its neighbours, and between these [rad]: nearer ones see the same glass alike.
+        apart_rad
+            Angle between the view and its neighbours, and between these [rad]: nearer ones see the same glass alike. Every
+            further, smaller one is for sequences of which the angles before leave too few views.
         """
         chosen: list[int] = []
         cost = self.angle_rad[index] / np.maximum(self.overlap[index], 1e-9)
-        for k in np.argsort(cost, kind="stable"):
-            if k == index or self.overlap[index, k] < _MIN_OVERLAP:
-                continue
-            if self.angle_rad[k, [index, *chosen]].min() >= min_angle_rad:
-                chosen.append(int(k))
-                if len(chosen) == count:
-                    break
+        usable = [k for k in np.argsort(cost, kind="stable") if self.overlap[index, k] >= _MIN_OVERLAP]
+        for least_rad in apart_rad or (0.0,):
+            for k in usable:
+                # No view is its own neighbour, nor anyone's twice.
+                away_rad = self.angle_rad[k, [index, *chosen]].min() if k not in (index, *chosen) else -1.0
+                if away_rad >= least_rad and len(chosen) < count:
+                    chosen.append(int(k))
         return chosen
 
     def weights(self, angle_rad: float) -> Float[np.ndarray, "n"]:
