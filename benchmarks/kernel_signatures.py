@@ -311,6 +311,7 @@ def run_worlds() -> None:
 def run_foam() -> None:
     """Edges of two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
     from visuohaptic.sensing.foam._chain_kernels import join
+    from visuohaptic.sensing.foam._light_kernels import local_medians, mean_between
     from visuohaptic.sensing.foam._posterior_kernels import foam_bands, shadow_odds
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions
     from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
@@ -320,6 +321,9 @@ def run_foam() -> None:
     rectify(grey, points_px, points_px, one_px, one_px, np.zeros(2, np.int64), now)
     front, states = np.full(2, 20.0), np.zeros((2, 4))
     foam_bands(now, rest, front, front, one_px, 1.0, seen, np.zeros((2, 9)))
+    for image in (now, rest):
+        mean_between(image, points_px, np.zeros((2, 1)))
+    local_medians(front, np.zeros((3, 2)))
     edges = front, front + 9.0, one_px
     shadow_odds(now, rest, np.ones((2, 6)), *edges, 1.0, 1.0, 1.0, seen, np.zeros((2, 7)))
     rules, pairs = (1.0, 0.0, 0.0), np.zeros((2, 2))

@@ -14,6 +14,7 @@ from visuohaptic.sensing.foam._posterior_kernels import (
     COV_REST,
     OWN,
     VAR_PRESSED,
+    _fit,
     foam_bands,
     shadow_odds,
 )
@@ -140,6 +141,26 @@ def test_smooth_textures_that_agree_by_chance_say_little(beyond) -> None:
         # Honest log-odds are wrong by more than 4 once in 55 points; three of 30 are rare, and pixels taken for
         # independent are wrong in ten.
         assert (texture > 4.0).sum() <= 3
+
+
+@pytest.mark.parametrize("shaded", [True, False])
+def test_the_fit_of_light_equals_plain_least_squares(shaded) -> None:
+    rng, first, last = np.random.default_rng(3), 4, 30
+    now, template = rng.uniform(20, 200, (5, 40)).astype(np.float32), rng.uniform(100, 180, (5, 40))
+    over, out = rng.uniform(0, 1, (5, 40)), rng.uniform(0, 1, (5, 40))
+    normal, solution, tau = np.empty((5, 5)), np.empty(5), (np.arange(40.0) - first) / 20.0
+    squares = _fit(now, template, over, out, first, last, 140.0, 0.8, shaded, normal, solution)
+    foam = 140.0 + 0.8 * (template - 140.0)
+    if shaded:
+        a, b, d = foam * (1 - over) * (1 - out), foam * over * (1 - out), 100.0 * out
+        terms = [a, b, b * tau, d, d * tau]
+    else:
+        terms = [foam * (1 - over), 100.0 * over, 100.0 * over * tau, foam * (1 - over) * tau]
+    part = slice(first, last + 1)
+    design, y = np.stack([one[:, part].ravel() for one in terms], axis=1), now[:, part].ravel()
+    found, left = np.linalg.lstsq(design, y, rcond=None)[:2]
+    np.testing.assert_allclose(solution[: len(terms)], found, rtol=1e-3, atol=1e-4)  # a ridge of a millionth
+    np.testing.assert_allclose(squares, left[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.25, 0.5])

@@ -7,7 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from visuohaptic.sensing.foam.uneven_light import SCATTER_POINTS, gap_shift_px
+from visuohaptic.sensing.foam._light_kernels import mean_between
+from visuohaptic.sensing.foam.uneven_light import SCATTER_POINTS, gap_shift_px, local_statistics
 
 POINTS, GAP_PX = 60, 1.5
 
@@ -41,3 +42,31 @@ def test_few_edges_at_rest_do_not_tell_a_gap_from_chance() -> None:
     found, sigma = _shift(SCATTER_POINTS - 1)
     assert not found.any()
     assert not sigma.any()
+
+
+def test_local_statistics_equal_those_of_each_window() -> None:
+    rng = np.random.default_rng(8)
+    values = np.where(rng.random(40) < 0.4, np.nan, rng.standard_normal(40))
+    values[:12] = np.nan
+    median, error, spread = local_statistics(values)
+    for k in range(40):
+        known = values[max(k - 4, 0) : k + 5]
+        known = known[np.isfinite(known)]
+        if len(known) == 0:
+            assert np.abs([median[k], error[k], spread[k]]).max() < 1e-300
+            continue
+        deviation = 1.4826 * np.median(np.abs(known - np.median(known)))
+        expected = np.median(known), deviation * np.sqrt(0.5 * np.pi / len(known)), np.ptp(known)
+        np.testing.assert_allclose((median[k], error[k], spread[k]), expected, atol=1e-12)
+
+
+def test_grey_levels_between_places_are_means_of_all_parallels() -> None:
+    image = np.random.default_rng(9).integers(0, 255, (3, 5, 20)).astype(np.uint8)
+    place, found = np.array([[2.2, 7.7, 7.9], [-4.0, 3.0, 50.0], [18.0, 25.0, 30.0]]), np.empty((3, 2))
+    mean_between(image, place, found)
+    expected = [
+        [image[0, :, 2:8].mean(), np.nan],
+        [image[1, :, :3].mean(), image[1, :, 3:].mean()],
+        [image[2, :, 18:].mean(), np.nan],
+    ]
+    np.testing.assert_allclose(found, expected)

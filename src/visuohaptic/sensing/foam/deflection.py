@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...tracking.contours.contour import SHARED_NOISE
+from ...tracking.contours.contour import SHARED_NOISE, quick_median
 from .material.foam_material import FoamMaterial
 from .posterior import DECAY_PER_WIDTH, REST_PX, EdgePosterior, EdgeStates
 from .profile import FoamContour, FoamReading
@@ -195,9 +195,9 @@ def with_cancelled_texture(
         return sigma_m
     # Second differences have six times the variance of a point, squares of a normal one a median of 0.455.
     bend = (delta_m[:-2] - 2.0 * delta_m[1:-1] + delta_m[2:])[middle]
-    scatter = float(np.median(bend**2)) / (6.0 * 0.455)
-    excess = scatter - float(np.median(noise_m[rest] ** 2))
-    left = np.clip(excess / max(float(np.median(texture[rest])), 1e-18), 0.0, None)
+    scatter = quick_median(bend**2) / (6.0 * 0.455)
+    excess = scatter - quick_median(noise_m[rest] ** 2)
+    left = np.clip(excess / max(quick_median(texture[rest]), 1e-18), 0.0, None)
     return np.sqrt(noise_m**2 + texture * (alike * left + (1.0 - alike)))
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...tracking.contours.contour import PIXEL_PX
+from ...tracking.contours.contour import PIXEL_PX, quick_median
 from ._chain_kernels import FOAM, OCCLUDER, SHADOW
+from ._light_kernels import mean_between
 from ._posterior_kernels import (
     COUNT,
     COV_PRESSED,
@@ -24,7 +25,7 @@ from ._posterior_kernels import (
 )
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
-from .uneven_light import neighbours, row_median
+from .uneven_light import local_statistics
 
 __all__ = ["ALIKE", "MAX_ODDS", "image_evidence"]
 
@@ -69,7 +70,7 @@ def image_evidence(
     step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
     front = np.where(seen, strip.front.position_px, rest_px) / step
     resting = rest_px / step
-    blur = float(np.hypot(strip.blur_px, PIXEL_PX) / np.median(step)) if np.isfinite(strip.blur_px) else 1.0
+    blur = math.hypot(strip.blur_px, PIXEL_PX) / quick_median(step) if np.isfinite(strip.blur_px) else 1.0
     bands = np.empty((len(seen), 9))
     slope = strip.front.slope * strip.across_px / step
     foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, bands)
@@ -82,13 +83,13 @@ def image_evidence(
         np.where(pressed, b[:, COV_PRESSED], b[:, COV_REST]),
         np.where(pressed, b[:, VAR_PRESSED], b[:, VAR_REST]),
     )
-    transfer = float(np.clip(np.median(cov) / max(float(np.median(var)), 1e-6), 0.0, 1.0))
+    transfer = min(max(quick_median(cov) / max(quick_median(var), 1e-6), 0.0), 1.0)
 
     def left(cov: Float[np.ndarray, "n"], var: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         return np.maximum(b[:, OWN] - 2.0 * transfer * cov + transfer**2 * var, 0.05)
 
     moved, fixed = left(b[:, COV_PRESSED], b[:, VAR_PRESSED]), left(b[:, COV_REST], b[:, VAR_REST])
-    variance = float(np.median(np.minimum(moved, fixed)))
+    variance = quick_median(np.minimum(moved, fixed))
     half = 0.5 * _INDEPENDENT * b[:, COUNT]
     odds = [
         np.clip(
@@ -153,9 +154,11 @@ def _shadow_evidence(
     texture, near, between, beyond, floor, misfit, alike = found.T
     # A point whose texture agrees by chance leaves residuals that look independent; its neighbours know better.
     known = np.isfinite(alike)
-    texture[known] /= row_median(neighbours(alike)[known])
+    texture[known] /= local_statistics(alike)[0, known]
     stop = int(0.9 * at.resting.min())
-    light, foam = float(np.nanmedian(gain)), zero.image[:, :, stop // 2 : stop].mean(axis=(1, 2))
+    light, foam = quick_median(gain[np.isfinite(gain)]), np.empty((len(gain), 1))
+    mean_between(zero.image, np.tile([float(stop // 2), float(stop)], (len(gain), 1)), foam)
+    foam = foam[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = np.hypot(_SAME_GREY * light * foam, math.sqrt(variance))
 
@@ -172,10 +175,8 @@ def _shadow_evidence(
         texture = np.where(clean, texture, np.minimum(texture, 0.0))
         levels = ALIKE * np.log(shaded / body)
     # A shadow's edge that crosses the strip changes the light from one point to some other beside it.
-    around = neighbours(np.log(np.maximum(gain, 1e-3)))
-    with np.errstate(invalid="ignore"):
-        change = np.fmax.reduce(around, axis=1) - np.fmin.reduce(around, axis=1)
-    lit = ALIKE * np.clip(0.5 * (np.nan_to_num(change) / _SAME_GREY) ** 2 - 3.0, -3.0, 3.0)
+    change = local_statistics(np.log(np.maximum(gain, 1e-3)))[2]
+    lit = ALIKE * np.clip(0.5 * (change / _SAME_GREY) ** 2 - 3.0, -3.0, 3.0)
     odds_shadow = (
         np.where(np.isfinite(near), lit, 0.0)
         + np.nan_to_num(texture)

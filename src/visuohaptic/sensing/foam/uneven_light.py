@@ -13,13 +13,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float, Int, Num
+from jaxtyping import Float, Num
 
 from ...tracking.contours.contour import PIXEL_PX
+from ._light_kernels import local_medians, mean_between
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["SCATTER_POINTS", "blur_excess_px2", "gap_shift_px", "light_shift_px", "neighbours", "row_median"]
+__all__ = ["SCATTER_POINTS", "blur_excess_px2", "gap_shift_px", "light_shift_px", "local_statistics"]
 
 #: Part a of the step that a shadow within the blur has: the squares of shifts by those of the blur are 0.05 to 0.19 over
 #: 1,300 places of shadows of 10 to 60 %.
@@ -71,9 +72,7 @@ def gap_shift_px(
         From :func:`blur_excess_px2`; that of edges at rest shows how uncertain it is.
     """
     ends = 2.0 * np.hypot(strip.lens_px, PIXEL_PX) + _PLATEAU_PX * np.array([0.0, 2.0])
-    place = (rest_px[:, None] + np.concatenate([-ends[::-1], ends])) / strip.step_px[:, None]
-    sums = _sums(zero.image)
-    (at_rest,) = _means((sums,), np.clip(np.rint(place), 0, sums.shape[1] - 1).astype(np.int64))
+    at_rest = _means(zero.image, rest_px[:, None] + np.concatenate([-ends[::-1], ends]), strip)
     contrast, beyond = strip.front.contrast, strip.front.level
     still = np.abs(strip.front.position_px - rest_px) < 1.0
     scatter = excess_px2[still & np.isfinite(excess_px2)]
@@ -113,71 +112,36 @@ def light_shift_px(
     blur = np.hypot(strip.lens_px, PIXEL_PX)
     ends = blur * 2.0 + _PLATEAU_PX * np.arange(3.0)
     floor = np.where(np.abs(front - rest_px) < 2.0 * blur, rest_px, np.nan)
-    sums = _sums(strip.image), _sums(zero.image)
     for edges in (front[:, None] - ends[::-1], floor[:, None] + ends):
-        place = np.rint(np.nan_to_num(edges / strip.step_px[:, None]))
-        now, rest = _means(sums, np.clip(place, 0, sums[0].shape[1] - 1).astype(np.int64))
+        now, rest = (_means(image, edges, strip) for image in (strip.image, zero.image))
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
         local.append(np.where(np.isfinite(step), step, np.nan))
-    (shadow, *steps), (error, *errors) = _local(np.array(local))
+    (shadow, error, _), *steps = (local_statistics(values) for values in local)
     variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.maximum(np.abs(shadow) - error, 0.0)
-    for step, error in zip(steps, errors, strict=True):
+    for step, error, _ in steps:
         variance += 0.125 * math.pi * blur**2 * np.maximum(step**2 - error**2, 0.0)
     result: Float[np.ndarray, "K"] = np.sqrt(np.nan_to_num(variance))
     return result
 
 
-def _sums(image: Num[np.ndarray, "K parallels samples"]) -> Float[np.ndarray, "K sums"]:
-    """Sums of the grey levels before each sample of a line, mean of its parallels."""
-    sums = np.zeros((image.shape[0], image.shape[2] + 1))
-    np.cumsum(image.mean(axis=1), axis=1, out=sums[:, 1:])
-    return sums
-
-
 def _means(
-    sums: tuple[Float[np.ndarray, "K sums"], ...], place: Int[np.ndarray, "K 3"]
-) -> list[Float[np.ndarray, "K 2"]]:
-    """Mean grey levels between three places of each line [samples]; NaN where there is none."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return [np.diff(np.take_along_axis(one, place, axis=1)) / np.diff(place) for one in sums]
+    image: Num[np.ndarray, "K parallels samples"], place_px: Float[np.ndarray, "K n"], strip: ObservedStrip
+) -> Float[np.ndarray, "K m"]:
+    """Mean grey levels between n = m + 1 places of each line; NaN where there is none."""
+    result = np.empty((len(place_px), place_px.shape[1] - 1))
+    mean_between(image, np.nan_to_num(place_px / strip.step_px[:, None]), result)
+    return result
 
 
-def _local(values: Float[np.ndarray, "n K"]) -> tuple[Float[np.ndarray, "n K"], Float[np.ndarray, "n K"]]:
-    """Median of each point and its neighbours, and its standard error by their scatter; zero where none is known."""
-    near = neighbours(values)
-    known = np.isfinite(near).sum(axis=-1)
-    median = row_median(near)
-    scatter = 1.4826 * row_median(np.abs(near - median[..., None]))
-    return median, scatter * np.sqrt(0.5 * math.pi / np.maximum(known, 1))
-
-
-def row_median(rows: Float[np.ndarray, "*K n"]) -> Float[np.ndarray, "*K"]:
-    """Median of the known values of each row; zero where there is none.
-
-    Parameters
-    ----------
-    rows
-        NaN where a value is not known.
-    """
-    known = np.isfinite(rows).sum(axis=-1)
-    # Sorting puts what is not known last.
-    middle = np.stack([np.maximum(known - 1, 0) // 2, known // 2 * (known > 0)], axis=-1)
-    result: Float[np.ndarray, "*K"] = np.take_along_axis(np.sort(rows, axis=-1), middle, axis=-1).mean(
-        axis=-1
-    )
-    return np.where(known > 0, result, 0.0)
-
-
-def neighbours(values: Float[np.ndarray, "*n K"]) -> Float[np.ndarray, "*n K 9"]:
-    """A point with four to either side; NaN beyond the ends.
+def local_statistics(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "3 K"]:
+    """Median of each point and four to either side, its standard error by their scatter, and their range.
 
     Parameters
     ----------
     values
-        One for each point.
+        One for each point, NaN where it is not known; where none of them is, the result is zero.
     """
-    padded = np.full((*values.shape[:-1], values.shape[-1] + 8), np.nan)
-    padded[..., 4:-4] = values
-    result: Float[np.ndarray, "*n K 9"] = np.lib.stride_tricks.sliding_window_view(padded, 9, axis=-1)
+    result = np.empty((3, len(values)))
+    local_medians(np.ascontiguousarray(values), result)
     return result

@@ -21,7 +21,7 @@ from ._refine_kernels import refine, start_on_edge
 from ._search_kernels import search
 from .lines import ConstraintLines
 
-__all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason"]
+__all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason", "quick_median"]
 
 #: Points to both sides over which the levels beside the edge are fitted together ...
 SHARED_POINTS = 10
@@ -256,13 +256,14 @@ class ContourTracker:
                 grey, lines.origin_px, lines.direction_px, np.asarray(lines.half_width_px), state, given,
                 *((2, 0.3) if start is last else (5, 1.0)), chosen.min_contrast, chosen.plateau_px,
             )  # fmt: skip
-            misfit = _median(state[:, columns.CHI2])
+            misfit = quick_median(state[:, columns.CHI2])
             if best is None or misfit < best[0]:
                 best = misfit, state, noise_var
-            height = _median(np.abs(state[:, columns.HIGH] - state[:, columns.LOW]))
+            height = quick_median(np.abs(state[:, columns.HIGH] - state[:, columns.LOW]))
             # Another focus or motion: positions would lag behind the blur, and poor fits never reach it.
             if misfit < 2.0 * noise_var + (_POOR * height) ** 2 and (
-                start is not last or abs(_median(state[:, columns.BLUR]) / _median(last) - 1.0) < _SAME_BLUR
+                start is not last
+                or abs(quick_median(state[:, columns.BLUR]) / quick_median(last) - 1.0) < _SAME_BLUR
             ):
                 break
         assert best is not None
@@ -321,8 +322,14 @@ _BLURS_PX, _POOR = (2.0, 3.5), 0.05
 PIXEL_PX = float(np.sqrt(1.0 / 12.0))
 
 
-def _median(values: Float[np.ndarray, "k"]) -> float:
-    """Median of a few dozen values: a tenth of the time of numpy's, which is made for axes and masks."""
+def quick_median(values: Float[np.ndarray, "k"]) -> float:
+    """Median of a few dozen values: a tenth of the time of numpy's, which is made for axes and masks.
+
+    Parameters
+    ----------
+    values
+        One or more, all known.
+    """
     ordered, count = np.sort(values), len(values)
     return 0.5 * float(ordered[(count - 1) // 2] + ordered[count // 2])
 

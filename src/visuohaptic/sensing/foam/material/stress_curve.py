@@ -129,7 +129,8 @@ class StressCurve:
         x = clipped - self.knots[piece]
         c = self.pieces[piece]
         value = c[..., 0] + x * (c[..., 1] + x * (c[..., 2] + x * c[..., 3]))
-        return value + self.slope(clipped) * np.maximum(strain - self.max_strain, 0.0)
+        slope = c[..., 1] + x * (2 * c[..., 2] + 3 * x * c[..., 3])
+        return value + slope * (strain - np.minimum(strain, self.max_strain))
 
     def slope(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Derivative of the stress by the strain [Pa]; that of zero strain below it.

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ....tracking.contours.contour import quick_median
+
 __all__ = ["ImageMotion", "fit_motion", "motion_basis"]
 
 #: Prior standard deviations of the motion [px]: shift x, shift y, and what rotation and scale do at
@@ -93,13 +95,14 @@ def fit_motion(
     prior = np.diag(1.0 / _PRIOR_PX**2)
     weight = np.where(usable, 1.0 / np.where(usable, sigma_px, 1.0) ** 2, 0.0)
     shift = np.where(usable, shift_px, 0.0)
-    residual = shift - np.median(shift[usable])
+    residual = shift - quick_median(shift[usable])
+    least = quick_median(sigma_px[usable])
     parameters = np.zeros(4)
     covariance = np.eye(4)
     scale = 0.0
     inlier = usable
     for _ in range(4):
-        scale = max(1.4826 * float(np.median(np.abs(residual[usable]))), float(np.median(sigma_px[usable])))
+        scale = max(1.4826 * quick_median(np.abs(residual[usable])), least)
         ratio = residual / (4.685 * scale)
         robust = np.where(np.abs(ratio) < 1.0, (1.0 - ratio**2) ** 2, 0.0) * weight
         normal = basis.T @ (robust[:, None] * basis) + prior

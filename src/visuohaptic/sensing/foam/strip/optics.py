@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Float32
 from ....core.camera.frame import Frame
 from ....core.camera.plane import PlaneView
 from ....core.errors import InputError
-from ....tracking.contours.contour import Contour, ContourSettings, ContourTracker, PointReason
+from ....tracking.contours.contour import Contour, ContourSettings, ContourTracker, PointReason, quick_median
 from ....tracking.contours.lines import ConstraintLines
 from ._rectify_kernels import rectify
 from ._reference import ImageMotion, fit_motion, motion_basis
@@ -243,13 +243,13 @@ class StripOptics:
         width = np.einsum("ki,ki->k", front_m - back_m, outward)
         skew_m = np.broadcast_to(front_slope * skew_sigma_px, width.shape)
         # Motion shifts all points alike; what one of them may move more than the others is its own.
-        common = float(np.nanmedian(skew_m))
+        common = quick_median(skew_m[np.isfinite(skew_m)]) if np.any(skew_sigma_px) else 0.0
         own = np.sqrt(np.maximum(skew_m**2 - common**2, 0.0))
         sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
         noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
         # The base is one rigid edge, placed by most of its points: a shadow beside some of them does not shift it.
-        back_px = float(np.median(encoded_shift_px(base.reference)[base.reference.valid]))
+        back_px = quick_median(encoded_shift_px(base.reference)[base.reference.valid])
         encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
             frame.t_s, base.reference, front, base.position_px, base_px, front_px, width, sigma, noise,
@@ -262,8 +262,8 @@ class StripOptics:
             base.motion,
             base.moved_px,
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
-            float(np.median(front.blur_px[front.valid])) if front.valid.any() else float("nan"),
-            float(np.median(base.reference.blur_px[base.reference.valid])),
+            quick_median(front.blur_px[front.valid]) if front.valid.any() else float("nan"),
+            quick_median(base.reference.blur_px[base.reference.valid]),
         )  # fmt: skip
 
     def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:

@@ -1,0 +1,80 @@
+"""Compiled statistics of grey levels along the lines and of neighbouring points; used by ``uneven_light.py``."""
+
+# mypy: disable-error-code="no-untyped-def, assignment"
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+#: Neighbours to either side.
+BESIDE = 4
+
+
+@kernel(nogil=True)
+def mean_between(image, place, result):
+    """Mean grey levels between neighbouring places of each line.
+
+    Parameters
+    ----------
+    image
+        Grey levels along the lines, (K, parallels, samples).
+    place
+        Places in rising order [samples]; clipped to the line, (K, n).
+    result
+        Filled, (K, n - 1); NaN where there is no sample.
+    """
+    parallels, samples = image.shape[1], image.shape[2]
+    for k in range(place.shape[0]):
+        for i in range(place.shape[1] - 1):
+            first = int(round(min(max(place[k, i], 0.0), samples)))
+            last = int(round(min(max(place[k, i + 1], 0.0), samples)))
+            total = 0.0
+            for lane in range(parallels):
+                for j in range(first, last):
+                    total += image[k, lane, j]
+            result[k, i] = total / (parallels * (last - first)) if last > first else math.nan
+
+
+@kernel(nogil=True)
+def _median(ordered, count):
+    """Median of the first values of an array, which are sorted in place."""
+    for i in range(1, count):
+        value, j = ordered[i], i
+        while j > 0 and ordered[j - 1] > value:
+            ordered[j] = ordered[j - 1]
+            j -= 1
+        ordered[j] = value
+    return 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2])
+
+
+@kernel(nogil=True)
+def local_medians(values, result):
+    """Median of each point and its neighbours, its standard error by their scatter, and their range.
+
+    Parameters
+    ----------
+    values
+        One for each point, NaN where it is not known, (K,).
+    result
+        Filled, (3, K); zero where nothing is known.
+    """
+    near = np.empty(2 * BESIDE + 1)
+    for k in range(len(values)):
+        count = 0
+        for j in range(max(k - BESIDE, 0), min(k + BESIDE + 1, len(values))):
+            if math.isfinite(values[j]):
+                near[count] = values[j]
+                count += 1
+        result[0, k], result[1, k], result[2, k] = 0.0, 0.0, 0.0
+        if count > 0:
+            middle = _median(near, count)
+            result[2, k] = near[count - 1] - near[0]
+            for i in range(count):
+                near[i] = abs(near[i] - middle)
+            result[0, k], result[1, k] = (
+                middle,
+                1.4826 * _median(near, count) * math.sqrt(0.5 * math.pi / count),
+            )
