@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..core.errors import InputError
+from ..core.files.plain_json import picked
 from ..core.resources import Closing
 from ..sensing.readers.load import load_reader
 from ..sensing.readers.sensor_reader import SensorReader
@@ -150,15 +151,5 @@ def check_sensor(section: SensorSection, reader: SensorReader[Any], path: Path, 
 
 def summary(reports: tuple[SensorReport, ...]) -> list[dict[str, Any]]:
     """Reports as plain data."""
-    return [
-        {
-            "name": report.name,
-            "frames": report.frames,
-            "reasons": dict(report.reasons),
-            "stale": report.stale,
-            "lost": report.lost,
-            "left_out": report.left_out,
-            "damaged": report.damaged,
-        }
-        for report in reports
-    ]
+    names = "name frames reasons stale lost left_out damaged"
+    return [picked(report, names) for report in reports]

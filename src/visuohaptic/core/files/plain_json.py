@@ -10,7 +10,7 @@ from enum import Enum
 from pathlib import PurePath
 from typing import Any
 
-__all__ = ["dumps", "plain"]
+__all__ = ["dumps", "picked", "plain"]
 
 
 def plain(value: Any) -> Any:
@@ -51,6 +51,24 @@ def plain(value: Any) -> Any:
     if callable(to_list := getattr(value, "tolist", None)):  # NumPy's arrays and numbers
         return plain(to_list())
     raise TypeError(f"a result has a value of type {type(value).__name__}, which JSON cannot hold")
+
+
+def picked(record: Any, names: str) -> dict[str, Any]:
+    """Some attributes of a record, plain.
+
+    Parameters
+    ----------
+    record
+        Anything with attributes.
+    names
+        Of the attributes, with blanks between.
+
+    Examples
+    --------
+    >>> picked(1.5 + 2.5j, "real imag")
+    {'real': 1.5, 'imag': 2.5}
+    """
+    return {name: plain(getattr(record, name)) for name in names.split()}
 
 
 def dumps(value: Any) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import Field
 
 from ...core.camera.pose import Pose
-from ...core.files.plain_json import dumps
+from ...core.files.plain_json import dumps, picked
 from ...deformation.maps.squeeze import squeeze
 from ...deformation.nonlinear.contents import Contents
 from ...deformation.shapes.load_shell import load_object
@@ -121,24 +121,12 @@ class GraspNode(Component):
             header = messages.header(self.host.node.now_s(), self._object.name)
             held = Pose.from_matrix(approach.T_object_gripper)
             self._pose.publish({"header": header, "pose": messages.pose(held)})
-        names = (
-            "score",
-            "rim",
-            "first_m",
-            "second_m",
-            "width_m",
-            "force_N",
-            "deformation_m",
-            "deformation_sigma_m",
-        )
-        grasps = [{name: getattr(grasp, name) for name in names} for grasp in plan.grasps]
+        names = "score rim first_m second_m width_m force_N deformation_m deformation_sigma_m"
+        grasps = [picked(grasp, names) for grasp in plan.grasps]
         return {"grasps": grasps, "reason": plan.reason, "notes": plan.notes}
 
     def squeeze(self) -> Mapping[str, Any]:
         """Force over deformation at half the height, up to ``squeeze_N``."""
         found = squeeze(self._object, force_N=self.parameters.squeeze_N, contents=self._contents())
-        own = ("stiffness_N_per_m", "stiffness_sigma_N_per_m", "buckling_force_N", "remarks")
-        answer = {name: getattr(found, name) for name in own}
-        return answer | {
-            name: getattr(found.curve, name) for name in ("deformation_m", "force_N", "complete")
-        }
+        own = picked(found, "stiffness_N_per_m stiffness_sigma_N_per_m buckling_force_N remarks")
+        return own | picked(found.curve, "deformation_m force_N complete")

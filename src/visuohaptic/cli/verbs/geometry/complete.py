@@ -13,6 +13,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ....core.files.plain_json import picked
+
 if TYPE_CHECKING:
     from ....core.camera.pose import Pose
     from ....reconstruction.body_completion import BodyCompletion
@@ -129,14 +131,7 @@ def _joined(
 
 def _planned(plan: TouchPlan) -> dict[str, Any]:
     """A planned touch as plain numbers."""
-    return {
-        "target_m": plan.target_m.tolist(),
-        "start_m": plan.start_m.tolist(),
-        "end_m": plan.end_m.tolist(),
-        "direction": plan.direction.tolist(),
-        "score": plan.score,
-        "sigma_m": plan.sigma_m,
-    }
+    return picked(plan, "target_m start_m end_m direction score sigma_m")
 
 
 def _check_reach(touches: Any, path: Any, model_m: Any, region_m: Any, pose: Any) -> None:

@@ -12,6 +12,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ....core.files.plain_json import picked
+
 __all__ = ["add_arguments", "run"]
 
 
@@ -41,9 +43,4 @@ def run(args: Any) -> dict[str, Any]:
         depth_scale_m=args.depth_scale_m,
         bit_rotation=args.bit_rotation,
     )
-    return {
-        "folder": str(found.folder),
-        "layout": found.layout,
-        "frames": found.frames,
-        "skipped": found.skipped,
-    }
+    return picked(found, "folder layout frames skipped")

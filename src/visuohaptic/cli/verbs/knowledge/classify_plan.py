@@ -13,6 +13,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ....core.files.plain_json import picked
+
 __all__ = ["add_arguments", "run"]
 
 
@@ -35,9 +37,7 @@ def run(args: Any) -> dict[str, Any]:
         plot_tree(args.plot, tree, found.data.of_classes(tree.classes, found.groups))
     args.report(tree_text(tree))
     return {
-        "classes": list(tree.classes),
-        "scheme": tree.scheme,
-        "loss": tree.loss,
+        **picked(tree, "classes scheme loss"),
         "scaling": [f"{axis}{height}" for height, axis in scaling_touches(tree.scheme)],
         "mean_touches": mean_touches(tree),
         "nodes": plan_rows(tree),

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+from ....core.files.plain_json import picked
 from ..._workers import add_worker_arguments, chosen_workers
 
 if TYPE_CHECKING:
@@ -136,18 +137,13 @@ def _objects(args: Any) -> dict[str, Any]:
     args.report(tree_text(tree))
     return {
         "out": str(args.out),
-        "classes": list(tree.classes),
         "objects": len(candidates),
-        "scheme": classifier.scheme,
-        "reuse": classifier.reuse,
-        "loss": tree.loss,
-        "loss_sigma": tree.loss_sigma,
-        "nested_loss": tree.nested_loss,
+        **picked(classifier, "scheme reuse"),
+        **picked(tree, "classes loss loss_sigma nested_loss"),
         "nodes": int(np.count_nonzero(tree.feature >= 0)),
         "features": [feature_name(k) for k in tree.features],
         "mean_touches": mean_touches(tree),
-        "temperature": model.temperature,
-        "unknown_log_odds": model.unknown_log_odds,
+        **picked(model, "temperature unknown_log_odds"),
         "seconds": time.perf_counter() - begin,
     }
 

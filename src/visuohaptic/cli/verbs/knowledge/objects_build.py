@@ -24,6 +24,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ....core.files.plain_json import picked
 from ..._workers import add_worker_arguments, chosen_workers
 
 __all__ = ["add_arguments", "run"]
@@ -58,10 +59,8 @@ def run(args: Any) -> dict[str, Any]:
         report = build(jobs, args.out, workers=workers, progress=advance)
     return {
         "folder": str(args.out),
-        "objects": report.objects,
-        "computed": report.computed,
+        **picked(report, "objects computed content_sha256"),
         "kept": report.objects - report.computed,
         "failed": [{"file": file, "reason": reason} for file, reason in report.failed],
-        "content_sha256": report.content_sha256,
         "seconds": time.perf_counter() - begin,
     }

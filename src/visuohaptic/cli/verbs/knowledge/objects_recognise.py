@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import Any
 
 from ....core.errors import InputError
+from ....core.files.plain_json import picked
 from ._objects import add_database, opened
 
 __all__ = ["add_arguments", "needs", "run"]
@@ -68,14 +69,7 @@ def run(args: Any) -> dict[str, Any]:
     return {
         "objects": len(prior),
         "candidates": [
-            {
-                "id": one.object_id,
-                "probability": one.probability,
-                "models": list(one.models),
-                "matches": one.matches,
-                "residual_m": one.residual_m if one.residual_m == one.residual_m else None,
-            }
-            for one in found
+            {"id": one.object_id, **picked(one, "probability models matches residual_m")} for one in found
         ],
         "models": model_probabilities(found),
     }

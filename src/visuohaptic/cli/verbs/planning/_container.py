@@ -11,7 +11,6 @@ if TYPE_CHECKING:
 __all__ = [
     "add_container_arguments",
     "add_contents_arguments",
-    "plain_number",
     "read_container",
     "read_contents",
 ]
@@ -98,17 +97,6 @@ def read_contents(args: Any) -> tuple[Contents | None, Any]:
         return None, "open"
     contents = Contents(fill=args.fill or 0.0)
     return contents, {"closed": True, "fill": contents.fill}
-
-
-def plain_number(value: float) -> float | None:
-    """A number as JSON has it: ``None`` where it is not finite.
-
-    Parameters
-    ----------
-    value
-        May be infinite.
-    """
-    return value if abs(value) < 1e300 else None
 
 
 def read_container(args: Any) -> ShellObject:

@@ -18,7 +18,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ._container import add_container_arguments, plain_number, read_container
+from ....core.files.plain_json import picked
+from ._container import add_container_arguments, read_container
 
 if TYPE_CHECKING:
     from ....grasping.grasp_task import Grasp, GraspTask
@@ -168,34 +169,15 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
     """
     said, way = grasp.confirmation, grasp.approach
     return {
-        "score": grasp.score,
-        "rim": grasp.rim,
-        "parts": grasp.parts,
-        "steadiness": grasp.steadiness,
-        "success": plain_number(grasp.success),
-        "work_J": plain_number(grasp.work_J),
+        **picked(grasp, "score rim parts steadiness success work_J"),
         "pose": None if way is None else way.T_object_gripper.tolist(),
         "open_width_m": None if way is None else way.open_width_m,
         "approach_elevation_rad": None if way is None else way.elevation_rad,
-        "first_m": grasp.first_m.tolist(),
-        "second_m": grasp.second_m.tolist(),
-        "direction": grasp.direction.tolist(),
-        "width_m": grasp.width_m,
-        "force_N": grasp.force_N,
-        "needed_N": grasp.needed_N,
-        "deformation_limit_N": plain_number(grasp.deformation_limit_N),
-        "spill_limit_N": plain_number(grasp.spill_limit_N),
-        "deformation_m": grasp.deformation_m,
-        "deformation_sigma_m": grasp.deformation_sigma_m,
-        "confirmed": None
-        if said is None
-        else {
-            "holds": said.holds,
-            "reason": said.reason,
-            "deformation_m": plain_number(said.deformation_m),
-            "slant_rad": said.slant_rad,
-            "pressed_out_m3": said.pressed_out_m3,
-        },
+        **picked(
+            grasp, "first_m second_m direction width_m force_N needed_N deformation_limit_N spill_limit_N"
+        ),
+        **picked(grasp, "deformation_m deformation_sigma_m"),
+        "confirmed": said and picked(said, "holds reason deformation_m slant_rad pressed_out_m3"),
     }
 
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ....core.files.plain_json import picked
+
 __all__ = ["add_arguments", "run"]
 
 
@@ -97,9 +99,7 @@ def describe(layers: Any, graph: Any) -> dict[str, Any]:
         "radius_m": layers.radius_m,
         "reachable_m2": float(reachable.sum() * area_m2),
         "widest_m": 2 * float(layers.distance_m[reachable].max()) if reachable.any() else None,
-        "components": graph.components,
-        "loops": graph.loops,
-        "nodes": graph.nodes,
+        **picked(graph, "components loops nodes"),
         "edges": len(graph.edges),
         "nodes_of_largest_component": int(sizes.max(initial=0)),
         "length_m": float(graph.edge_length_m.sum()),

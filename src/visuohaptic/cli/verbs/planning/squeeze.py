@@ -15,10 +15,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ....core.files.plain_json import picked
 from ._container import (
     add_container_arguments,
     add_contents_arguments,
-    plain_number,
     read_container,
     read_contents,
 )
@@ -73,22 +73,11 @@ def run(args: Any) -> dict[str, Any]:
     result: dict[str, Any] = {
         "object": str(args.object),
         "name": container.name,
-        "point_m": curve.point_m.tolist(),
-        "opposite_m": curve.opposite_m.tolist(),
-        "distance_m": found.distance_m,
+        **picked(curve, "point_m opposite_m"),
         "contents": inside,
-        "stiffness_N_per_m": found.stiffness_N_per_m,
-        "stiffness_sigma_N_per_m": found.stiffness_sigma_N_per_m,
-        "linear_to_N": plain_number(found.linear_to_N),
-        "buckling_force_N": plain_number(found.buckling_force_N),
-        "yield_force_N": plain_number(found.yield_force_N),
-        "yield_stress_Pa": plain_number(found.yield_stress_Pa),
-        "deformation_m": curve.deformation_m.tolist(),
-        "force_N": curve.force_N.tolist(),
-        "gauge_Pa": curve.gauge_Pa.tolist(),
-        "stress_Pa": curve.stress_Pa.tolist(),
-        "complete": curve.complete,
-        "reason": curve.reason,
+        **picked(found, "distance_m stiffness_N_per_m stiffness_sigma_N_per_m"),
+        **picked(found, "linear_to_N buckling_force_N yield_force_N yield_stress_Pa"),
+        **picked(curve, "deformation_m force_N gauge_Pa stress_Pa complete reason"),
         "notes": list(container.notes),
         "seconds": time.perf_counter() - begin,
     }

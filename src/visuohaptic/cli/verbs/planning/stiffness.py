@@ -18,10 +18,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ....core.files.plain_json import picked, plain
 from ._container import (
     add_container_arguments,
     add_contents_arguments,
-    plain_number,
     read_container,
     read_contents,
 )
@@ -88,12 +88,10 @@ def _described(args: Any, container: ShellObject, found: StiffnessMap, inside: A
         "object": str(args.object),
         "name": container.name,
         "material": container.material.name,
-        "youngs_modulus_Pa": container.material.youngs_modulus_Pa,
-        "poisson_ratio": container.material.poisson_ratio,
+        **picked(container.material, "youngs_modulus_Pa poisson_ratio"),
+        **picked(container, "height_m volume_m3 notes"),
         "thickness_m": thickness_m,
         "thickness_sigma_m": thickness_m * container.wall_spread,
-        "height_m": container.height_m,
-        "volume_m3": container.volume_m3,
         "contents": inside,
         "vertices": len(found.vertices_m),
         "faces": len(found.faces),
@@ -103,7 +101,6 @@ def _described(args: Any, container: ShellObject, found: StiffnessMap, inside: A
             "max": float(stiffness[use].max()),
         },
         "relative_sigma_median": None if args.no_sigma else float(np.nanmedian(sigma[use] / stiffness[use])),
-        "notes": list(container.notes),
     }
 
 
@@ -123,6 +120,6 @@ def _at(found: StiffnessMap, point_m: list[float]) -> dict[str, Any]:
         "asked_m": list(point_m),
         "point_m": place_m.tolist(),
         "distance_m": float(np.linalg.norm(place_m - target_m)),
-        "stiffness_N_per_m": plain_number(value),
-        "sigma_N_per_m": plain_number(sigma),
+        "stiffness_N_per_m": plain(value),
+        "sigma_N_per_m": plain(sigma),
     }

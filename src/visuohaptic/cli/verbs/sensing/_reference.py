@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+from ....core.files.plain_json import picked
 
 if TYPE_CHECKING:
     from ....report.comparison import ForceRecord
@@ -81,14 +82,6 @@ def reported(args: Any, run: ForceRecord, reference: ForceRecord) -> dict[str, A
         args.report(f"page written to {write_comparison(found, args.page)}")
     return {
         "reference": reference.name,
-        "compared": found.compared,
-        "read": found.read,
-        "offset_s": found.offset_s,
-        "offset_sigma_s": found.offset_sigma_s,
-        "bias_N": found.bias_N,
-        "rms_N": found.rms_N,
-        "gain": found.gain,
-        "rms_over_sigma": found.rms_over_sigma,
-        "coverage_90": found.coverage_90,
+        **picked(found, "compared read offset_s offset_sigma_s bias_N rms_N gain rms_over_sigma coverage_90"),
         "page": str(args.page) if args.page else None,
     }

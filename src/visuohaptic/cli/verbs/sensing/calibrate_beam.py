@@ -17,6 +17,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ....core.files.plain_json import picked
+
 __all__ = ["add_arguments", "run"]
 
 
@@ -63,10 +65,5 @@ def run(args: Any) -> dict[str, Any]:
     return {
         "out": str(args.out),
         "rows": len(record.load),
-        "residual_rms": found.residual_rms.tolist(),
-        "uncalibrated_rms": found.uncalibrated_rms.tolist(),
-        "explained": [None if value != value else float(value) for value in found.explained],
-        "sigma_percent": found.sigma_percent.tolist(),
-        "compliance": found.compliance.tolist(),
-        "notes": list(found.notes),
+        **picked(found, "residual_rms uncalibrated_rms explained sigma_percent compliance notes"),
     }

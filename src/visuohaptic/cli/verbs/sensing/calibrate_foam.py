@@ -13,6 +13,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ....core.files.plain_json import picked
+
 __all__ = ["add_arguments", "run"]
 
 
@@ -71,27 +73,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result = {
         "out": str(args.out),
         "plot": None if args.plot is None else str(args.plot),
-        "curve": args.curve,
-        "section": args.section,
-        "width_m": material.width_m,
-        "height_m": material.height_m,
+        **picked(args, "curve section"),
+        **picked(material, "width_m height_m residual_Pa working_strain densification_strain"),
         "points_loading": len(data.loading[0]),
         "points_unloading": len(data.unloading[0]),
-        "residual_Pa": material.residual_Pa,
-        "residual_spline_Pa": found.residual_spline_Pa,
-        "residual_cubic_Pa": None
-        if found.residual_cubic_Pa != found.residual_cubic_Pa
-        else found.residual_cubic_Pa,
-        "cubic_monotone": found.cubic_monotone,
-        "working_strain": list(material.working_strain),
-        "densification_strain": material.densification_strain,
-        "hysteresis_loss": found.hysteresis_loss,
+        **picked(found, "residual_spline_Pa residual_cubic_Pa cubic_monotone hysteresis_loss notes"),
         "tension_ratio": material.tension.ratio,
         "tension_sigma": material.tension.sigma,
         "tension_calibrated": material.tension.calibrated,
         "lateral_expansion": material.tension.lateral,
         "lateral_expansion_sigma": material.tension.lateral_sigma,
-        "notes": list(found.notes),
     }
     for line in _lines(result):
         args.report(line)

@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ....core.errors import InputError
+from ....core.files.plain_json import picked
 from ..._sensor_run import (
     Outputs,
     SensorRun,
@@ -208,11 +209,9 @@ def _summary(
     for name, value, sigma in zip(_AXES, max_load, noise, strict=True):
         args.report(f"{name:6} maximum {value:9.4f}, noise of a frame {sigma:.5f}")
     return {
-        "frames": done.frames,
-        "reasons": dict(done.reasons),
+        **picked(done, "frames reasons out"),
         "exact_frames": exact,
         "max": dict(zip(_AXES, max_load.tolist(), strict=True)),
-        "out": done.out,
     }
 
 

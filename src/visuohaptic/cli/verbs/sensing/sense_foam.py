@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+from ....core.files.plain_json import picked
 from ..._sensor_run import (
     SensorRun,
     add_run_arguments,
@@ -152,12 +153,9 @@ def _summary(args: Any, done: SensorRun, max_profile: ForceProfile | None) -> di
     if max_profile is not None:
         args.report(f"maximum force {_force(max_profile)} at {max_profile.t_s:.3f} s")
     return {
-        "frames": done.frames,
-        "reasons": dict(done.reasons),
-        "events": done.events,
+        **picked(done, "frames reasons events out"),
         "max_force_N": None if max_profile is None else max_profile.force_N,
         "max_force_sigma_N": None if max_profile is None else max_profile.force_sigma_N,
-        "out": done.out,
     }
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ....core.errors import InputError
+from ....core.files.plain_json import picked
 
 __all__ = ["add_arguments", "run"]
 
@@ -54,10 +55,6 @@ def run(args: Any) -> dict[str, Any]:
         "image": str(args.image),
         "width_m": width,
         "height_m": height,
-        "score": quality.score,
-        "corner_sigma_px": quality.corner_sigma_px,
-        "ambiguity": quality.ambiguity,
-        "features": quality.features,
-        "problems": list(quality.problems),
+        **picked(quality, "score corner_sigma_px ambiguity features problems"),
         "sheet_widths_m": sheet,
     }
