@@ -14,7 +14,9 @@ from visuohaptic.tasks.mobile import PushEnd, PushSettings, SteeredPush
 pytest.importorskip("mujoco")
 
 
-def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max_force_N=20.0):
+def push(
+    offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max_force_N=20.0, aside_m=np.inf
+):
     outline = box(2.0, 1.5, 0.3)
     item = FloorObject(
         "box", outline, mass, 0.3, contact_friction=contact_friction, centre_offset_m=(0.0, offset)
@@ -24,7 +26,7 @@ def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max
     run = SteeredPush(
         np.array([1.63, 1.5]), 0.0, length_m,
         object_m=world.item_pose_m("box") if seen else None, lever_m=lever,
-        settings=PushSettings(max_force_N=max_force_N),
+        settings=PushSettings(max_force_N=max_force_N, aside_m=aside_m),
     )  # fmt: skip
     while run.end is None:
         touch = world.touch
@@ -78,6 +80,13 @@ def test_the_control_is_that_of_riccatis_equation():
 def test_force_is_friction():
     run, world = push(0.0)
     assert run.force_N[1] == pytest.approx(world.items[0].friction_N, rel=0.15)
+
+
+def test_what_leaves_its_line_is_told_on_the_way():
+    run, world = push(0.04, aside_m=0.03)
+    assert run.end is PushEnd.ASTRAY
+    assert world.item_pose_m("box")[0] - 2.0 < 0.6
+    assert abs(world.item_pose_m("box")[1] - 1.5) == pytest.approx(0.03, abs=0.003)
 
 
 def test_ends():

@@ -53,6 +53,7 @@ class PushEnd(StrEnum):
     DONE = "done"  #: the object is where it was to go
     STALLED = "stalled"  #: the platform does not get on
     TURNED = "turned"  #: the object turns away
+    ASTRAY = "astray"  #: it is farther beside its line than where the plan declares that it ends
     LOST = "lost"  #: it is not touched any more
     MISSED = "missed"  #: it was never touched
     TIMED_OUT = "timed out"
@@ -76,6 +77,7 @@ class PushSettings:
     steer_max_rad: float = 0.35
     heading_gain_per_s: float = 3.0
     turn_limit_rad: float = 0.5  #: the object has turned away
+    aside_m: float = math.inf  #: of the object beside the line of the push: it will not end as declared
     lost_m: float = 0.06  #: driven without touch
     #: time with less than a quarter of the commanded distance: localisation wanders by some
     stall_s: float = field(default=3.0, metadata=POSITIVE)
@@ -270,6 +272,8 @@ class SteeredPush:
             return PushEnd.DONE
         if abs(self.turned_rad) > s.turn_limit_rad:
             return PushEnd.TURNED
+        if abs(self.moved_m[1]) > s.aside_m:
+            return PushEnd.ASTRAY
         assert self._last_touch is not None
         if float(np.hypot(*(pose_m[:2] - self._last_touch[:2]))) > s.lost_m:
             return PushEnd.LOST
