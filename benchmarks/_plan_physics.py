@@ -178,18 +178,23 @@ def _steered(world: World, push: Row) -> tuple[float, float]:
     """Distance from its goal [m] and turn [rad] of an object that is pushed as a plan is executed: seen, and steered by."""
     from visuohaptic.navigation.pushing import PushModel
     from visuohaptic.tasks.mobile import PushSettings, SteeredPush
+    from visuohaptic.tasks.mobile.travel.travel_pushes import ASIDE_SIGMAS
 
     at, robot = np.array(push["path_m"][0]), world.robot
     physics = FloorPhysics(world.walls, world.bodies, robot, at)
     heading = direction = float(np.arctan2(*push["displacement_m"][::-1]))
     body = world.bodies[0]
+    across = np.array([-np.sin(direction), np.cos(direction), 0.0])
+    aside_m = ASIDE_SIGMAS * float(np.sqrt(across @ np.array(push["end_covariance"]) @ across))
     run = SteeredPush(
         at.copy(),
         direction,
         float(np.hypot(*push["displacement_m"])),
         object_m=np.array([*body.centre_m, 0.0]),
         lever_m=PushModel.of_footprint(body.outline_m - body.centre_m).lever_m,
-        settings=PushSettings(robot.radius_m, robot.v_push_m_s, max_force_N=robot.push_force_max_N),
+        settings=PushSettings(
+            robot.radius_m, robot.v_push_m_s, max_force_N=robot.push_force_max_N, aside_m=aside_m
+        ),
     )
     for period in itertools.count():
         force_N, place = physics.touch

@@ -14,7 +14,9 @@ from visuohaptic.tasks.mobile import PushEnd, PushSettings, SteeredPush
 pytest.importorskip("mujoco")
 
 
-def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max_force_N=20.0):
+def push(
+    offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max_force_N=20.0, aside_m=np.inf
+):
     outline = box(2.0, 1.5, 0.3)
     item = FloorObject(
         "box", outline, mass, 0.3, contact_friction=contact_friction, centre_offset_m=(0.0, offset)
@@ -24,7 +26,7 @@ def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max
     run = SteeredPush(
         np.array([1.63, 1.5]), 0.0, length_m,
         object_m=world.item_pose_m("box") if seen else None, lever_m=lever,
-        settings=PushSettings(max_force_N=max_force_N),
+        settings=PushSettings(max_force_N=max_force_N, aside_m=aside_m),
     )  # fmt: skip
     while run.end is None:
         touch = world.touch
@@ -41,16 +43,50 @@ def test_it_turns_less_than_a_straight_push(offset):
     straight, other = push(offset, seen=False)
     assert steered.end is PushEnd.DONE
     assert abs(world.item_pose_m("box")[2]) < 0.5 * abs(other.item_pose_m("box")[2])
-    # Of the sign, and at least a third of the truth: what sticks to the rim tells less.
+    # Told by the motion, sticking or sliding; the lever is that of an even bottom, the box stands on feet.
     told = steered.centre_beside_m()
     assert told is not None
-    assert 0.3 < told / offset < 1.3
+    assert 0.85 < told / offset < 1.15
     assert straight.centre_beside_m() is None
+
+
+@pytest.mark.parametrize("offset", [-0.02, 0.01])
+def test_it_ends_where_it_is_to_go(offset):
+    """An object that is only kept from turning drifts aside by e / h of its way: 11 and 5 cm. Feet and a rim that creeps are
+    not in the model of the control: two fifths of that are left.
+    """
+    run, world = push(offset)
+    assert run.end is PushEnd.DONE
+    place = world.item_pose_m("box") - np.array([2.0, 1.5, 0.0])
+    assert abs(place[1]) < 0.4 * abs(offset) / 0.15 * 0.8
+    assert abs(place[2]) < np.deg2rad(1.5)
+    assert run.centre_beside_m() == pytest.approx(offset, rel=0.1)
+
+
+def test_the_control_is_that_of_riccatis_equation():
+    """Against the differential equation of the two-state push with a given slope, solved by quadrature of the adjoint."""
+    run = SteeredPush(np.zeros(2), 0.0, 0.5, lever_m=0.1)
+    left, largest, state = 0.4, 2.5, np.array([0.1, 0.03])
+    rates = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    found = run._controlled(state, rates, np.diag([0.0, 0.0, largest**-2]), left)
+    reach = np.array([1.0, left])
+    gramian = np.array([[left, left**2 / 2], [left**2 / 2, left**3 / 3]])
+    allowed = np.diag([run.settings.end_rad**2, run.settings.end_m**2]) / (largest**2 * 0.1)
+    end = np.array([state[0], state[1] + state[0] * left])
+    # Euler's steps of a tenth: the exact gain to some 15 %.
+    assert found == pytest.approx(-float(reach @ np.linalg.solve(gramian + allowed, end)), rel=0.2)
 
 
 def test_force_is_friction():
     run, world = push(0.0)
     assert run.force_N[1] == pytest.approx(world.items[0].friction_N, rel=0.15)
+
+
+def test_what_leaves_its_line_is_told_on_the_way():
+    run, world = push(0.04, aside_m=0.03)
+    assert run.end is PushEnd.ASTRAY
+    assert world.item_pose_m("box")[0] - 2.0 < 0.6
+    assert abs(world.item_pose_m("box")[1] - 1.5) == pytest.approx(0.03, abs=0.003)
 
 
 def test_ends():

@@ -1,17 +1,24 @@
-"""One straight push, steered so that the object does not turn away (Alt 2016, Sec. 4.3.1).
+"""One straight push, steered so that the object ends where it is to go, not turned (Alt 2016, Sec. 4.3.1).
 
-A round platform holds nothing sideways: pushed beside its centre of friction
-an object turns, which brings the contact still farther beside it. Per metre of
-the push the object turns by
+Symbols: y the object's centre of friction beside the line of the push (to the left), theta its turn, e the contact beside
+that centre, h the centre ahead of the contact, c the largest friction moment by force, w the slope of the force to the
+left of the object's axis, psi the platform's heading to the left of the push, r its radius. By metre of the push, on an
+ellipsoidal limit surface (Lee and Cutkosky 1991), whether the contact sticks or slides,
 
-    d theta / ds = -(e + h delta) / c^2
+    y' = theta + w,    theta' = -(e + h w) / c^2.
 
-with e the contact's distance beside the centre (to the left), h the centre's
-distance ahead of it, delta the angle of the drive to the left of the push and
-c the largest friction moment by force. The platform steers by
-delta = (c^2 K (theta + I) - e) / h, I the integral of theta, so that theta falls as
-exp(-K s) whether the contact sticks to the rim or slides along it. Where the
-centre of friction is follows from the same equation once the push is done.
+A rim that sticks goes aside by u = psi - theta + r psi' and rolls along the face as it turns:
+
+    w = (c^2 u - h e) / (c^2 + h^2),    e' = -r psi'.
+
+psi' is the control: the one with the least sum of squares of y and theta at the end by their tolerances, and of w, psi and
+r psi' on the way, each held at its largest over the length c counting as much (linear quadratic control of finite horizon,
+by Riccati's recursion from the end). To keep an object from turning alone, w = -e / h, lets it drift aside by e / h of its way.
+
+Where a face is oblique by more than friction holds, w stays at the edge of the friction cone. Then theta' is the control,
+of the same squares, and the platform heads so that the contact slides along the face until e = -c^2 theta' - h w.
+
+Where the centre of friction is follows from the same equations: e + h w + c^2 theta' is zero.
 """
 
 from __future__ import annotations
@@ -23,13 +30,19 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
-from ...core.geometry import wrap_angle
+from ...core.geometry import rotation_2d, wrap_angle
 from ...core.ranges import POSITIVE, check_ranges
+from ...navigation.pushing.push_failure import CENTRE_FRACTION
+from ...navigation.pushing.push_model import CONTACT_FRICTION
 from .force_guard import ForceGuard, GuardState
 
 __all__ = ["PushEnd", "PushSettings", "SteeredPush"]
 
 Pose = Float[np.ndarray, "3"]
+#: Way of an object from which its motion is told [m], and the error of a place that was seen [m].
+EXPLAINED_M, SEEN_M = 0.005, 0.003
+#: Steps of the recursion over what is left of a push: those of a metre are shorter than the lever of a box of 25 cm.
+STEPS = 10
 #: Readings after the first touch that are the foam's blow, not friction.
 FIRST_BLOW = 10
 
@@ -40,6 +53,7 @@ class PushEnd(StrEnum):
     DONE = "done"  #: the object is where it was to go
     STALLED = "stalled"  #: the platform does not get on
     TURNED = "turned"  #: the object turns away
+    ASTRAY = "astray"  #: it is farther beside its line than where the plan declares that it ends
     LOST = "lost"  #: it is not touched any more
     MISSED = "missed"  #: it was never touched
     TIMED_OUT = "timed out"
@@ -57,11 +71,13 @@ class PushSettings:
     search_m: float = field(default=0.12, metadata=POSITIVE)  #: of the drive without a touch
     touch_N: float = 1.0  #: force that counts as touch
     max_force_N: float = field(default=20.0, metadata=POSITIVE)  #: what the platform can push
-    turn_gain_per_m: float = 6.0  #: K
-    integral_per_m: float = 2.0  #: I grows by theta per metre times this
+    #: of the object at the end of a push, place [m] and turn: what a plan counts on
+    end_m: float = field(default=0.01, metadata=POSITIVE)
+    end_rad: float = field(default=0.026, metadata=POSITIVE)
     steer_max_rad: float = 0.35
     heading_gain_per_s: float = 3.0
     turn_limit_rad: float = 0.5  #: the object has turned away
+    aside_m: float = math.inf  #: of the object beside the line of the push: it will not end as declared
     lost_m: float = 0.06  #: driven without touch
     #: time with less than a quarter of the commanded distance: localisation wanders by some
     stall_s: float = field(default=3.0, metadata=POSITIVE)
@@ -111,7 +127,6 @@ class SteeredPush:
         self._offset = np.zeros(2) if offset_m is None else np.asarray(offset_m)
         self._lever_m = max(lever_m, 0.02)
         self._guard = ForceGuard(self.settings.max_force_N)
-        self._integral = 0.0
         self._touch_place: Pose | None = None
         self._last_touch: Pose | None = None
         self._last: tuple[float, Pose] | None = None
@@ -119,7 +134,9 @@ class SteeredPush:
         self._anchor: tuple[float, Pose] | None = None
         self._stalled = False
         self._forces: list[float] = []
-        self._arms: list[float] = []
+        self._arm_m2 = self._way_m = 0.0  #: integral of e + h w over the object's way, and that way
+        self._rim = self.settings.radius_m * self._ahead  #: where it is touched, from the platform's centre
+        self._explained: Pose | None = object_m  #: pose of the object until which they go
         self.end: PushEnd | None = None
 
     @property
@@ -159,11 +176,17 @@ class SteeredPush:
         return np.array([shift @ self._ahead, shift @ self._left])
 
     def centre_beside_m(self) -> float | None:
-        """Centre of friction to the left of where it was estimated, by the turn of the push [m]; ``None`` from a short one."""
-        ahead = float(self.moved_m[0])
-        if len(self._arms) < 50 or ahead < 0.08:
-            return None
-        return float(np.mean(self._arms)) + self._lever_m**2 * self.turned_rad / ahead
+        """Centre of friction to the left of where it was estimated, by the motion of the push [m]; ``None`` from a short one."""
+        return None if self._way_m < 0.08 else self._beside_m()
+
+    def _beside_m(self) -> float:
+        """Posterior mean of the same."""
+        if self._way_m <= 0.0:
+            return 0.0
+        seen = (self._arm_m2 + self._lever_m**2 * self.turned_rad) / self._way_m
+        noise = SEEN_M * self._lever_m / self._way_m
+        prior = CENTRE_FRACTION * self._lever_m
+        return seen * prior**2 / (prior**2 + noise**2)
 
     def command(
         self,
@@ -205,8 +228,11 @@ class SteeredPush:
             wanted = max(-0.3, min(0.3, -4.0 * beside))
             speed = s.approach_m_s if s.speed_m_s < s.approach_m_s else s.speed_m_s
         else:
-            wanted = self._steer(pose_m, heading, contact_m)
             speed = s.speed_m_s
+            if self._seen is not None:
+                return speed, max(-0.6, min(0.6, speed * self._turn_per_m(pose_m, heading, contact_m)))
+            beside = float((pose_m[:2] - self._stand) @ self._left)
+            wanted = max(-0.3, min(0.3, -4.0 * beside))
         error = wanted - heading
         if abs(error) > 0.5:
             self._anchor = (t_s, pose_m)
@@ -221,8 +247,6 @@ class SteeredPush:
         step = float(np.hypot(*(pose_m[:2] - self._last[1][:2])))
         if step > 0.004:
             self._last = (t_s, pose_m)
-            if self._touch_place is not None:
-                self._integral += s.integral_per_m * self.turned_rad * step
         passed_s = t_s - self._anchor[0]
         if passed_s >= s.stall_s:
             driven = float((pose_m[:2] - self._anchor[1][:2]) @ self._ahead)
@@ -248,29 +272,95 @@ class SteeredPush:
             return PushEnd.DONE
         if abs(self.turned_rad) > s.turn_limit_rad:
             return PushEnd.TURNED
+        if abs(self.moved_m[1]) > s.aside_m:
+            return PushEnd.ASTRAY
         assert self._last_touch is not None
         if float(np.hypot(*(pose_m[:2] - self._last_touch[:2]))) > s.lost_m:
             return PushEnd.LOST
         return PushEnd.STALLED if self._stalled else None
 
-    def _steer(self, pose_m: Pose, heading: float, contact_m: tuple[float, float] | None) -> float:
-        """Angle of the drive to the left of the push."""
-        s = self.settings
-        if self._seen is None:
-            beside = float((pose_m[:2] - self._stand) @ self._left)
-            return max(-0.3, min(0.3, -4.0 * beside))
-        cos, sin = math.cos(self._seen[2]), math.sin(self._seen[2])
-        aside = np.array(
-            [
-                cos * self._offset[0] - sin * self._offset[1],
-                sin * self._offset[0] + cos * self._offset[1],
-            ]
+    def _turn_per_m(self, pose_m: Pose, heading: float, contact_m: tuple[float, float] | None) -> float:
+        """Turn of the platform by metre of the push."""
+        assert self._seen is not None
+        assert self._first is not None
+        s, square = self.settings, self._lever_m**2
+        centre, turned = self._centre_m(self._seen), self.turned_rad
+        if contact_m is not None:
+            self._rim = np.array(contact_m) - pose_m[:2]
+        axis = rotation_2d(turned) @ self._ahead
+        off = centre - pose_m[:2] - self._rim
+        high = max(float(off @ axis), 0.05)
+        beside = float(axis[1] * off[0] - axis[0] * off[1])
+        self._explain(high, beside)
+        beside -= self._beside_m()
+        # The normal of a round rim points to where it is touched; what friction is counted on to hold of it does not.
+        slope = float(
+            (axis[0] * self._rim[1] - axis[1] * self._rim[0]) / max(self._rim @ axis, 0.5 * s.radius_m)
         )
-        rim = pose_m[:2] + s.radius_m * self._ahead if contact_m is None else np.array(contact_m)
-        off = self._seen[:2] + aside - rim
-        high = max(float(off @ self._ahead), 0.05)
-        beside = -float(off @ self._left)
-        # Counted from the estimated centre: what the angle of the drive adds to the arm.
-        self._arms.append(beside + high * heading)
-        wanted = (self._lever_m**2 * s.turn_gain_per_m * (self.turned_rad + self._integral) - beside) / high
-        return max(-s.steer_max_rad, min(s.steer_max_rad, wanted))
+        slope -= max(-CONTACT_FRICTION, min(CONTACT_FRICTION, slope))
+        left = max(self._length_m - float(self.moved_m[0]), EXPLAINED_M)
+        aside = float((centre - self._centre_m(self._first)) @ self._left)
+        if not slope:
+            return self._sticking(np.array([turned, aside, beside, heading]), high, left)
+        rates = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+        cost = np.diag([0.0, 0.0, (self._lever_m / CONTACT_FRICTION) ** 2])
+        rate = self._controlled(np.array([turned, aside + slope * left]), rates, cost, left)
+        slide = -(square * rate + high * slope + beside) / (0.5 * self._lever_m)
+        wanted = turned + slope * (1.0 + high**2 / square) + high * beside / square + slide
+        wanted = max(-s.steer_max_rad, min(s.steer_max_rad, wanted))
+        return (wanted - heading) * s.heading_gain_per_s / s.speed_m_s
+
+    def _sticking(self, state: Float[np.ndarray, "4"], high: float, left_m: float) -> float:
+        """psi' by theta, y, e and psi."""
+        s, square = self.settings, self._lever_m**2
+        aside = np.array([-1.0, 0.0, 0.0, 1.0, s.radius_m])  # u
+        beside = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+        slope = (square * aside - high * beside) / (square + high**2)  # w
+        rates = np.zeros((4, 5))
+        rates[0] = -(beside + high * aside) / (square + high**2)
+        rates[1] = slope
+        rates[1, 0] += 1.0
+        rates[2:, 4] = -s.radius_m, 1.0
+        cost = np.outer(slope, slope) / CONTACT_FRICTION**2
+        cost[3, 3] += 1.0 / s.steer_max_rad**2
+        cost[4, 4] += (s.radius_m / CONTACT_FRICTION) ** 2
+        return self._controlled(state, rates, cost, left_m)
+
+    def _controlled(
+        self,
+        state: Float[np.ndarray, "n"],
+        rates: Float[np.ndarray, "n m"],
+        cost: Float[np.ndarray, "m m"],
+        left_m: float,
+    ) -> float:
+        """Linear quadratic control of a state, theta and y first, by its rates and their cost; the control is the last."""
+        count, step = len(state), left_m / STEPS
+        move = np.eye(count, count + 1) + step * rates
+        cost = cost * (step / self._lever_m)
+        value = np.zeros((count, count))
+        value[0, 0], value[1, 1] = self.settings.end_rad**-2, self.settings.end_m**-2
+        for _ in range(STEPS):
+            both = cost + move.T @ value @ move
+            gain = both[count, :count] / both[count, count]
+            value = both[:count, :count] - np.outer(both[:count, count], gain)
+        return -float(gain @ state)
+
+    def _centre_m(self, object_m: Pose) -> Float[np.ndarray, "2"]:
+        """The estimated centre of friction of an object at a pose."""
+        cos, sin = math.cos(object_m[2]), math.sin(object_m[2])
+        x, y = self._offset
+        return object_m[:2] + np.array([cos * x - sin * y, sin * x + cos * y])
+
+    def _explain(self, high_m: float, beside_m: float) -> None:
+        """Arm of the force about the estimated centre, from the object's last motion."""
+        assert self._seen is not None
+        assert self._explained is not None
+        assert self._first is not None
+        step = self._centre_m(self._seen) - self._centre_m(self._explained)
+        way = float(step @ self._ahead)
+        if way < EXPLAINED_M:
+            return
+        slope_m = float(step @ self._left) - wrap_angle(float(self._seen[2] - self._first[2])) * way
+        self._arm_m2 += beside_m * way + high_m * slope_m
+        self._way_m += way
+        self._explained = self._seen
