@@ -52,7 +52,7 @@ def test_obj(text: str, said: str, tmp_path: Path) -> None:
     ("text", "said"),
     [
         (PLY.replace("3 0 1 3", "3 0 1 7"), "face 2 names vertex 7, expected 0 to 3"),
-        (PLY.replace("3 0 1 3\n", ""), "says 6 lines of elements, the file has 5"),
+        (PLY.replace("3 0 1 3\n", ""), "1 of 2 lines of face"),
         (PLY.replace("1 0 0", "1 zero 0"), "vertex 2 is '1 zero 0'"),
         (PLY.replace("3 0 1 3", "3 0 one 3"), "face 2 is '3 0 one 3', expected a count and vertex numbers"),
     ],

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -18,6 +18,7 @@ from jaxtyping import Int8
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.errors import InputError
+from ..core.ranges import POSITIVE, at_least, check_ranges, within
 from ..core.resources import Closing
 from ..core.robots import BaseState, FrameSource, MobileBase
 
@@ -46,36 +47,25 @@ class FaultKind(StrEnum):
     LOST_POSE = "lost_pose"
 
 
-def _check_fractions(where: object, **fractions: float) -> None:
-    for name, fraction in fractions.items():
-        if not 0.0 <= fraction <= 1.0:
-            raise InputError(type(where).__name__, f"found {fraction}, expected 0 to 1", field=name)
-
-
 @dataclass(frozen=True, slots=True)
 class FrameFaults:
     """What happens to frames; all off by default."""
 
-    drop: float = 0.0  #: share that never arrives
-    duplicate: float = 0.0  #: share that arrives twice
-    late: float = 0.0  #: share that arrives after its followers
-    late_frames: int = 3  #: by how many frames
+    drop: float = field(default=0.0, metadata=within(0, 1))  #: share that never arrives
+    duplicate: float = field(default=0.0, metadata=within(0, 1))  #: share that arrives twice
+    late: float = field(default=0.0, metadata=within(0, 1))  #: share that arrives after its followers
+    late_frames: int = field(default=3, metadata=at_least(1))  #: by how many frames
     bump_at_s: float = math.inf  #: the camera is knocked then, after the first frame's time
     bump_px: tuple[float, float] = (12.0, -7.0)
     bump_rad: float = 0.02
     light_at_s: float = math.inf  #: the light changes then
-    light_s: float = 0.5  #: and takes so long to change
+    light_s: float = field(default=0.5, metadata=POSITIVE)  #: and takes so long to change
     light_gain: float = 0.45
     light_offset: float = 5.0
     end_at_s: float = math.inf  #: the cable is pulled
 
     def __post_init__(self) -> None:
-        _check_fractions(self, drop=self.drop, duplicate=self.duplicate, late=self.late)
-        if self.late_frames < 1 or not self.light_s > 0:
-            raise InputError(
-                "FrameFaults",
-                f"found late_frames {self.late_frames}, light_s {self.light_s}, expected >= 1 and > 0",
-            )
+        check_ranges(self)
 
 
 def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
@@ -182,7 +172,10 @@ class PoseFaults:
     freeze_s: float = math.inf
     slip_at_s: float = math.inf  #: the wheels slip then: odometry counts on, the platform stays behind
     slip_s: float = 1.0
-    slip_fraction: float = 0.5  #: of the commanded speed that is lost
+    slip_fraction: float = field(default=0.5, metadata=within(0, 1))  #: of the commanded speed that is lost
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 class FaultyBase(MobileBase):
@@ -197,7 +190,6 @@ class FaultyBase(MobileBase):
     """
 
     def __init__(self, base: MobileBase, faults: PoseFaults) -> None:
-        _check_fractions(faults, slip_fraction=faults.slip_fraction)
         self._base, self.faults = base, faults
         self._start_s = base.state().t_s
         self._frozen: BaseState | None = None

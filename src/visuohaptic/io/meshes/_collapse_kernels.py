@@ -155,28 +155,8 @@ def stays(points: Any, faces: Any, head: Any, after: Any, a: int, b: int, place:
         face, k = corner // 3, corner % 3
         p, q = faces[face, (k + 1) % 3], faces[face, (k + 2) % 3]
         if faces[face, 0] >= 0 and p != b and q != b:
-            ox, oy, oz = across(
-                points[p, 0],
-                points[p, 1],
-                points[p, 2],
-                points[q, 0],
-                points[q, 1],
-                points[q, 2],
-                points[a, 0],
-                points[a, 1],
-                points[a, 2],
-            )
-            nx, ny, nz = across(
-                points[p, 0],
-                points[p, 1],
-                points[p, 2],
-                points[q, 0],
-                points[q, 1],
-                points[q, 2],
-                place[0],
-                place[1],
-                place[2],
-            )
+            ox, oy, oz = across(points, p, q, points[a, 0], points[a, 1], points[a, 2])
+            nx, ny, nz = across(points, p, q, place[0], place[1], place[2])
             old, new = np.sqrt(ox * ox + oy * oy + oz * oz), np.sqrt(nx * nx + ny * ny + nz * nz)
             longest, before = shape(points, p, q, points[a, 0], points[a, 1], points[a, 2])
             if old > SLIVER * longest and ox * nx + oy * ny + oz * nz < MIN_COSINE * old * new:
@@ -189,11 +169,10 @@ def stays(points: Any, faces: Any, head: Any, after: Any, a: int, b: int, place:
 
 
 @kernel
-def across(
-    px: float, py: float, pz: float, qx: float, qy: float, qz: float, x: float, y: float, z: float
-) -> tuple[float, float, float]:
+def across(points: Any, p: int, q: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Normal of a triangle, as long as twice its area."""
-    ux, uy, uz, vx, vy, vz = qx - px, qy - py, qz - pz, x - px, y - py, z - pz
+    ux, uy, uz = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1], points[q, 2] - points[p, 2]
+    vx, vy, vz = x - points[p, 0], y - points[p, 1], z - points[p, 2]
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 

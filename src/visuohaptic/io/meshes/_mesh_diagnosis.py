@@ -5,25 +5,23 @@ from __future__ import annotations
 import re
 import struct
 
-__all__ = ["diagnose", "first_zero_index", "missing_lines"]
+__all__ = ["diagnose", "first_zero_index"]
 
 
 def diagnose(kind: str, data: bytes) -> str:
-    """The first defect of an OBJ, PLY or STL file; empty where none is found.
+    """The first defect of an OBJ or STL file; empty where none is found.
 
     Only for files that could not be read: it walks through all lines.
 
     Parameters
     ----------
     kind
-        Suffix of the file, ``.obj``, ``.ply`` or ``.stl``.
+        Suffix of the file, ``.obj`` or ``.stl``.
     data
         The whole file.
     """
     if kind == ".obj":
         return _obj(data)
-    if kind == ".ply":
-        return _ply(data)
     if kind == ".stl":
         return _stl(data)
     return ""
@@ -73,55 +71,6 @@ def _obj(data: bytes) -> str:
     return ""
 
 
-def missing_lines(data: bytes) -> str:
-    """Say how many lines a text PLY lacks: it has one for each element that its header names.
-
-    Parameters
-    ----------
-    data
-        The whole file.
-    """
-    end = data.find(b"end_header")
-    head = data[: max(end, 0)].decode("ascii", "replace").splitlines()
-    if not any(line.split()[:2] == ["format", "ascii"] for line in head):
-        return ""
-    expected = sum(int(words[2]) for line in head if _is_element(words := line.split()))
-    # As many ends of lines as lines, the header's last one included; the very last may lack its own.
-    there = data.count(b"\n", end) - (1 if data.endswith(b"\n") else 0)
-    if b"\n" not in data[end:]:
-        there = data.count(b"\r", end) - (1 if data.endswith(b"\r") else 0)
-    return f"says {expected} lines of elements, the file has {there}" if there < expected else ""
-
-
-def _ply(data: bytes) -> str:
-    end = data.find(b"end_header")
-    if end < 0:
-        return "the header has no end_header"
-    head = data[:end].decode("ascii", "replace").splitlines()
-    if not any(line.split()[:2] == ["format", "ascii"] for line in head):
-        return ""
-    counts = {words[1]: int(words[2]) for line in head if _is_element(words := line.split())}
-    expected = counts.get("vertex", 0)
-    lines = data[end:].decode("ascii", "replace").splitlines()[1:]
-    if found := missing_lines(data):
-        return found
-    for number, line in enumerate(lines[:expected], 1):
-        words = line.split()
-        if len(words) < 3 or not all(_is_number(word) for word in words[:3]):
-            return f"vertex {number} is {_shown(words)}, expected three numbers"
-    for number, line in enumerate(lines[expected : expected + counts.get("face", 0)], 1):
-        words = line.split()
-        if not words or not all(word.lstrip("-").isdigit() for word in words[:4]):
-            return f"face {number} is {_shown(words)}, expected a count and vertex numbers"
-        corners = [int(word) for word in words[1 : 1 + int(words[0])]]
-        bad = [corner for corner in corners if not 0 <= corner < expected]
-        if bad:
-            return f"face {number} names vertex {bad[0]}, expected 0 to {expected - 1}"
-        if len(corners) < 3:
-            return f"face {number} has {len(corners)} corners, expected at least 3"
-    return ""
-
-
 def _stl(data: bytes) -> str:
     if data[:5].lower() == b"solid" or len(data) < 84:
         return "is neither a whole text STL nor a binary one" if len(data) < 84 else ""
@@ -136,10 +85,6 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _is_element(words: list[str]) -> bool:
-    return len(words) == 3 and words[0] == "element" and words[2].isdigit()
 
 
 def _shown(words: list[str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -58,7 +58,14 @@ def read_ply(path: Path | str) -> PlyMesh:
         The file is missing, damaged, or has vertices without finite x, y, z.
     """
     path = Path(path)
-    data = read_bytes(path, _MAX_FILE_BYTES)
+    mesh = parse_ply(path, read_bytes(path, _MAX_FILE_BYTES))
+    if not np.isfinite(mesh.vertices_m).all():
+        raise InputError(path, "has a vertex that is not finite")
+    return mesh
+
+
+def parse_ply(path: Path, data: bytes) -> PlyMesh:
+    """What a whole file says, vertices that are not finite included; ``path`` is for the messages."""
     try:
         kind, elements, place = _header(path, data)
         if kind == "ascii":
@@ -112,13 +119,34 @@ def _text_body(data: bytes, elements: list[_Element]) -> _Columns:
             if words := line.split():
                 rows.append(words)
         if any(length for _, _, length in element.properties):
-            found[element.name] = {"corners": _fans([_text_polygon(row, element) for row in rows])}
+            found[element.name] = _fans(_by_row(_text_polygon, rows, element))
         else:
-            table = np.array(rows, dtype=np.float64).reshape(len(rows), -1)
+            table = np.array(_by_row(_text_numbers, rows, element)).reshape(len(rows), -1)
             found[element.name] = {
                 name: table[:, column] for column, (name, _, _) in enumerate(element.properties)
             }
     return found
+
+
+def _by_row(
+    read: Callable[[list[str], _Element], np.ndarray], rows: list[list[str]], element: _Element
+) -> list[np.ndarray]:
+    """What each line of an element says; one that cannot be read is named as it is in the file."""
+    found = []
+    for number, words in enumerate(rows, 1):
+        try:
+            found.append(read(words, element))
+        except (ValueError, IndexError) as error:
+            said = f"{element.name} {number} is {' '.join(words)[:40]!r}, expected "
+            lists = any(length for _, _, length in element.properties)
+            raise ValueError(said + ("a count and vertex numbers" if lists else "numbers")) from error
+    return found
+
+
+def _text_numbers(words: list[str], element: _Element) -> np.ndarray:
+    if len(words) < len(element.properties):
+        raise ValueError
+    return np.array(words[: len(element.properties)], dtype=np.float64)
 
 
 def _text_polygon(words: list[str], element: _Element) -> np.ndarray:
@@ -128,7 +156,7 @@ def _text_polygon(words: list[str], element: _Element) -> np.ndarray:
         count = _list_length(int(words[place])) if length else 1
         place += 1 if length else 0
         if place + count > len(words):
-            raise ValueError(f"a line of {len(words)} words of {element.name}")
+            raise ValueError
         polygon = words[place : place + count] if name in _POLYGONS else polygon
         place += count
     return np.array(polygon, dtype=np.int64)
@@ -167,24 +195,29 @@ def _binary_lists(
         if place + kind.itemsize * element.count <= len(data):
             table = np.frombuffer(data, kind, element.count, place)
             if (table["n"] == 3).all():
-                return {"corners": table["at"].astype(np.int64)}, place + kind.itemsize * element.count
+                values = {"corners": table["at"].astype(np.int64), "number": np.arange(1, element.count + 1)}
+                return values, place + kind.itemsize * element.count
     polygons = []
     for _ in range(element.count):
         for name, code, length in element.properties:
             count = _list_length(int(np.frombuffer(data, order + length, 1, place)[0])) if length else 1
             place += np.dtype(length).itemsize if length else 0
-            values = np.frombuffer(data, order + code, count, place)
-            place += values.nbytes
+            found = np.frombuffer(data, order + code, count, place)
+            place += found.nbytes
             if name in _POLYGONS:
-                polygons.append(values.astype(np.int64))
-    return {"corners": _fans(polygons)}, place
+                polygons.append(found.astype(np.int64))
+    return _fans(polygons), place
 
 
-def _fans(polygons: list[np.ndarray]) -> Int[np.ndarray, "f 3"]:
+def _fans(polygons: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """Polygons as triangles, and the number of the polygon of each."""
     triangles = [
-        (polygon[0], polygon[k], polygon[k + 1]) for polygon in polygons for k in range(1, len(polygon) - 1)
+        (number, polygon[0], polygon[k], polygon[k + 1])
+        for number, polygon in enumerate(polygons, 1)
+        for k in range(1, len(polygon) - 1)
     ]
-    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    table = np.array(triangles, dtype=np.int64).reshape(-1, 4)
+    return {"corners": table[:, 1:], "number": table[:, 0]}
 
 
 def _assembled(path: Path, found: _Columns) -> PlyMesh:
@@ -192,11 +225,11 @@ def _assembled(path: Path, found: _Columns) -> PlyMesh:
     if not {"x", "y", "z"} <= set(vertex):
         raise InputError(path, "has no vertices with x, y and z")
     vertices = np.column_stack([vertex[axis] for axis in "xyz"]).astype(np.float64)
-    if not np.isfinite(vertices).all():
-        raise InputError(path, "has a vertex that is not finite")
-    faces = found.get("face", {}).get("corners", np.zeros((0, 3), np.int64))
-    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
-        raise InputError(path, f"has a face of vertex {faces.max()}, expected below {len(vertices)}")
+    face = found.get("face", {}) or _fans([])
+    faces = face["corners"]
+    for row, k in np.argwhere((faces < 0) | (faces >= len(vertices)))[:1]:
+        said = f"face {face['number'][row]} names vertex {faces[row, k]}, expected 0 to {len(vertices) - 1}"
+        raise InputError(path, said)
     colors = None
     if {"red", "green", "blue"} <= set(vertex):
         colors = np.column_stack([vertex[name] for name in ("red", "green", "blue")])

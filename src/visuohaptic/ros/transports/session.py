@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ...core.errors import DeviceError, InputError, MissingExtraError
+from ...core.ranges import check_ranges, within
 
 __all__ = ["RosOptions", "open_session", "shown_error"]
 
@@ -19,7 +20,7 @@ ROUTER = "tcp/127.0.0.1:7447"
 class RosOptions:
     """How a node joins; by default through a router on this machine, and never by multicast."""
 
-    domain: int = 0  #: ``ROS_DOMAIN_ID``
+    domain: int = field(default=0, metadata=within(0, 232))  #: ``ROS_DOMAIN_ID``
     namespace: str = "/"
     type_hashes: bool = True  #: no for Humble, which has none
     connect: tuple[str, ...] = (ROUTER,)  #: routers or peers; none = wait for others to connect
@@ -28,8 +29,7 @@ class RosOptions:
     patience_s: float = 3.0  #: wait so long for a router
 
     def __post_init__(self) -> None:
-        if not 0 <= self.domain <= 232:
-            raise InputError("RosOptions", f"found {self.domain}, expected 0 to 232", field="domain")
+        check_ranges(self)
 
 
 def shown_error(error: Exception) -> str:

@@ -8,11 +8,12 @@ Written from the design of rmw_zenoh (its ``docs/design.md``) as of Jazzy to Rol
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Self
 
 from ...core.errors import InputError
+from ...core.ranges import check_ranges, within
 
 __all__ = ["LATCHED", "Entity", "EntityKind", "Qos", "resolve_name", "topic_key"]
 
@@ -38,11 +39,10 @@ class Qos:
 
     reliable: bool = True
     latched: bool = False  #: late subscribers get the last messages (``TRANSIENT_LOCAL``)
-    depth: int = 10  #: messages that are kept
+    depth: int = field(default=10, metadata=within(1, 100_000))  #: messages that are kept
 
     def __post_init__(self) -> None:
-        if not 1 <= self.depth <= 100_000:
-            raise InputError("Qos", f"found {self.depth}, expected 1 to 100000", field="depth")
+        check_ranges(self)
 
     def key(self) -> str:
         """As in a token: what is as by default in rmw_zenoh is left out."""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ...core.errors import InputError
 from ...core.files import decode_image, encode_image
 from ...core.map_tasks import available_cores
+from ...core.ranges import NON_NEGATIVE, at_least, check_ranges, within
 from ._render_kernels import develop
 
 __all__ = ["CameraEffects", "in_bands"]
@@ -27,33 +27,32 @@ class CameraEffects:
     scale, then noise is added, then levels are clipped to 0..255 and rounded, then JPEG.
     """
 
-    blur_px: float = 0.8  #: standard deviation of the Gaussian point spread, on top of the pixel's square
-    noise_sigma: float = 0.0  #: standard deviation of the noise at level 0 [grey levels]
-    shot_noise: float = 0.0  #: variance that each grey level adds [grey levels^2 per level]
-    gain: float = 1.0  #: exposure; multiplies all levels
-    vignetting: float = 0.0  #: relative loss of light in the image's corner
+    blur_px: float = field(
+        default=0.8, metadata=NON_NEGATIVE
+    )  #: standard deviation of the Gaussian point spread, on top of the pixel's square
+    noise_sigma: float = field(
+        default=0.0, metadata=NON_NEGATIVE
+    )  #: standard deviation of the noise at level 0 [grey levels]
+    shot_noise: float = field(
+        default=0.0, metadata=NON_NEGATIVE
+    )  #: variance that each grey level adds [grey levels^2 per level]
+    gain: float = field(default=1.0, metadata=NON_NEGATIVE)  #: exposure; multiplies all levels
+    vignetting: float = field(
+        default=0.0, metadata=within(0, 1)
+    )  #: relative loss of light in the image's corner
     gradient_x: float = 0.0  #: relative change of light from the left to the right border
     gradient_y: float = 0.0  #: relative change of light from the top to the bottom border
     light: Callable[[float], float] | None = None  #: relative light over time [s]; 0 is darkness
-    exposure_s: float = 0.0  #: duration of exposure, centred on the row's time; 0 = no motion blur
-    exposure_samples: int = 4  #: images averaged over the exposure
-    jpeg_quality: int | None = None  #: 1..100; ``None`` = not compressed
+    exposure_s: float = field(
+        default=0.0, metadata=NON_NEGATIVE
+    )  #: duration of exposure, centred on the row's time; 0 = no motion blur
+    exposure_samples: int = field(default=4, metadata=at_least(1))  #: images averaged over the exposure
+    jpeg_quality: int | None = field(
+        default=None, metadata=within(1, 100)
+    )  #: 1..100; ``None`` = not compressed
 
     def __post_init__(self) -> None:
-        for name in ("blur_px", "noise_sigma", "shot_noise", "gain", "exposure_s"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError("CameraEffects", f"found {value}, expected >= 0", field=name)
-        if not 0 <= self.vignetting <= 1:
-            raise InputError("CameraEffects", f"found {self.vignetting}, expected 0..1", field="vignetting")
-        if self.exposure_samples < 1:
-            raise InputError(
-                "CameraEffects", f"found {self.exposure_samples}, expected >= 1", field="exposure_samples"
-            )
-        if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
-            raise InputError(
-                "CameraEffects", f"found {self.jpeg_quality}, expected 1..100", field="jpeg_quality"
-            )
+        check_ranges(self)
 
     def light_field(self, rows: int, columns: int) -> Float32[np.ndarray, "rows columns"]:
         """Relative light at each pixel by vignetting and gradient; empty when it is 1 everywhere.
