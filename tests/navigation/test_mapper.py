@@ -200,6 +200,26 @@ def test_the_covariance_of_a_match_covers_its_errors() -> None:
     assert 0.75 < np.mean(distances) < 3.5
 
 
+@pytest.mark.parametrize("cells_thick", [1, 4])
+def test_walls_of_any_thickness_locate_a_scan(cells_thick: int) -> None:
+    """Beams end on the faces of a wall, however much of it is filled in behind them."""
+    cells = np.full((100, 140), -1, np.int8)
+    cells[10 - cells_thick : 90 + cells_thick, 10 - cells_thick : 130 + cells_thick] = 100
+    cells[10:90, 10:130] = 0
+    low, high, pose = np.array([0.5, 0.5]), np.array([6.5, 4.5]), (2.0, 1.5, 0.3)
+    angle = np.linspace(-2.3, 2.3, 360)
+    beam = np.column_stack([np.cos(angle + pose[2]), np.sin(angle + pose[2])])
+    ranges = np.where(beam > 0, (high - pose[:2]) / beam, (low - pose[:2]) / beam).min(axis=1)
+    ranges += 0.01 * np.random.default_rng(0).standard_normal(len(ranges))
+    mapper = OccupancyMapper.from_map(OccupancyMap(cells, 0.05), (2.06, 1.45, 0.33), pose)
+    for turn in range(4):
+        match = mapper.locate(LaserScan(0.1 * turn, ranges, -2.3, 4.6 / 359), pose)
+    assert match.valid
+    # The face of a wall is half a cell before the middle of its cells.
+    assert np.abs(np.subtract(match.pose[:2], pose[:2])).max() < 0.025
+    assert abs(match.pose[2] - pose[2]) < math.radians(0.5)
+
+
 def test_a_map_that_exists_locates_a_platform_whose_wheels_slip() -> None:
     """Ten metres and more in a drawn house: wheels are off by decimetres, scans by less than a cell of 5 cm."""
     from visuohaptic.simulation.houses import LedPlatform, random_house

@@ -31,7 +31,6 @@ from .probe_chapters import zero_the_beam as zero_the_beam
 from .push_demo import SLOWLY as SLOWLY
 from .push_demo import DemoObject as DemoObject
 from .push_demo import DemoResult as DemoResult
-from .push_demo import DemoSample as DemoSample
 from .push_demo import run_demo as run_demo
 from .push_demo import show_obstacle as show_obstacle
 from .push_demo_report import annotated_push as annotated_push

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ..core.errors import InputError
-from ..core.measurement import EventKind
+from ..core.measurement import EventKind, ForceProfile
 from ..core.objects import HapticTag
 from ..core.robots import FrameSource
 from ..io.maps.occupancy_map import OccupancyMap
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..sensing.foam.strip.optics import ObservedStrip
     from ..viewer.page import LivePage
 
-__all__ = ["SLOWLY", "DemoObject", "DemoResult", "DemoSample", "run_demo", "show_obstacle"]
+__all__ = ["SLOWLY", "DemoObject", "DemoResult", "run_demo", "show_obstacle"]
 
 log = logging.getLogger(__name__)
 
@@ -55,18 +55,6 @@ SLOWLY = ExploreSettings(
 _TABLE_HEAD = f"{'time':>9}  {'true force':>11}  {'measured':>11}  {'sigma':>9}   event"
 
 
-@dataclass(frozen=True, slots=True)
-class DemoSample:
-    """One frame of a push."""
-
-    t_s: float
-    truth_N: float
-    measured_N: float
-    sigma_N: float
-    valid: bool
-    reason: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DemoObject:
     """One obstacle, what was measured, and what is true."""
@@ -74,7 +62,7 @@ class DemoObject:
     name: str
     path: ApproachPath
     exploration: ObstacleExploration
-    samples: tuple[DemoSample, ...]
+    samples: tuple[tuple[ForceProfile, float], ...]  #: what was read of every frame, and the true force [N]
     picture_bgr: UInt8[np.ndarray, "rows columns 3"] | None  #: the camera's view at the largest force
     strip: ObservedStrip | None  #: what the sensor saw in it
     end_pose: tuple[float, float, float]  #: of the obstacle in the world after the push
@@ -198,7 +186,7 @@ class _Push:
 
     def __init__(self, stage: _Stage, path: ApproachPath, seed: int) -> None:
         self.stage, self.path, self.seed = stage, path, seed
-        self.samples: list[DemoSample] = []
+        self.samples: list[tuple[ForceProfile, float]] = []
         self.best: tuple[float, UInt8[np.ndarray, "rows columns 3"], ObservedStrip] | None = None
         self.touching = False
 
@@ -243,16 +231,7 @@ class _Push:
 
     def _step(self, step: ExploreStep) -> None:
         profile, truth = step.profile, self.stage.world.truth.load_N
-        self.samples.append(
-            DemoSample(
-                profile.t_s,
-                truth,
-                profile.force_N,
-                profile.force_sigma_N,
-                profile.valid,
-                profile.reason.value,
-            )
-        )
+        self.samples.append((profile, truth))
         self.stage.recording.write_force(profile)
         self.stage.table.write(profile)
         if step.scene is not None:

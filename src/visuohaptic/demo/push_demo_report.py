@@ -28,14 +28,15 @@ def force_of_push(one: DemoObject) -> Figure:
     one
         The push.
     """
-    samples = one.samples
+    felt, truth_N = zip(*one.samples, strict=True)
     return force_over_time(
-        np.array([s.t_s for s in samples]),
-        np.array([s.measured_N for s in samples]),
-        np.array([s.sigma_N for s in samples]),
-        truth_N=np.array([s.truth_N for s in samples]),
-        valid=np.array([s.valid for s in samples]),
-        reasons=[s.reason for s in samples],
+        *(
+            np.array([getattr(profile, name) for profile in felt])
+            for name in ("t_s", "force_N", "force_sigma_N")
+        ),
+        truth_N=np.array(truth_N),
+        valid=np.array([profile.valid for profile in felt]),
+        reasons=[profile.reason.value for profile in felt],
         events=one.exploration.events,
     )
 

@@ -261,7 +261,7 @@ def _against_truth(one: DemoObject) -> list[Measure]:
             ("dynamic", tag.dynamic_friction_N, true.dynamic_friction_N),
         ):
             rows.append(Measure(f"{one.name}: {what} friction [N]", felt.value if felt else None, value))
-    errors = [s.measured_N - s.truth_N for s in one.samples if s.valid and s.truth_N > 0.1]
+    errors = [felt.force_N - true_N for felt, true_N in one.samples if felt.valid and true_N > 0.1]
     if errors:
         rms_N = float(np.sqrt(np.mean(np.square(errors))))
         rows.append(Measure(f"{one.name}: rms error of the force [N]", rms_N, None))
@@ -281,7 +281,7 @@ def _pictures(result: DemoResult, *objects: DemoObject) -> list[Illustration]:
                     f"{one.name}: what the camera sees at the largest force, and what is read from it",
                 )
             )
-        if not any(sample.truth_N > 0.05 for sample in one.samples):
+        if not any(true_N > 0.05 for _, true_N in one.samples):
             continue
         found.append(
             Illustration(

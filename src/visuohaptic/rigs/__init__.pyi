@@ -9,9 +9,12 @@ from .squeeze_rig import plot_squeeze as plot_squeeze
 from .squeeze_rig import squeeze as squeeze
 from .squeeze_rig import stiffness_N_per_m as stiffness_N_per_m
 from .virtual_beam import T_TIP_SENSOR as T_TIP_SENSOR
+from .virtual_beam import BeamCamera as BeamCamera
 from .virtual_beam import VirtualBeam as VirtualBeam
 from .virtual_beam import VirtualProbe as VirtualProbe
 from .virtual_beam import probe_beam as probe_beam
+from .virtual_beam import weighing_sensor as weighing_sensor
+from .virtual_beam import wrist_beam as wrist_beam
 from .virtual_beam import write_beam_example as write_beam_example
 from .virtual_crown_cap import CapSensor as CapSensor
 from .virtual_crown_cap import OpenerTrial as OpenerTrial

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 
 from ...core.errors import InputError
 from ...core.geometry import compose_2d, relative_2d
@@ -107,7 +108,8 @@ class OccupancyMapper:
         Parameters
         ----------
         grid
-            The map; its axes are those of its frame. Walls are taken to be in the middle of their cells.
+            The map; its axes are those of its frame. Walls are taken to be in the middle of those of their cells that
+            a beam can reach: what lies behind them, inside of a thick wall, is no place at which one ends.
         pose
             Of the scanner (x, y, yaw) in the map [m, rad].
         odometry
@@ -126,9 +128,9 @@ class OccupancyMapper:
         mapper._allocate(grid.shape)
         mapper._corner = np.array(grid.origin[:2])
         bound = mapper.settings.bound
-        occupied = grid.cells >= 50
-        mapper._log_odds[occupied], mapper._log_odds[grid.cells == FREE] = bound, -bound
-        mapper._count[occupied] = 1.0
+        occupied, free = grid.cells >= 50, grid.cells == FREE
+        mapper._log_odds[occupied], mapper._log_odds[free] = bound, -bound
+        mapper._count[occupied & ndimage.binary_dilation(free)] = 1.0
         rows, columns = np.indices(grid.shape)
         mapper._mean_row[:], mapper._mean_column[:] = rows + 0.5, columns + 0.5
         mapper._pose, mapper._odometry = pose, odometry

@@ -16,12 +16,15 @@ __all__ = [
     "FRESH_s",
     "Feeling",
     "camera_rules",
+    "clock_rules",
     "depth_rules",
-    "fresh_rule",
     "localizer_rules",
+    "rule",
     "touch_rules",
 ]
 
+#: What arrives, by what was commanded: a ramp of a quarter of the time takes an eighth of the way.
+LEAST, MOST = 0.5, 1.5
 #: A state is measured anew within this time: motion is stopped where it is not [s].
 FRESH_s = 0.2
 #: Depths and forces beyond these are in another unit: a room [m], a finger that touches nothing [N], [m].
@@ -43,6 +46,21 @@ class Feeling(Protocol):
         """
 
 
+def rule(promise: str, kept: object, found: str) -> tuple[str, str]:
+    """A rule, and what was found instead where it is broken.
+
+    Parameters
+    ----------
+    promise
+        What is promised.
+    kept
+        Whether it is kept.
+    found
+        What was found.
+    """
+    return promise, "" if kept else f"found {found}"
+
+
 def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tuple[str, str]:
     """Whether what is read is as new as stopping in time needs.
 
@@ -59,8 +77,30 @@ def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tu
         wait(FRESH_s)
         steps.append(time_s() - before)
     stale = [step for step in steps if not step > 0.0]
-    problem = f"found {len(stale)} of {len(steps)} readings no newer than {FRESH_s:g} s before"
-    return f"it is measured anew within {FRESH_s:g} s", problem if stale else ""
+    found = f"{len(stale)} of {len(steps)} readings no newer than {FRESH_s:g} s before"
+    return rule(f"it is measured anew within {FRESH_s:g} s", not stale, found)
+
+
+def clock_rules(
+    time_s: Callable[[], float], wait: Callable[[float], None], waited_s: float
+) -> Iterator[tuple[str, str]]:
+    """Unit and freshness of a clock: half to one and a half of what passes, and never an old reading.
+
+    Parameters
+    ----------
+    time_s
+        Reads the time of the newest measurement [s].
+    wait
+        Lets seconds pass.
+    waited_s
+        Over which the clock is compared [s].
+    """
+    before = time_s()
+    wait(waited_s)
+    passed = time_s() - before
+    found = f"{passed:.4g} s in its times while {waited_s:.4g} s passed"
+    yield rule("time advances, in seconds", LEAST * waited_s <= passed <= MOST * waited_s, found)
+    yield fresh_rule(time_s, wait)
 
 
 def camera_rules(camera: FrameSource) -> Iterator[tuple[str, str]]:
@@ -76,26 +116,26 @@ def camera_rules(camera: FrameSource) -> Iterator[tuple[str, str]]:
         frames.append(frame)
         if len(frames) == IMAGES or not isinstance(frame, Frame):
             break
-    yield "it has frames", "" if frames else "found none"
+    yield rule("it has frames", frames, "none")
     kinds = {type(frame).__name__ for frame in frames if not isinstance(frame, Frame)}
-    yield "they are of type Frame", f"found {kinds.pop()}" if kinds else ""
-    times = np.diff([frame.t_s for frame in frames])
-    yield (
-        "their times ascend, in seconds",
-        "" if ((times > 0) & (times < 10.0)).all() else f"found steps of {times.round(6).tolist()} s",
-    )
+    yield rule("they are of type Frame", not kinds, ", ".join(kinds))
+    yield _ascending([frame.t_s for frame in frames])
     numbers = [frame.index for frame in frames]
-    yield "their indices ascend", "" if (np.diff(numbers) > 0).all() else f"found {numbers}"
+    yield rule("their indices ascend", (np.diff(numbers) > 0).all(), f"{numbers}")
     sizes = {frame.image.shape for frame in frames}
-    yield "they are of one size", "" if len(sizes) == 1 else f"found {sorted(sizes)}"
+    yield rule("they are of one size", len(sizes) == 1, f"{sorted(sizes)}")
     model = camera.camera
     if model is not None:
         rows, columns = frames[0].image.shape[:2]
         size = (model.width, model.height)
-        yield (
-            "the camera's model is of that size",
-            "" if size == (columns, rows) else f"found {size} for images of {columns} x {rows}",
-        )
+        found = f"{size} for images of {columns} x {rows}"
+        yield rule("the camera's model is of that size", size == (columns, rows), found)
+
+
+def _ascending(times_s: list[float]) -> tuple[str, str]:
+    steps = np.diff(times_s)
+    found = f"steps of {steps.round(6).tolist()} s"
+    return rule("their times ascend, in seconds", ((steps > 0) & (steps < 10.0)).all(), found)
 
 
 def localizer_rules(
@@ -115,9 +155,9 @@ def localizer_rules(
         Move it.
     """
     start = localizer.locate()
-    yield "locate() is a MapPose", "" if isinstance(start, MapPose) else f"found {type(start).__name__}"
+    yield rule("locate() is a MapPose", isinstance(start, MapPose), type(start).__name__)
     numbers = (start.t_s, start.x_m, start.y_m, start.heading_rad)
-    yield "its numbers are finite", "" if np.isfinite(numbers).all() else f"found {start}"
+    yield rule("its numbers are finite", np.isfinite(numbers).all(), f"{start}")
     yield fresh_rule(lambda: localizer.locate().t_s, wait)
     if base is None or not motion:
         return
@@ -130,23 +170,16 @@ def localizer_rules(
     way_m = math.hypot(end.x_m - start.x_m, end.y_m - start.y_m)
     driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
     # Of 10 cm and half a radian: no other unit, axis or sense, whatever odometry and map differ by.
-    near = abs(way_m - driven_m) < 0.05
-    yield (
-        "it moves with the base, in metres",
-        "" if near else f"found {way_m:.4g} m, the base says {driven_m:.4g} m",
-    )
+    found = f"{way_m:.4g} m, the base says {driven_m:.4g} m"
+    yield rule("it moves with the base, in metres", abs(way_m - driven_m) < 0.05, found)
     turns = [wrap_angle(b.heading_rad - a.heading_rad) for a, b in ((start, end), (before, after))]
-    near = abs(turns[0] - turns[1]) < 0.2
-    yield (
-        "it turns with the base, in radians",
-        "" if near else f"found {turns[0]:.4g} rad, the base says {turns[1]:.4g} rad",
-    )
+    found = f"{turns[0]:.4g} rad, the base says {turns[1]:.4g} rad"
+    yield rule("it turns with the base, in radians", abs(turns[0] - turns[1]) < 0.2, found)
     course = wrap_angle(
         math.atan2(end.y_m - start.y_m, end.x_m - start.x_m) - 0.5 * (start.heading_rad + end.heading_rad)
     )
-    yield (
-        "it moves where its heading points",
-        "" if abs(course) < 0.5 else f"found a way {course:.3g} rad beside its heading",
+    yield rule(
+        "it moves where its heading points", abs(course) < 0.5, f"a way {course:.3g} rad beside its heading"
     )
 
 
@@ -166,23 +199,14 @@ def depth_rules(depth: DepthSource, wait: Callable[[float], None]) -> Iterator[t
         wait(FRESH_s)
     size = (depth.camera.height, depth.camera.width)
     shapes = {np.shape(image.depth_m) for image in images}
-    yield (
-        "its images are of the camera's size",
-        "" if shapes == {size} else f"found {sorted(shapes)}, expected {size}",
-    )
+    yield rule("its images are of the camera's size", shapes == {size}, f"{sorted(shapes)}, expected {size}")
     values = np.concatenate([np.ravel(np.asarray(image.depth_m, dtype=float)) for image in images])
     values = values[~np.isnan(values)]
-    yield "it measures something", "" if len(values) else "found NaN alone"
+    yield rule("it measures something", len(values), "NaN alone")
     wrong = values[(values <= 0.0) | (values > MAX_DEPTH_m)]
-    yield (
-        "its depths are in metres, NaN where not measured",
-        f"found {wrong[0]:.4g}, expected more than 0 and at most {MAX_DEPTH_m:g}" if len(wrong) else "",
-    )
-    steps = np.diff([image.t_s for image in images])
-    yield (
-        "their times ascend, in seconds",
-        "" if ((steps > 0) & (steps < 10.0)).all() else f"found steps of {steps.round(6).tolist()} s",
-    )
+    found = f"{next(iter(wrong), 0.0):.4g}, expected more than 0 and at most {MAX_DEPTH_m:g}"
+    yield rule("its depths are in metres, NaN where not measured", not len(wrong), found)
+    yield _ascending([image.t_s for image in images])
 
 
 def touch_rules(feel: Feeling, camera: FrameSource | None) -> Iterator[tuple[str, str]]:
@@ -195,7 +219,7 @@ def touch_rules(feel: Feeling, camera: FrameSource | None) -> Iterator[tuple[str
     camera
         Looks at the finger.
     """
-    yield "there is a camera that looks at it", "found no part 'camera'" if camera is None else ""
+    yield rule("there is a camera that looks at it", camera is not None, "no part 'camera'")
     assert camera is not None
     touches = []
     for frame in camera:
@@ -203,15 +227,11 @@ def touch_rules(feel: Feeling, camera: FrameSource | None) -> Iterator[tuple[str
         if len(touches) == IMAGES:
             break
     for name in ("valid", "force_N", "surface_m"):
-        missing = [touch for touch in touches if not hasattr(touch, name)]
-        yield f"what it feels has {name}", f"found {type(missing[0]).__name__} without" if missing else ""
+        missing = [type(touch).__name__ for touch in touches if not hasattr(touch, name)]
+        yield rule(f"what it feels has {name}", not missing, f"{next(iter(missing), None)} without")
     forces = [float(touch.force_N) for touch in touches if touch.valid]
-    yield "it is valid on a finger that touches nothing", "" if forces else f"found {len(touches)} invalid"
+    yield rule("it is valid on a finger that touches nothing", forces, f"{len(touches)} invalid")
     wrong = [force for force in forces if not abs(force) < MAX_IDLE_N]
-    yield "it feels no force there, in newtons", f"found {wrong[0]:.4g} N" if wrong else ""
-    far = [
-        float(t.surface_m)
-        for t in touches
-        if not (math.isnan(t.surface_m) or abs(t.surface_m) < MAX_SURFACE_m)
-    ]
-    yield "its surface is in metres, NaN without touch", f"found {far[0]:.4g} m" if far else ""
+    yield rule("it feels no force there, in newtons", not wrong, f"{next(iter(wrong), 0.0):.4g} N")
+    far = [float(touch.surface_m) for touch in touches if abs(touch.surface_m) >= MAX_SURFACE_m]
+    yield rule("its surface is in metres, NaN without touch", not far, f"{next(iter(far), 0.0):.4g} m")

@@ -14,7 +14,6 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError, VisuohapticError
@@ -31,7 +30,17 @@ from ...core.robots import (
     ProbeArm,
     require_members,
 )
-from ._sensor_rules import Feeling, camera_rules, depth_rules, fresh_rule, localizer_rules, touch_rules
+from ._sensor_rules import (
+    LEAST,
+    MOST,
+    Feeling,
+    camera_rules,
+    clock_rules,
+    depth_rules,
+    localizer_rules,
+    rule,
+    touch_rules,
+)  # fmt: skip
 
 __all__ = ["ContractRule", "RobotParts", "assert_robot", "check_robot"]
 
@@ -39,8 +48,6 @@ __all__ = ["ContractRule", "RobotParts", "assert_robot", "check_robot"]
 SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0
 #: Distances that arm and fingers move [m].
 LIFT_m, SQUEEZE_m = 0.02, 0.01
-#: What arrives, by what was commanded: a ramp of a quarter of the time takes an eighth of the way.
-LEAST, MOST = 0.5, 1.5
 #: What stands still moves less than this [m], [rad]; a place is reached as well as this.
 STILL_m, STILL_rad, REACHED_m = 0.002, 0.01, 0.002
 
@@ -186,38 +193,41 @@ def assert_robot(robot: RobotParts | Mapping[str, Any], *, motion: bool = True, 
     assert not broken, "\n".join(f"{rule.part}: {rule.rule}: {rule.problem}" for rule in broken)
 
 
-def _between(found: float, commanded: float, unit: str) -> str:
-    """Nothing when as much arrived as a ramp allows, else both numbers."""
-    if LEAST <= found / commanded <= MOST:
-        return ""
-    return f"found {found:.4g} {unit} where {commanded:.4g} {unit} were commanded"
+def _between(promise: str, found: float, commanded: float, unit: str) -> tuple[str, str]:
+    """Kept when as much arrived as a ramp allows."""
+    both = f"{found:.4g} {unit} where {commanded:.4g} {unit} were commanded"
+    return rule(promise, LEAST <= found / commanded <= MOST, both)
 
 
-def _clock(before: float, after: float, waited_s: float) -> str:
-    passed = after - before
-    if LEAST * waited_s <= passed <= MOST * waited_s:
-        return ""
-    return f"found {passed:.4g} s in its times while {waited_s:.4g} s passed"
-
-
-def _refuses(command: Callable[[], object]) -> str:
+def _refuses(command: str, try_it: Callable[[], object]) -> tuple[str, str]:
     """A command that makes no sense is an error of this library's kinds, not silence."""
     try:
-        command()
+        try_it()
     except (VisuohapticError, ValueError):
-        return ""
-    return "was accepted without an error, expected InputError, DeviceError or ValueError"
+        return f"{command} is refused", ""
+    return (
+        f"{command} is refused",
+        "was accepted without an error, expected InputError, DeviceError or ValueError",
+    )
+
+
+def _holds(
+    read_m: Callable[[], float | np.ndarray], least_m: float, wait: Callable[[float], None]
+) -> tuple[str, str]:
+    """What was stopped stands 0.3 s later."""
+    wait(0.3)
+    held_m = read_m()
+    wait(0.5)
+    drift_m = float(np.linalg.norm(np.subtract(read_m(), held_m)))
+    return rule("it holds after stop()", drift_m < least_m, f"{1e3 * drift_m:.3g} mm in half a second")
 
 
 def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
     start = base.state()
-    yield "state() is a BaseState", "" if isinstance(start, BaseState) else f"found {type(start).__name__}"
+    yield rule("state() is a BaseState", isinstance(start, BaseState), type(start).__name__)
     numbers = [getattr(start, field.name) for field in fields(BaseState)]
-    yield "its numbers are finite", "" if np.isfinite(numbers).all() else f"found {start}"
-    wait(HOLD_s)
-    still = base.state()
-    yield "time advances, in seconds", _clock(start.t_s, still.t_s, HOLD_s)
-    yield fresh_rule(lambda: base.state().t_s, wait)
+    yield rule("its numbers are finite", np.isfinite(numbers).all(), f"{start}")
+    yield from clock_rules(lambda: base.state().t_s, wait, HOLD_s)
     still = base.state()
     if not motion:
         return
@@ -227,10 +237,8 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
     angle = turned.heading_rad - still.heading_rad
     if max(abs(turned.heading_rad), abs(still.heading_rad)) <= math.pi:
         angle = wrap_angle(angle)
-    yield (
-        "a positive turn rate turns counter-clockwise, in radians, until the next command",
-        _between(angle, TURN_rad_s * HOLD_s, "rad"),
-    )
+    turns = "a positive turn rate turns counter-clockwise, in radians, until the next command"
+    yield _between(turns, angle, TURN_rad_s * HOLD_s, "rad")
     base.stop()
     wait(1.0)
     aligned = base.state()
@@ -241,14 +249,10 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
     driven = base.state()
     way = np.array([driven.x_m - aligned.x_m, driven.y_m - aligned.y_m])
     heading = np.array([math.cos(aligned.heading_rad), math.sin(aligned.heading_rad)])
-    yield "a positive speed drives metres", _between(float(np.hypot(*way)), SPEED_m_s * HOLD_s, "m")
-    yield (
-        "it drives where its heading points",
-        ""
-        if float(way @ heading) > 0.9 * float(np.hypot(*way))
-        else f"found a way along ({way[0]:.3g}, {way[1]:.3g}) m at a heading of {aligned.heading_rad:.3g} rad",
-    )
-    yield "speed_m_s is what it drives", _between(half.speed_m_s, SPEED_m_s, "m/s")
+    yield _between("a positive speed drives metres", float(np.hypot(*way)), SPEED_m_s * HOLD_s, "m")
+    found = f"a way along ({way[0]:.3g}, {way[1]:.3g}) m at a heading of {aligned.heading_rad:.3g} rad"
+    yield rule("it drives where its heading points", way @ heading > 0.9 * np.hypot(*way), found)
+    yield _between("speed_m_s is what it drives", half.speed_m_s, SPEED_m_s, "m/s")
     base.stop()
     wait(1.0)
     rest = base.state()
@@ -256,30 +260,20 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
     later = base.state()
     drift_m = math.hypot(later.x_m - rest.x_m, later.y_m - rest.y_m)
     turn_rad = abs(later.heading_rad - rest.heading_rad)
-    yield (
-        "it stands a second after stop()",
-        ""
-        if drift_m < STILL_m and turn_rad < STILL_rad
-        else f"found {1e3 * drift_m:.3g} mm and {turn_rad:.3g} rad in half a second",
-    )
-    yield "a speed that is no number is refused", _refuses(lambda: base.drive(math.nan, 0.0))
+    found = f"{1e3 * drift_m:.3g} mm and {turn_rad:.3g} rad in half a second"
+    yield rule("it stands a second after stop()", drift_m < STILL_m and turn_rad < STILL_rad, found)
+    yield _refuses("a speed that is no number", lambda: base.drive(math.nan, 0.0))
 
 
 def _gripper_rules(
     gripper: Gripper, wait: Callable[[float], None], motion: bool
 ) -> Iterator[tuple[str, str]]:
     start = gripper.state()
-    yield (
-        "state() is a GripperState",
-        "" if isinstance(start, GripperState) else f"found {type(start).__name__}",
+    yield rule("state() is a GripperState", isinstance(start, GripperState), type(start).__name__)
+    yield rule(
+        "its opening is in metres", 0 <= start.opening_m < 0.5, f"{start.opening_m}, expected 0 to 0.5"
     )
-    yield (
-        "its opening is in metres",
-        "" if 0 <= start.opening_m < 0.5 else f"found {start.opening_m}, expected 0 to 0.5",
-    )
-    wait(0.5)
-    yield "time advances, in seconds", _clock(start.t_s, gripper.state().t_s, 0.5)
-    yield fresh_rule(lambda: gripper.state().t_s, wait)
+    yield from clock_rules(lambda: gripper.state().t_s, wait, 0.5)
     if not motion:
         return
     sign = -1.0 if start.opening_m > 1.5 * SQUEEZE_m else 1.0
@@ -288,44 +282,31 @@ def _gripper_rules(
     wait(0.5 * SQUEEZE_m / speed)
     half = gripper.state()
     gone = sign * (half.opening_m - start.opening_m)
-    yield "it moves at the speed it is told", _between(gone, 0.5 * SQUEEZE_m, "m")
-    yield "speed_m_s is the rate of the opening", _between(half.speed_m_s, sign * speed, "m/s")
+    yield _between("it moves at the speed it is told", gone, 0.5 * SQUEEZE_m, "m")
+    yield _between("speed_m_s is the rate of the opening", half.speed_m_s, sign * speed, "m/s")
     gripper.stop()
-    wait(0.3)
-    held = gripper.state().opening_m
-    wait(0.5)
-    drift_m = abs(gripper.state().opening_m - held)
-    yield (
-        "it holds after stop()",
-        "" if drift_m < 0.5 * STILL_m else f"found {1e3 * drift_m:.3g} mm in half a second",
-    )
+    yield _holds(lambda: gripper.state().opening_m, 0.5 * STILL_m, wait)
     gripper.move(target, speed)
     wait(SQUEEZE_m / speed + 0.5)
     missed = abs(gripper.state().opening_m - target)
-    yield (
-        "it reaches what it is told",
-        "" if missed < REACHED_m else f"is {1e3 * missed:.3g} mm from the opening commanded",
-    )
-    yield "an opening below 0 is refused", _refuses(lambda: gripper.move(-0.01, speed))
-    yield "a speed that is no number is refused", _refuses(lambda: gripper.move(target, math.nan))
+    found = f"an opening {1e3 * missed:.3g} mm from the one commanded"
+    yield rule("it reaches what it is told", missed < REACHED_m, found)
+    yield _refuses("an opening below 0", lambda: gripper.move(-0.01, speed))
+    yield _refuses("a speed that is no number", lambda: gripper.move(target, math.nan))
     gripper.move(start.opening_m, speed)
     wait(SQUEEZE_m / speed + 0.5)
 
 
 def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
-    t_s, start = arm.pose()
-    yield "pose() is a time and a Pose", "" if isinstance(start, Pose) else f"found {type(start).__name__}"
+    _, start = arm.pose()
+    yield rule("pose() is a time and a Pose", isinstance(start, Pose), type(start).__name__)
     reach = np.asarray(arm.reach_m(), dtype=float)
     good = reach.shape == (2,) and np.isfinite(reach).all() and 0 <= reach[0] < reach[1] < 10.0
-    yield "reach_m() is two ascending distances in metres", "" if good else f"found {reach.tolist()}"
+    yield rule("reach_m() is two ascending distances in metres", good, f"{reach.tolist()}")
     far = float(np.linalg.norm(start.translation_m))
-    yield (
-        "the tip is within its reach, in metres",
-        "" if reach[0] <= far <= reach[1] else f"found {far:.4g} m, reach {reach[0]:.4g} to {reach[1]:.4g} m",
-    )
-    wait(0.5)
-    yield "time advances, in seconds", _clock(t_s, arm.pose()[0], 0.5)
-    yield fresh_rule(lambda: arm.pose()[0], wait)
+    found = f"{far:.4g} m, reach {reach[0]:.4g} to {reach[1]:.4g} m"
+    yield rule("the tip is within its reach, in metres", reach[0] <= far <= reach[1], found)
+    yield from clock_rules(lambda: arm.pose()[0], wait, 0.5)
     if not motion:
         return
     up = np.array([0.0, 0.0, LIFT_m])
@@ -337,30 +318,18 @@ def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> It
     wait(0.5)
     half = arm.pose()[1].translation_m - start.translation_m
     along = float(half @ up) / LIFT_m
-    yield "it moves at the speed it is told", _between(along, 0.5 * LIFT_m, "m")
+    yield _between("it moves at the speed it is told", along, 0.5 * LIFT_m, "m")
     aside = float(np.linalg.norm(half - along * up / LIFT_m))
-    yield (
-        "it moves in a straight line",
-        "" if aside < STILL_m else f"is {1e3 * aside:.3g} mm beside it half way",
-    )
+    yield rule("it moves in a straight line", aside < STILL_m, f"it {1e3 * aside:.3g} mm beside it half way")
     arm.stop()
-    wait(0.3)
-    held: Float[np.ndarray, "3"] = arm.pose()[1].translation_m
-    wait(0.5)
-    drift_m = float(np.linalg.norm(arm.pose()[1].translation_m - held))
-    yield (
-        "it holds after stop()",
-        "" if drift_m < STILL_m else f"found {1e3 * drift_m:.3g} mm in half a second",
-    )
+    yield _holds(lambda: arm.pose()[1].translation_m, STILL_m, wait)
     arm.move_linear(target, LIFT_m)
     wait(1.5)
     missed = float(np.linalg.norm(arm.pose()[1].translation_m - target.translation_m))
-    yield (
-        "it reaches what it is told",
-        "" if missed < REACHED_m else f"is {1e3 * missed:.3g} mm from the pose commanded",
-    )
+    found = f"a pose {1e3 * missed:.3g} mm from the one commanded"
+    yield rule("it reaches what it is told", missed < REACHED_m, found)
     away = Pose(start.rotation, np.array([0.0, 0.0, 3.0 * reach[1]]))
-    yield "a pose out of reach is refused", _refuses(lambda: arm.move_linear(away, LIFT_m))
-    yield "a speed of 0 is refused", _refuses(lambda: arm.move_linear(target, 0.0))
+    yield _refuses("a pose out of reach", lambda: arm.move_linear(away, LIFT_m))
+    yield _refuses("a speed of 0", lambda: arm.move_linear(target, 0.0))
     arm.move_linear(start, LIFT_m)
     wait(1.5)

@@ -28,7 +28,6 @@ from .crown_cap_records import CapSighting as CapSighting
 from .crown_cap_records import CapState as CapState
 from .crown_cap_records import Vector as Vector
 from .crown_cap_task import CrownCapTask as CrownCapTask
-from .crown_cap_task import rotation_vector as rotation_vector
 from .foam_finger import FoamFinger as FoamFinger
 from .foam_finger import FoamFingerOnDrive as FoamFingerOnDrive
 from .foam_finger import FoamTouch as FoamTouch

@@ -10,18 +10,12 @@ from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
+from ...core.geometry import so3_log
 from ...core.measurement import Wrench
 from ...core.robots import FrameSource, ProbeArm, require_members
 from ..framework.run import run_machine
-from .crown_cap_records import (
-    CapCommand,
-    CapObservation,
-    CapOpening,
-    CapOutcome,
-    CapSettings,
-    CapSighting,
-)
-from .crown_cap_task import CrownCapTask, rotation_vector
+from .crown_cap_records import CapCommand, CapObservation, CapOpening, CapOutcome, CapSettings, CapSighting
+from .crown_cap_task import CrownCapTask
 from .hand import as_vector
 
 __all__ = ["open_crown_cap", "tool_wrench"]
@@ -93,15 +87,11 @@ def tool_wrench(wrench: Wrench, rotation_tool_sensor: Float[np.ndarray, "3 3"]) 
 
 def _observation(frame: Frame, arm: ProbeArm, wrench: Wrench, sighting: CapSighting) -> CapObservation:
     _, pose = arm.pose()
-    cap = (
-        pose.apply(np.asarray(sighting.position_tip_m, dtype=np.float64))
-        if sighting.valid
-        else np.full(3, math.nan)
-    )
+    cap = pose.apply(np.asarray(sighting.position_tip_m, float)) if sighting.valid else np.full(3, math.nan)
     felt = wrench.valid and bool(np.isfinite(wrench.force_N).all() and np.isfinite(wrench.moment_Nm).all())
     seen = bool(sighting.valid and np.isfinite(cap).all())
     return CapObservation(
-        frame.t_s, as_vector(pose.translation_m), as_vector(rotation_vector(pose.rotation)), felt,
+        frame.t_s, as_vector(pose.translation_m), as_vector(so3_log(pose.rotation)), felt,
         as_vector(wrench.force_N), as_vector(wrench.moment_Nm), seen, as_vector(cap),
     )  # fmt: skip
 

@@ -18,14 +18,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float
 
-from ...core.camera.pose import Pose
+from ...core.geometry import so3_exp, so3_log
 from ..framework.machine import Machine, Rule
 from .crown_cap_records import CapCommand, CapObservation, CapOutcome, CapSettings, CapState, Vector
 from .hand import as_vector
 
-__all__ = ["CrownCapTask", "rotation_vector"]
+__all__ = ["CrownCapTask"]
 
 _STOP = CapCommand(False)
 
@@ -143,10 +142,9 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             return self._down(self._start)
         # Sideways well above the cap, then down.
         high = max(aim[2], top + s.hover_m)
-        if math.hypot(tip[0] - aim[0], tip[1] - aim[1]) > 1e-3 and tip[2] < high - 1e-3:
-            return self._to(np.array([tip[0], tip[1], high]), s.fast_m_s)
         if math.hypot(tip[0] - aim[0], tip[1] - aim[1]) > 1e-3:
-            return self._to(np.array([aim[0], aim[1], high]), s.fast_m_s)
+            above = tip if tip[2] < high - 1e-3 else aim
+            return self._to(np.array([above[0], above[1], high]), s.fast_m_s)
         return self._to(aim, s.fast_m_s)
 
     def _nearer(self, seen: CapObservation) -> CapCommand:
@@ -166,9 +164,8 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         if tip[2] <= floor + 1e-4:
             self._misses += 1
             if self._misses > 4:
-                return self._fail(
-                    CapOutcome.NO_CONTACT, f"nothing met {1e3 * s.depth_m:.0f} mm below its place"
-                )
+                why = f"nothing met {1e3 * s.depth_m:.0f} mm below its place"
+                return self._fail(CapOutcome.NO_CONTACT, why)
             return self._again(tip, 0.0, s.ahead_m, "nothing met: ahead")
         # From the first touch on slowly: a frame's way on a stiff beam is many newtons.
         touched = z > s.touch_N or math.hypot(x, y) > s.touch_N
@@ -197,15 +194,10 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
                 self._side_step *= 0.5
             self._last_side = side
             # At its very end the bridge is far off.
-            step = (
-                self._side_step
-                if self._side_step < 1e-3 or abs(side) < 0.9 * s.bridge_half_m
-                else 1.5 * self._side_step
-            )
-            step = math.copysign(step, side)
-            return self._again(
-                tip, step, 0.0, f"M_y: bears {1e3 * side:+.0f} mm aside, shift {1e3 * step:+.1f} mm"
-            )
+            far = self._side_step >= 1e-3 and abs(side) >= 0.9 * s.bridge_half_m
+            step = math.copysign(1.5 * self._side_step if far else self._side_step, side)
+            why = f"M_y: bears {1e3 * side:+.0f} mm aside, shift {1e3 * step:+.1f} mm"
+            return self._again(tip, step, 0.0, why)
         self._cap[:2] = tip[0], tip[1] + s.behind_m
         self._start = tip.copy()
         # A tool that is not held level feels a part of the push as a force ahead.
@@ -233,9 +225,6 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         if ahead_m != 0 and math.isfinite(self._top_m):
             self._aim_lift[2] = max(self._aim_lift[2], self._top_m + self.settings.lift_m)
         self.go(CapState.LIFT, why)
-        return self._lift_now(tip)
-
-    def _lift_now(self, tip: np.ndarray) -> CapCommand:
         return self._to(np.array([tip[0], tip[1], self._aim_lift[2]]), 3 * self.settings.slow_m_s)
 
     def _forward(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
@@ -263,9 +252,8 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             self._broke = True
             return self._leave_now(seen, tip, f"M_x fell from {self._peak:.2f} to {moment:.2f} Nm")
         if turned > s.turn_rad - 0.01:
-            return self._leave_now(
-                seen, tip, f"turned by {math.degrees(turned):.0f} deg, M_x at most {self._peak:.2f} Nm"
-            )
+            why = f"turned by {math.degrees(turned):.0f} deg, M_x at most {self._peak:.2f} Nm"
+            return self._leave_now(seen, tip, why)
         angle = min(turned + 0.1, s.turn_rad)
         return CapCommand(True, as_vector(self._start), _tilted(self._turn, angle), s.turn_m_s)
 
@@ -301,10 +289,8 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             if self._broke:
                 self.end(True, CapOutcome.OPENED, f"M_x {moment:+.2f} Nm and no cap on the bottle")
                 return _STOP
-            return self._fail(
-                CapOutcome.NOT_VERIFIED,
-                "the cap is not seen, but no moment broke down: the view may be blocked",
-            )
+            why = "the cap is not seen, but no moment broke down: the view may be blocked"
+            return self._fail(CapOutcome.NOT_VERIFIED, why)
         if self.attempts >= s.attempts:
             if any(self._looks):
                 return self._fail(CapOutcome.STILL_CLOSED, f"cap still seen after {self.attempts} turns")
@@ -332,19 +318,6 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         return CapCommand(True, as_vector(place), as_vector(self._turn), speed_m_s)
 
 
-def rotation_vector(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Axis times angle [rad] of a rotation.
-
-    Parameters
-    ----------
-    rotation
-        Orthonormal, determinant 1.
-    """
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
-
-
 def _mm(place: np.ndarray) -> str:
     return ", ".join(f"{1e3 * value:.0f}" for value in place)
 
@@ -359,12 +332,9 @@ def _straight(seen: CapObservation, turn: np.ndarray) -> bool:
 
 def _tilted(turn: np.ndarray, angle_rad: float) -> Vector:
     """The tool's turn with the hook raised by an angle about its own x."""
-    upright = Pose.from_rotation_vector(turn, np.zeros(3)).rotation
-    raised = Pose.from_rotation_vector([-angle_rad, 0.0, 0.0], np.zeros(3)).rotation
-    return as_vector(rotation_vector(upright @ raised))
+    return as_vector(so3_log(so3_exp(turn) @ so3_exp(np.array([-angle_rad, 0.0, 0.0]))))
 
 
 def _turned(turn: np.ndarray, now: Vector) -> float:
     """By how much the hook has been raised [rad]."""
-    upright = Pose.from_rotation_vector(turn, np.zeros(3)).rotation
-    return float(-rotation_vector(upright.T @ Pose.from_rotation_vector(now, np.zeros(3)).rotation)[0])
+    return float(-so3_log(so3_exp(turn).T @ so3_exp(np.array(now)))[0])
