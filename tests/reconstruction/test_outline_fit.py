@@ -247,3 +247,26 @@ def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
     part = np.ones((10, 10, 10), bool)
     # Half of the edge of the smallest object is 15 mm.
     assert detector._fit(part, np.ones(part.shape, np.float32), (slice(0, 10),) * 3) == [cup]
+
+
+@pytest.mark.parametrize("opening", [0.0, 0.7])
+def test_the_search_of_a_body_is_the_downhill_simplex(opening):
+    """Apart: that of scipy, on the same likelihood."""
+    from scipy.optimize import minimize
+
+    outlines = _Outlines(
+        views(np.random.default_rng(3), np.linspace(0, 5, 9), 0.5), np.array([*AXIS_M, 0.08])
+    )
+    bounds_m, start = np.array([0.01, 0.02, 0.12]), np.array([0.02, -0.03, 0.05, 0.045, 0.06, 0.09])
+    simplex = np.vstack([start, start + 0.012 * np.diag([1, 1, 0.5, 0.5, -1, -1])])
+    options = {"initial_simplex": simplex, "maxfev": 400, "xatol": 3e-4, "fatol": 1e-2}
+    apart = minimize(outlines.cost, start, (opening, bounds_m), "Nelder-Mead", options=options)
+    ours = outlines.search(start, opening, bounds_m)
+    # The middle of the corners is summed in another order.
+    np.testing.assert_allclose(ours, apart.x, atol=3e-4)
+    assert outlines.cost(ours, opening, bounds_m) == pytest.approx(apart.fun, abs=1e-2)
+    assert apart.fun < outlines.cost(start, opening, bounds_m) - 1
+    told = outlines.log_likelihood(ours, opening)
+    assert outlines.cost(ours, opening, bounds_m) == pytest.approx(-told.sum(), abs=1e-9)
+    # What is no body has no likelihood.
+    assert outlines.cost(np.array([0, 0, 0.005, 0.04, 0.0, 0.1]), opening, bounds_m) == pytest.approx(1e3)

@@ -36,7 +36,12 @@ from visuohaptic.reconstruction.transparency import (
     refine_poses,
     view_graph,
 )
-from visuohaptic.reconstruction.transparency._background_kernels import cast_rays, view_moments, warp_views
+from visuohaptic.reconstruction.transparency._background_kernels import (
+    cast_rays,
+    plane_equations,
+    view_moments,
+    warp_views,
+)
 from visuohaptic.reconstruction.transparency._ray_kernels import projector_shadow
 from visuohaptic.reconstruction.transparency.pose_refinement import common_sigma_m
 from visuohaptic.reconstruction.transparency.ray_readings import RayEvidence
@@ -478,3 +483,43 @@ def test_sums_of_evidence_are_those_of_every_voxel_by_itself(seed):
         assert (ours >= expected - 1e-4)[same].mean() > 0.999
     left_out = ~np.isclose(evidence.ravel(), truth[0], atol=1e-4) & same
     assert left_out.sum() > 100
+
+
+def test_equations_of_poses_are_the_derivative_of_the_distances_from_planes():
+    rng = np.random.default_rng(31)
+    camera = Camera.simple(40, 30, 35.0)
+    poses = [Camera.pose_of_view((x, -0.6, 0.8), (0.0, 0.1 * x, 0.0)) for x in (-0.2, 0.1, 0.3)]
+    depths = rng.uniform(0.7, 1.2, (3, 30, 40)).astype(np.float32)
+    normals = rng.normal(size=(3, 30, 40, 3))
+    normals = (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32)
+    normals[rng.random((3, 30, 40)) < 0.2] = np.nan
+    points, firsts = rng.uniform((-0.4, -0.3, 0.7), (0.4, 0.3, 1.2), (60, 3)), np.array([0, 25, 40, 60])
+    pairs, reach, (least, correlated) = np.array([[0, 1], [1, 0], [2, 0], [1, 2]]), 0.2, (5e-4, 2.0)
+    squares, pulls = np.empty((4, 6, 6)), np.empty((4, 6))
+    numbers = reach, 0.002, 0.001, 0.4, least, correlated
+    places = pairs, points, firsts, np.array([pose.matrix[:3] for pose in poses])
+    plane_equations(*places, depths, normals, 35.0, 35.0, *camera.matrix[:2, 2], *numbers, squares, pulls)
+    for (i, k), square, pull in zip(pairs, squares, pulls, strict=True):
+        here = points[firsts[i] : firsts[i + 1]]
+
+        def distances(motion, i=i, k=k, here=here):
+            """Of the points from the planes where they are seen at first, after a motion of the points in the world."""
+            world = poses[i].apply(here)
+            column, row = np.rint(camera.project(poses[k].inverse().apply(world))).astype(int).T
+            held = (column >= 0) & (row >= 0) & (column < 40) & (row < 30)
+            column, row = column[held], row[held]
+            moved = Pose.from_rotation_vector(motion[:3], motion[3:]).apply(world[held])
+            local = poses[k].inverse().apply(moved)
+            seen = camera.rays(np.column_stack([column, row]).astype(float)) * depths[k, row, column, None]
+            return ((local - seen) * normals[k, row, column]).sum(axis=1), local[:, 2]
+
+        away, depth_m = distances(np.zeros(6))
+        step = 1e-6 * np.eye(6)
+        slopes = np.column_stack([(distances(s)[0] - distances(-s)[0]) / 2e-6 for s in step])
+        used = np.abs(away) < reach
+        sigma = math.sqrt(2) * (0.001 + 0.002 * (depth_m - 0.4) ** 2) + least
+        weights = (1 / (1 + (away / (3 * sigma)) ** 2) / sigma)[used] ** 2 / correlated
+        assert used.sum() >= 5
+        scale = np.abs(square).max()
+        np.testing.assert_allclose(square, (slopes[used].T * weights) @ slopes[used], atol=1e-5 * scale)
+        np.testing.assert_allclose(pull, slopes[used].T @ (weights * away[used]), atol=1e-5 * scale)

@@ -1,4 +1,4 @@
-"""Background model of a view from others, its comparison with what is seen, and error rays (Alt 2016, 5.2)."""
+"""Background model of a view from others, its comparison with what is seen, error rays (Alt 2016, 5.2); fit of poses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import prange
 
 from ...core.kernels import kernel
 
-__all__ = ["cast_rays", "error_score", "view_moments", "warp_views"]
+__all__ = ["cast_rays", "error_score", "plane_equations", "view_moments", "warp_views"]
 
 
 @kernel(parallel=True)
@@ -232,3 +232,78 @@ def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
                 crossing[axis] += per[axis]
                 if cell[axis] < least[axis] or cell[axis] >= most[axis]:
                     break
+
+
+@kernel(parallel=True)
+def plane_equations(pairs, points, firsts, poses, depths, normals, fx, fy, cx, cy, reach, quadratic, constant, offset, least, correlated, squares, pulls):  # fmt: skip
+    """Normal equations that lay points of views on the planes that other views see there (Geman and McClure's weights).
+
+    Parameters
+    ----------
+    pairs
+        View of the points, and that of the planes (p, 2).
+    points
+        Points of all views in the frames of their cameras (m, 3) [m].
+    firsts
+        First point of each view, and their number (n + 1).
+    poses
+        ``T_world_camera`` (n, 3, 4).
+    depths, normals
+        Depth images (n, h, w) [m] and normals (n, h, w, 3) in the frames of the cameras; NaN: no smooth surface.
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    reach
+        Largest distance of a point from its plane [m].
+    quadratic, constant, offset
+        Coefficients of the camera's noise.
+    least
+        Deviation that even the best depth has [m].
+    correlated
+        Number of residuals that count as one.
+    squares, pulls
+        J^T J and J^T r of each pair, by a motion of the points in the world (p, 6, 6), (p, 6); filled.
+    """
+    rows, columns = depths.shape[1:]
+    for p in prange(len(pairs)):
+        row = np.empty(6)
+        a, b = poses[pairs[p, 0]], poses[pairs[p, 1]]
+        depth, normal = depths[pairs[p, 1]], normals[pairs[p, 1]]
+        for c in range(6):
+            pulls[p, c] = 0.0
+            for d in range(c + 1):
+                squares[p, c, d] = 0.0
+        for q in range(firsts[pairs[p, 0]], firsts[pairs[p, 0] + 1]):
+            px, py, pz = points[q, 0], points[q, 1], points[q, 2]
+            x = a[0, 0] * px + a[0, 1] * py + a[0, 2] * pz + a[0, 3]
+            y = a[1, 0] * px + a[1, 1] * py + a[1, 2] * pz + a[1, 3]
+            z = a[2, 0] * px + a[2, 1] * py + a[2, 2] * pz + a[2, 3]
+            dx, dy, dz = x - b[0, 3], y - b[1, 3], z - b[2, 3]
+            lx = b[0, 0] * dx + b[1, 0] * dy + b[2, 0] * dz
+            ly = b[0, 1] * dx + b[1, 1] * dy + b[2, 1] * dz
+            lz = b[0, 2] * dx + b[1, 2] * dy + b[2, 2] * dz
+            if not lz > 0.05:
+                continue
+            u, v = np.rint(fx * lx / lz + cx), np.rint(fy * ly / lz + cy)
+            if not (u >= 0 and v >= 0 and u < columns and v < rows):
+                continue
+            i, j = int(v), int(u)
+            nx, ny, nz, there = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2], depth[i, j]
+            away = (lx - (u - cx) / fx * there) * nx + (ly - (v - cy) / fy * there) * ny + (lz - there) * nz
+            if not abs(away) < reach:
+                continue
+            wx = b[0, 0] * nx + b[0, 1] * ny + b[0, 2] * nz
+            wy = b[1, 0] * nx + b[1, 1] * ny + b[1, 2] * nz
+            wz = b[2, 0] * nx + b[2, 1] * ny + b[2, 2] * nz
+            sigma = np.sqrt(2.0) * abs(constant + quadratic * (lz - offset) ** 2) + least
+            # What is not the same surface has no say.
+            weight = 1 / (1 + (away / (3 * sigma)) ** 2) / (sigma * np.sqrt(correlated))
+            row[0], row[1], row[2] = y * wz - z * wy, z * wx - x * wz, x * wy - y * wx
+            row[3], row[4], row[5] = wx, wy, wz
+            for c in range(6):
+                row[c] *= weight
+                pulls[p, c] += row[c] * away * weight
+                for d in range(c + 1):
+                    squares[p, c, d] += row[c] * row[d]
+        for c in range(6):
+            for d in range(c):
+                squares[p, d, c] = squares[p, c, d]

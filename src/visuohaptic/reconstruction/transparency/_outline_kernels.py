@@ -1,4 +1,4 @@
-"""Evidence inside the outlines of an upright body in many views."""
+"""Evidence inside the outlines of an upright body in many views, and the body that has most of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["outline_sums"]
+__all__ = ["outline_cost", "outline_ratios", "outline_sums", "search_outline"]
 
 
 @kernel
@@ -134,3 +134,125 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
             else:
                 total += part * (_row_sum(row, left[i], right[i]) + _row_sum(row, left2[i], right2[i]))
         found[view] = weights[view] * total
+
+
+@kernel
+def outline_ratios(body, opening, corners, sums, limits, motions, matrices, reach, weights, found):
+    """Log-likelihood ratio of a body against nothing, of each view [nat].
+
+    Parameters
+    ----------
+    body
+        x, y of the axis, lower and upper radius, lower and upper height (6) [m].
+    opening
+        Fraction of the radius within which nothing is said.
+    corners, sums, limits, motions, matrices, reach, weights, found
+        See :func:`outline_sums`.
+    """
+    outline_sums(body, corners, sums, limits, motions, matrices, reach, weights, found)
+    if opening > 0:
+        inner, within = np.empty(len(body)), np.empty(len(found))
+        for c in range(len(body)):
+            inner[c] = body[c] * (opening if c == 2 or c == 3 else 1.0)
+        outline_sums(inner, corners, sums, limits, motions, matrices, reach, weights, within)
+        for n in range(len(found)):
+            # Beside a camera that it reaches nothing is said of a body, nor of what is in it.
+            if found[n] != 0.0:
+                found[n] -= within[n]
+
+
+@kernel
+def outline_cost(body, opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found):
+    """Negative log-likelihood ratio of a body against nothing, 1000 where it is none [nat].
+
+    Parameters
+    ----------
+    bounds
+        Least radius and height, largest radius (3) [m].
+    body, opening, corners, sums, limits, motions, matrices, reach, weights, found
+        See :func:`outline_ratios`.
+    """
+    narrow, wide, height = min(body[2], body[3]), max(body[2], body[3]), body[5] - body[4]
+    # Into what is taller than half its width nothing looks from above alone.
+    if narrow < bounds[0] or height < bounds[1] or wide > bounds[2] or (opening > 0 and height > wide):
+        return 1e3
+    outline_ratios(body, opening, corners, sums, limits, motions, matrices, reach, weights, found)
+    total = 0.0
+    for n in range(len(found)):
+        total -= found[n]
+    return total
+
+
+@kernel
+def _moved(simplex, way, trial):
+    """The worst corner (the last), moved through the middle of the others by a multiple of its distance from it."""
+    last = len(simplex) - 1
+    for c in range(simplex.shape[1]):
+        middle = 0.0
+        for p in range(last):
+            middle += simplex[p, c]
+        trial[c] = (1.0 + way) * (middle / last) - way * simplex[last, c]
+
+
+@kernel
+def search_outline(simplex, max_steps, near, alike, opening, bounds, corners, sums, limits, motions, matrices, reach, weights):  # fmt: skip
+    """Least cost of a body, by the downhill simplex of Nelder and Mead (1965); its corners stay sorted, the best is the first.
+
+    Parameters
+    ----------
+    simplex
+        Bodies (7, 6), changed.
+    max_steps
+        Costs that are computed at most, but for the last step.
+    near, alike
+        Size of the simplex [m], and difference of its costs [nat], which end the search.
+    opening, bounds, corners, sums, limits, motions, matrices, reach, weights
+        See :func:`outline_cost`.
+    """
+    count, last = len(simplex), len(simplex) - 1
+    costs, found = np.empty(count), np.empty(len(weights))
+    trial, other = np.empty(simplex.shape[1]), np.empty(simplex.shape[1])
+    first, spent = 0, 0
+    while True:
+        for p in range(first, count):
+            costs[p] = outline_cost(
+                simplex[p], opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found
+            )
+            spent += 1
+        for p in range(1, count):
+            at = p
+            while at > 0 and costs[at - 1] > costs[at]:
+                costs[at - 1], costs[at] = costs[at], costs[at - 1]
+                for c in range(simplex.shape[1]):
+                    simplex[at - 1, c], simplex[at, c] = simplex[at, c], simplex[at - 1, c]
+                at -= 1
+        size = 0.0
+        for p in range(1, count):
+            for c in range(simplex.shape[1]):
+                size = max(size, abs(simplex[p, c] - simplex[0, c]))
+        if spent >= max_steps or (size <= near and costs[last] - costs[0] <= alike):
+            return
+        _moved(simplex, 1.0, trial)
+        value = outline_cost(
+            trial, opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found
+        )
+        first, spent = count, spent + 1
+        if value < costs[0] or value >= costs[last - 1]:
+            # Farther where it is best of all, less far where it is next to worst or worse.
+            way = 2.0 if value < costs[0] else 0.5 if value < costs[last] else -0.5
+            _moved(simplex, way, other)
+            further = outline_cost(
+                other, opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found
+            )
+            spent += 1
+            if further < min(value, costs[last]):
+                trial, other, value = other, trial, further
+            elif way < 1.0:
+                first = 1
+        costs[last] = value
+        for c in range(simplex.shape[1]):
+            if first == count:
+                simplex[last, c] = trial[c]
+            else:
+                for p in range(1, count):
+                    simplex[p, c] = simplex[0, c] + 0.5 * (simplex[p, c] - simplex[0, c])

@@ -334,7 +334,7 @@ class EvidenceDetector:
         if len(cells):
             chosen = tuple(cells.T)
             self._inside[chosen] = True
-            self._found += (region_of(cells, self.score()[chosen], grid, body),)
+            self._found += (region_of(cells, self._probability(self.evidence[chosen]), grid, body),)
 
     def _part_grid(self, box: tuple[slice, ...]) -> SpaceGrid:
         """The voxels of a box of the volume."""
@@ -344,8 +344,12 @@ class EvidenceDetector:
 
     def score(self) -> Float[np.ndarray, "x y z"]:
         """Probability that glass is in a voxel, with one place in the volume expected to hold some."""
+        return self._probability(self.evidence)
+
+    def _probability(self, evidence: Float32[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         prior = self.threshold + math.log(self.settings.false_alarm_rate)
-        return 1 / (1 + np.exp(np.clip(prior - self.evidence, -50.0, 50.0)))
+        found: Float[np.ndarray, "*n"] = 1 / (1 + np.exp(np.clip(prior - evidence, -50.0, 50.0)))
+        return found
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
         """Voxels that count as transparent."""

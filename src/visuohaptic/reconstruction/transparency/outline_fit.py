@@ -35,8 +35,8 @@ _CORNERS = 16
 _HIDDEN = 0.5
 #: Fraction of the radius within which nothing is said of a body: of none, or of an open bowl, of which only rim and wall show.
 _OPEN = (0.0, 0.7)
-#: First steps of the search of places, radii and heights [m]; evaluations of a search.
-_STEP_M, _MAX_STEPS = 0.012, 400
+#: First steps of the search of places, radii and heights [m]; evaluations of a search; the size and the differences that end it.
+_STEP_M, _MAX_STEPS, _NEAR_M, _ALIKE = 0.012, 400, 3e-4, 1e-2
 #: Radii of bodies that are tried around strong voxels, in first steps: a search goes by half of one, and several times.
 _RADII = (2, 3, 5)
 #: Directions in which the middle of a bowl is sought from a piece of its rim, and how many of the likeliest bodies are searched
@@ -112,7 +112,33 @@ class _Outlines:
         self._limits = np.stack([view.limit_m for view in views])
         away_m = self._motions[:, 2] @ np.append(middle_m, 1.0)
         told = np.where(self._limits > away_m[:, None, None], np.stack([view.evidence for view in views]), 0)
-        self._sums = np.pad(np.cumsum(told, axis=2, dtype=np.float64), ((0, 0), (0, 0), (1, 0)))
+        sums = np.pad(np.cumsum(told, axis=2, dtype=np.float64), ((0, 0), (0, 0), (1, 0)))
+        self._told = (_CORNERS, sums, self._limits, self._motions, self.matrices, self._reach, self.weights)
+
+    def cost(self, body: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]) -> float:
+        """Negative log-likelihood of a body against nothing; 1000 where it is none [nat].
+
+        Parameters
+        ----------
+        body, opening
+            As of :meth:`log_likelihood`.
+        bounds_m
+            Least radius and height, largest radius [m].
+        """
+        from ._outline_kernels import outline_cost
+
+        return float(outline_cost(body, opening, bounds_m, *self._told, np.empty(len(self.weights))))
+
+    def search(
+        self, start: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "6"]:
+        """The likeliest body, from another one on; see :meth:`cost`."""
+        from ._outline_kernels import search_outline
+
+        simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
+        search_outline(simplex, _MAX_STEPS, _NEAR_M, _ALIKE, opening, bounds_m, *self._told)
+        best: Float[np.ndarray, "6"] = simplex[0]
+        return best
 
     def log_likelihood(self, body: Float[np.ndarray, "6"], opening: float) -> Float[np.ndarray, "views"]:
         """Of a body against nothing, of each view [nat].
@@ -124,16 +150,11 @@ class _Outlines:
         opening
             Fraction of the radius within which nothing is said.
         """
-        from ._outline_kernels import outline_sums
+        from ._outline_kernels import outline_ratios
 
-        found, within = np.empty(len(self.weights)), np.zeros(len(self.weights))
-        places = self._motions, self.matrices, self._reach, self.weights
-        outline_sums(body, _CORNERS, self._sums, self._limits, *places, found)
-        if opening > 0:
-            inner = body * np.array([1, 1, opening, opening, 1, 1])
-            outline_sums(inner, _CORNERS, self._sums, self._limits, *places, within)
-        # Beside a camera that it reaches nothing is said of a body, nor of what is in it.
-        return np.where(found == 0.0, 0.0, found - within)
+        found = np.empty(len(self.weights))
+        outline_ratios(body, opening, *self._told, found)
+        return found
 
     def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
         """Width of a window at a place, in the median of the views [m]."""
@@ -210,45 +231,28 @@ def fit_bodies(
     evidence
         Of each voxel (n) [nat].
     """
-    from scipy.optimize import minimize
-
     low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
+    # A part is a sixth of a rim at least: wider bodies swallow what stands around.
     widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
-
-    def cost(body: np.ndarray, opening: float, outlines: _Outlines) -> float:
-        narrow, wide, height = min(body[2:4]), max(body[2:4]), body[5] - body[4]
-        # A part is a sixth of a rim at least: wider bodies swallow what stands around.
-        if narrow < _MIN_RADIUS_M or wide > widest_m or height < _MIN_HEIGHT_M:
-            return 1e3
-        # Into what is taller than half its width nothing looks from above alone.
-        if opening > 0 and height > wide:
-            return 1e3
-        return -float(outlines.log_likelihood(body, opening).sum())
-
-    def search(start: np.ndarray, opening: float, outlines: _Outlines) -> np.ndarray:
-        simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
-        options = {"initial_simplex": simplex, "maxfev": _MAX_STEPS, "xatol": 3e-4, "fatol": 1e-2}
-        found: np.ndarray = minimize(cost, start, (opening, outlines), "Nelder-Mead", options=options).x
-        return found
-
+    bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, widest_m])
     outlines = _Outlines(views, points_m[evidence.argmax()])
     strong_m = points_m[evidence > 0.5 * evidence.max()]
     starts = [(start, opening) for opening in _OPEN for start in _starts(strong_m, opening)]
     starts += [(start, _OPEN[1]) for start in _rims(low_m, high_m)]
     bodies: list[UprightBody] = []
     ends: list[tuple[np.ndarray, float]] = []
-    for start, opening in _apart(sorted(starts, key=lambda one: cost(one[0], one[1], outlines))):
+    for start, opening in _apart(sorted(starts, key=lambda one: outlines.cost(one[0], one[1], bounds_m))):
         # Rays end before what is farther than the strongest voxel.
         outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
-        best = search(start, opening, outlines)
+        best = outlines.search(start, opening, bounds_m)
         # Two ends nearer than half of the narrowest body are beside one maximum.
         if any(kind == opening and np.hypot(*(best - end)[:2]) < 0.5 * _MIN_RADIUS_M for end, kind in ends):
             continue
         # A simplex that has collapsed beside the maximum finds it from where it is.
-        best = search(best, opening, outlines)
+        best = outlines.search(best, opening, bounds_m)
         ends.append((best, opening))
         covariance = _covariance(outlines, best, opening, views[0].window_px)
-        if (least := cost(best, opening, outlines)) < 0 and covariance is not None:
+        if (least := outlines.cost(best, opening, bounds_m)) < 0 and covariance is not None:
             sigma = np.sqrt(np.diag(covariance))
             x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
             place = np.array([x, y]), sigma[:2]

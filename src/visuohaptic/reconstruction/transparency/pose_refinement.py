@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -20,7 +20,7 @@ from ...core.geometry import so3_log
 from ...core.resources import one_blas_thread
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
-from .background import ideal_depth
+from .background import ideal_depth, intrinsics
 from .view_selection import view_graph
 
 __all__ = ["common_sigma_m", "refine_poses"]
@@ -31,20 +31,14 @@ _NEIGHBOURS = 6
 _ALL_POINTS, _POINTS = 24_000, 500
 #: Residuals of neighbouring points are not independent: one in this number counts.
 _CORRELATED = 2.0
+#: Deviation that even the best depth has [m].
+_LEAST_M = 5e-4
 #: Steps of the solution at most, each looks the matching points up anew; the motion that ends it [m] or [rad].
 _STEPS, _STILL = 12, 5e-5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Surface:
-    """One view as points and planes in the frame of its camera."""
-
-    points_m: Float[np.ndarray, "h w 3"]
-    normals: Float[np.ndarray, "h w 3"]  #: NaN where there is no smooth surface
-    chosen: Float[np.ndarray, "n 3"]  #: some of the points that have a normal [m]
-
-
-def _surface(frame: DepthFrame, count: int) -> _Surface:
+def _surface(frame: DepthFrame, count: int) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "n 3"]]:
+    """Normals of a view in the frame of its camera, NaN where there is no smooth surface, and some points that have one [m]."""
     depth_m = ideal_depth(frame).astype(np.float64)
     height, width = depth_m.shape
     matrix = frame.camera.matrix
@@ -64,7 +58,7 @@ def _surface(frame: DepthFrame, count: int) -> _Surface:
     normals[rough] = np.nan
     good = np.flatnonzero((np.isfinite(normals[..., 0]) & (depth_m > 0)).ravel())
     spread = good[np.linspace(0, len(good) - 1, min(count, len(good))).astype(int)] if len(good) else good
-    return _Surface(points, normals, points.reshape(-1, 3)[spread])
+    return normals.astype(np.float32), points.reshape(-1, 3)[spread]
 
 
 @one_blas_thread()
@@ -86,6 +80,8 @@ def refine_poses(
     sigma_m, sigma_rad
         Standard deviation of the reported poses, per axis [m], [rad].
     """
+    from ._background_kernels import plane_equations
+
     count = len(frames)
     if count < 2:
         return list(frames)
@@ -94,19 +90,24 @@ def refine_poses(
         {(i, k) for i in range(count) for k in graph.neighbours(i, _NEIGHBOURS)}
         | {(k, i) for i in range(count) for k in graph.neighbours(i, _NEIGHBOURS)}
     )
-    views = [_surface(frame, max(_POINTS, _ALL_POINTS // count)) for frame in frames]
+    normals, points = zip(*(_surface(one, max(_POINTS, _ALL_POINTS // count)) for one in frames), strict=True)
+    planes = np.stack([ideal_depth(frame) for frame in frames]), np.stack(normals)
+    firsts = np.cumsum([0, *(len(chosen) for chosen in points)])
+    places = np.array(pairs, np.int64).reshape(-1, 2), np.concatenate(points), firsts
+    camera = [float(value) for value in intrinsics(frames[0].camera)]
+    numbers = noise.quadratic_per_m, noise.constant_m, noise.offset_m, _LEAST_M, _CORRELATED
+    squares, pulls = np.empty((len(pairs), 6, 6)), np.empty((len(pairs), 6))
     measured = [frame.T_world_camera for frame in frames]
     poses = list(measured)
-    device = noise.with_tracking(0.0)
     stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
     for step in range(_STEPS):
         # Far matches help a poor start and spoil a good one.
         reach_m = 4 * sigma_m * max(0.25, 0.6**step)
         matrix, right = np.zeros((count, 6, count, 6)), np.zeros((count, 6))
-        for i, k in pairs:
+        present = np.array([pose.matrix[:3] for pose in poses])
+        plane_equations(*places, present, *planes, *camera, reach_m, *numbers, squares, pulls)
+        for (i, k), square, pull in zip(pairs, squares, pulls, strict=True):
             # A motion of the view i in the world moves its points, one of k its planes.
-            rows, residual = _equations(views[i], views[k], poses[i], poses[k], frames[k], device, reach_m)
-            square, pull = rows.T @ rows, rows.T @ residual
             matrix[i, :, i] += square
             matrix[k, :, k] += square
             matrix[i, :, k] -= square
@@ -158,34 +159,3 @@ def _offset(pose: Pose, measured: Pose) -> tuple[Float[np.ndarray, "6"], Float[n
 
 def _cross_matrix(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def _equations(
-    here: _Surface,
-    there: _Surface,
-    pose: Pose,
-    other: Pose,
-    frame: DepthFrame,
-    noise: DepthNoise,
-    reach_m: float,
-) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n"]]:
-    """Weighted rows of the derivative by a motion of the points in the world, and weighted residuals."""
-    world = pose.apply(here.chosen)
-    local = other.inverse().apply(world)
-    matrix = frame.camera.matrix
-    z = np.maximum(local[:, 2], 1e-3)
-    u = np.rint(matrix[0, 0] * local[:, 0] / z + matrix[0, 2]).astype(int)
-    v = np.rint(matrix[1, 1] * local[:, 1] / z + matrix[1, 2]).astype(int)
-    height, width = there.normals.shape[:2]
-    held = (local[:, 2] > 0.05) & (u >= 0) & (v >= 0) & (u < width) & (v < height)
-    local, world, u, v = local[held], world[held], u[held], v[held]
-    normal = there.normals[v, u]
-    residual = ((local - there.points_m[v, u]) * normal).sum(axis=1)
-    with np.errstate(invalid="ignore"):
-        used = np.abs(residual) < reach_m
-    residual, normal = residual[used], normal[used] @ other.rotation.T
-    sigma = np.sqrt(2.0) * noise.sigma_m(local[used, 2]) + 5e-4
-    # Geman-McClure: what is not the same surface has no say.
-    weight = 1 / (1 + (residual / (3 * sigma)) ** 2) / (sigma * math.sqrt(_CORRELATED))
-    rows = np.concatenate([np.cross(world[used], normal), normal], axis=1)
-    return rows * weight[:, None], residual * weight
