@@ -47,9 +47,10 @@ if TYPE_CHECKING:
 
 __all__ = ["grasp_the_bottle", "mission_classes", "recognise_the_bottle"]
 
-#: At a single place an unusual bottle can be as stiff and as wide as another class. One wrong claim in a hundred is what a
-#: mission may have: with 0.98 one unknown container of four passed for a smoothie.
-CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.99, 2, 8
+#: At a single place an unusual bottle can be as stiff and as wide as another class. Of objects of no class, which are one in
+#: ten, two in a hundred may be claimed to be of one: 0.02 * 0.1 / 0.9 of all claims. Where that is not reached, up to a dozen
+#: squeezes tell more; what is known needs two.
+CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.998, 2, 12
 #: The gripper's limit, above the firmest squeeze [N].
 MAX_GRIP_N = 60.0
 #: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
