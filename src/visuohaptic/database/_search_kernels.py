@@ -19,7 +19,12 @@ def _squared(level, at):
 def _add_eight(codes, features, query, j, sums):
     """Eight features at a time: the sums are read and written once, and memory is asked for in eight places."""
     a, b, c, d = codes[features[j]], codes[features[j + 1]], codes[features[j + 2]], codes[features[j + 3]]
-    e, f, g, h = codes[features[j + 4]], codes[features[j + 5]], codes[features[j + 6]], codes[features[j + 7]]
+    e, f, g, h = (
+        codes[features[j + 4]],
+        codes[features[j + 5]],
+        codes[features[j + 6]],
+        codes[features[j + 7]],
+    )
     p, q, r, s = query[j], query[j + 1], query[j + 2], query[j + 3]
     t, u, v, w = query[j + 4], query[j + 5], query[j + 6], query[j + 7]
     for i in range(sums.shape[0]):
