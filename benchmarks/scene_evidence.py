@@ -15,6 +15,7 @@ from benchmarks._journal import Journal
 from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core import BaseState
 from visuohaptic.core.camera import Camera, Frame, PlaneView, Pose
+from visuohaptic.core.geometry import rotation_2d
 from visuohaptic.sensing.scene import EgoMotionSettings, SceneSettings, SceneTracker
 
 #: What a drive has on its floor.
@@ -58,10 +59,18 @@ def run_drive(floor: str, kind: str, seed: int) -> dict:
                 bool(found.valid),
                 float(found.proximity_m) if says else None,
                 float(found.proximity_sigma_m) if says else None,
-                float(world.box[0] - pose[0]) if world.box is not None else None,
+                _ahead_m(world.box, pose, found.y_m) if world.box is not None else None,
             ]
         )
     return {"floor": floor, "kind": kind, "frames": frames}
+
+
+def _ahead_m(box: np.ndarray, pose: np.ndarray, y_m: float) -> float:
+    """Range of the box's near face, which the drive turns away, along the platform's x at the lateral place that is said."""
+    x, y, side = box
+    ends = np.array([[x, y - side / 2], [x, y + side / 2]]) - pose[:2]
+    ahead, aside = (ends @ rotation_2d(pose[2])).T
+    return float(np.interp(0.0 if np.isnan(y_m) else y_m, aside, ahead))
 
 
 def figures(rows: list[dict]) -> list[dict]:

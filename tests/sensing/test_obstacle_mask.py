@@ -10,6 +10,7 @@ from visuohaptic.core import InputError, Motion, Reason
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.camera.plane import PlaneView
 from visuohaptic.sensing.scene import ObstacleDetector, ObstacleSettings, chain, inverse
+from visuohaptic.sensing.scene.obstacle_parallax import _over_slopes
 from visuohaptic.simulation.foam import SensorRig
 from visuohaptic.simulation.rendering import Look, Surface
 
@@ -55,6 +56,36 @@ def test_a_box_is_seen_on_floors_that_look_like_anything(floor):
     column = found.mask[:, round(float(foot[0]))]
     assert np.flatnonzero(column).max() == pytest.approx(foot[1], abs=3.0)
     assert not found.mask[:, :5].any()
+
+
+def test_a_plain_box_as_bright_as_the_grass_is_placed_by_its_outlines():
+    """The inside of its face says the same of every range behind its own: the search starts 6 cm behind it."""
+    world = ground.drive("grass", 32, box=True, plain=True)
+    detector = ObstacleDetector(scene_evidence.floor_view(), 0.0)
+    said = [(found, x) for found, x in follow(detector, world, world.poses[::2]) if found.valid]
+    near = [
+        (found.proximity_m - x, found.proximity_sigma_m)
+        for found, x in said
+        if np.isfinite(found.proximity_m)
+    ]
+    assert len(near) >= 3
+    error, sigma = np.array(near).T
+    # As the sigma of a plain face is between 3 and 10 mm, and the face is turned by 7 mm over its width.
+    assert np.abs(error).max() < 0.015
+    assert np.sqrt(np.mean((error / sigma) ** 2)) < 2.0
+
+
+def test_a_turned_face_is_placed_in_its_middle():
+    """Columns of a face whose ranges lie on a line have their likeliest sum at the range in their middle."""
+    away = np.linspace(-20.0, 20.0, 100)  # in half cells of 4 mm
+    ranges, middle, slope = np.arange(40.0), 21.0, 0.3
+    columns = 2.0 - 0.5 * ((ranges[:, None] - middle - slope * away) / 2.0) ** 2
+    # Beside the face there is floor, which faces at the ranges far behind explain badly, and at those near hardly worse.
+    columns[:, np.abs(away) > 12.0] = -0.1 * ranges[:, None]
+    each = _over_slopes(columns, away)
+    assert each.argmax() == 21
+    # Of the slopes one is right: the likelihood is that of 60 columns, each of which is 2 half cells wide.
+    assert 2 * each[21] - each[20] - each[22] == pytest.approx(60 / 4.0, rel=0.2)
 
 
 def test_joints_of_tiles_and_a_walking_shadow_are_no_obstacles():

@@ -10,18 +10,29 @@ __all__ = ["coarse_distances", "exact_distances", "smallest", "within"]
 
 
 @kernel(boundscheck=False)
-def _add_four(codes, features, query, j, sums):
-    """Four features at a time: the sums are read and written once, and memory is asked for in four places."""
-    one, two = codes[features[j]], codes[features[j + 1]]
-    three, four = codes[features[j + 2]], codes[features[j + 3]]
+def _squared(level, at):
+    difference = np.int16(np.int16(level) - at)
+    return np.int16(difference * difference)
+
+
+@kernel(boundscheck=False)
+def _add_eight(codes, features, query, j, sums):
+    """Eight features at a time: the sums are read and written once, and memory is asked for in eight places."""
+    a, b, c, d = codes[features[j]], codes[features[j + 1]], codes[features[j + 2]], codes[features[j + 3]]
+    e, f, g, h = (
+        codes[features[j + 4]],
+        codes[features[j + 5]],
+        codes[features[j + 6]],
+        codes[features[j + 7]],
+    )
     p, q, r, s = query[j], query[j + 1], query[j + 2], query[j + 3]
+    t, u, v, w = query[j + 4], query[j + 5], query[j + 6], query[j + 7]
     for i in range(sums.shape[0]):
-        w = np.int16(np.int16(one[i]) - p)
-        x = np.int16(np.int16(two[i]) - q)
-        y = np.int16(np.int16(three[i]) - r)
-        z = np.int16(np.int16(four[i]) - s)
-        both = np.int16(np.int16(w * w) + np.int16(x * x))
-        sums[i] = np.int16(sums[i] + np.int16(both + np.int16(np.int16(y * y) + np.int16(z * z))))
+        one = np.int16(_squared(a[i], p) + _squared(b[i], q))
+        two = np.int16(_squared(c[i], r) + _squared(d[i], s))
+        three = np.int16(_squared(e[i], t) + _squared(f[i], u))
+        four = np.int16(_squared(g[i], v) + _squared(h[i], w))
+        sums[i] = np.int16(sums[i] + np.int16(np.int16(one + two) + np.int16(three + four)))
 
 
 @kernel(boundscheck=False)
@@ -33,7 +44,7 @@ def coarse_distances(codes, features, query, squared):
     codes
         Blocks of rows, feature by feature, 0 to 63, uint8, shape (b, n, h).
     features
-        Those that the query knows, int64, shape (k,) with k a multiple of 4.
+        Those that the query knows, int64, shape (k,) with k a multiple of 8.
     query
         Their values, 0 to 63, int16, shape (k,).
     squared
@@ -50,8 +61,8 @@ def coarse_distances(codes, features, query, squared):
         ):  # as many squares of at most 63 fit into 16 bits without a sign
             for i in range(h):
                 sums[i] = np.int16(0)
-            for j in range(start, min(start + 16, len(features)), 4):
-                _add_four(rows, features, query, j, sums)
+            for j in range(start, min(start + 16, len(features)), 8):
+                _add_eight(rows, features, query, j, sums)
             for i in range(h):
                 out[i] = np.int32(out[i] + np.int32(np.uint16(sums[i])))
 

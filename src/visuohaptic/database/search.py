@@ -102,9 +102,9 @@ class FeatureIndex:
 
         known = np.flatnonzero(~np.isnan(q))
         code, error = _rounded(q[None, known] - self._centre[known], self._step)
-        fours = -len(known) % 4
-        padded = np.pad(known, (0, fours), constant_values=len(q))
-        coarse_distances(self._codes, padded, np.pad(code[0].astype(np.int16), (0, fours)), self._squared)
+        eights = -len(known) % 8
+        padded = np.pad(known, (0, eights), constant_values=len(q))
+        coarse_distances(self._codes, padded, np.pad(code[0].astype(np.int16), (0, eights)), self._squared)
         squared = self._squared.ravel()[:m]
         first = np.empty(min(count, m), np.int64)
         smallest(squared, first)

@@ -51,8 +51,10 @@ _TAILS = (64.0, 16.0, 4.0, 1.0)
 _STEPS = (2e-4, 2e-4, 5e-4)
 #: A face whose range is wrong by a step of the cells moves by this much too much or too little [bins].
 _STEP_BINS = 0.7
-#: Half cells on either side over which the range of a face is looked for.
-_NEAR_CELLS = 8
+#: Half cells by which a face may be farther than the first guess, or nearer than the nearest cell.
+_BEYOND_CELLS = 4
+#: Slopes of a face, ahead by aside: steps of what two outlines 10 cm apart tell. Those turned by more are not told apart.
+_SLOPES = np.linspace(-0.3, 0.3, 7)
 #: Where the strip shows the horizon, ranges end after this many steps.
 _MAX_RANGES = 48
 
@@ -180,7 +182,7 @@ class FaceCells:
 
     def _seen_by(
         self, x_m: float, eye: np.ndarray, rays: np.ndarray
-    ) -> tuple[slice, Int[np.ndarray, "pixels"]]:
+    ) -> tuple[tuple[slice, slice], Int[np.ndarray, "pixels"]]:
         """Rows of the strip that see the face at one range, and the lateral cell of each of their pixels."""
         with np.errstate(divide="ignore", invalid="ignore"):
             along = (x_m - eye[0]) / rays[..., 0]
@@ -190,7 +192,7 @@ class FaceCells:
         inside = (along > 0) & (z > 0) & (z < self.settings.height_m) & (cell >= 0) & (cell < count)
         rows = np.flatnonzero(inside.any(axis=1))
         part = slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 1)
-        return part, np.where(inside, cell, count)[part].astype(np.intp).ravel()
+        return (part, slice(0, self.shape[1])), np.where(inside, cell, count)[part].astype(np.intp).ravel()
 
     def prepare(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> StripImage:
         """Strip of one frame.
@@ -283,7 +285,8 @@ class FaceCells:
 
     def _floor_before(self, before: StripImage, motion: Float[np.ndarray, "3"]) -> np.ndarray:
         """The earlier frame as it would look now were all of it floor; NaN: unseen."""
-        return self._moved(before, self._view(motion), 2, 0.0, slice(0, self.shape[0]))
+        rows, columns = self.shape
+        return self._moved(before, self._view(motion), 2, 0.0, (slice(0, rows), slice(0, columns)))
 
     def compare(self, pair: FramePair) -> Float[np.ndarray, "2 ranges laterals"]:
         """Log ratio of a face by floor in every cell, and the sum of the squares of its pixels.
@@ -295,14 +298,17 @@ class FaceCells:
         """
         count = len(self.lateral_m)
         sums = np.zeros((2, len(self.range_m), count))
-        for k, (rows, cell) in enumerate(self._cells):
-            ratio = self._ratio(pair, float(self.range_m[k]), rows).ravel()
+        for k, (part, cell) in enumerate(self._cells):
+            ratio = self._ratio(pair, float(self.range_m[k]), part).ravel()
             sums[0, k] = np.bincount(cell, ratio, count + 1)[:-1]
             sums[1, k] = np.bincount(cell, ratio * ratio, count + 1)[:-1]
         return sums
 
     def locate(self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Range of a face and its standard deviation [m], by its likelihood over the same pixels.
+        """Range of a face in its middle and its standard deviation [m], by its likelihood over the same pixels.
+
+        The inside of a plain face says the same of all ranges behind its own, so that the search goes far towards the
+        camera. The face is the likeliest run of columns of pixels, with floor beside it, and may be turned.
 
         Parameters
         ----------
@@ -315,53 +321,75 @@ class FaceCells:
         """
         step = float(self.range_m[1] - self.range_m[0])
         # The same pixels for all ranges: those of the next cell, above the foot, where the mean around a pixel of the
-        # face is not that of the floor.
-        rows, cell = self._cells[min(at + 1, len(self._cells) - 1)]
-        seen = np.isin(cell, laterals)
-
-        def likelihood(x_m: float) -> float:
-            return float(self._ratio(pair, x_m, rows).ravel()[seen].sum()) / self.settings.correlated_bins
-
-        # Of a plain face the likelihood is wide and rugged: its mean and width over all ranges near, not its curvature.
-        ranges = self.range_m[at] + 0.5 * step * np.arange(-_NEAR_CELLS, _NEAR_CELLS + 1)
-        each = np.array([likelihood(float(x)) for x in ranges])
+        # face is not that of the floor; and of a cell more on both sides, where the outlines of a plain face are.
+        (rows, _), cell = self._cells[min(at + 1, len(self._cells) - 1)]
+        cell = cell.reshape(rows.stop - rows.start, -1)
+        seen = (cell >= laterals.min() - 1) & (cell <= min(laterals.max() + 1, len(self.lateral_m) - 1))
+        shown = np.flatnonzero(seen.any(axis=0))
+        part = rows, slice(int(shown[0]), int(shown[-1]) + 1)
+        seen, cell = seen[:, part[1]], cell[:, part[1]]
+        ranges = self.range_m[0] + 0.5 * step * np.arange(-_BEYOND_CELLS, 2 * at + _BEYOND_CELLS + 1)
+        columns = np.array([(self._ratio(pair, float(x), part) * seen).sum(axis=0) for x in ranges])
+        columns /= self.settings.correlated_bins
+        away = (cell * seen).sum(axis=0) / seen.sum(axis=0) - laterals.mean()
+        each = _over_slopes(columns, away * self.settings.width_m / (0.5 * step))
         weight = np.exp(each - each.max())
-        found = float(weight @ ranges / weight.sum())
-        spread = math.sqrt(float(weight @ (ranges - found) ** 2 / weight.sum()))
-        if spread < 0.5 * step:
-            for width in (0.5 * step, 0.25 * step):
-                below, middle, beyond = (likelihood(found + side * width) for side in (-1, 0, 1))
-                bend = max(2.0 * middle - below - beyond, (width / step) ** 2) / width**2
-                found += float(np.clip(0.5 * (beyond - below) / (bend * width), -width, width))
-            spread = math.hypot(spread, 1.0 / math.sqrt(bend))
+        weight /= weight.sum()
+        found = float(weight @ ranges)
+        spread = math.sqrt(float(weight @ (ranges - found) ** 2))
+        best = int(each.argmax())
+        if spread < 0.5 * step and 0 < best < len(ranges) - 1:
+            below, middle, beyond = each[best - 1 : best + 2]
+            bend = max(2.0 * middle - below - beyond, 1.0)
+            found = float(ranges[best]) + 0.25 * step * (beyond - below) / bend
+            spread = math.hypot(spread, 0.5 * step / math.sqrt(bend))
         return found, math.hypot(spread, _SYSTEMATIC_BINS / _STEP_BINS * step)
 
-    def _ratio(self, pair: FramePair, x_m: float, rows: slice) -> Float32[np.ndarray, "rows columns"]:
-        """Log ratio of every pixel of some rows; 0 where a plane was out of view in the earlier frame."""
+    def _ratio(
+        self, pair: FramePair, x_m: float, part: tuple[slice, slice]
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Log ratio of every pixel of a part; 0 where a plane was out of view in the earlier frame."""
         import cv2
 
-        face = pair.now.detail[rows] - self._moved(pair.before, pair.view, 0, x_m, rows)
-        better = pair.by_floor[rows] - cv2.log(1.0 + face * face * pair.scale[rows])
+        face = pair.now.detail[part] - self._moved(pair.before, pair.view, 0, x_m, part)
+        better = pair.by_floor[part] - cv2.log(1.0 + face * face * pair.scale[part])
         better *= 0.5 * (_FREEDOM + 1.0)
         cv2.patchNaNs(better, 0.0)
         return np.asarray(better)
 
     def _moved(
-        self, before: StripImage, view: tuple[np.ndarray, np.ndarray], axis: int, x_m: float, rows: slice
-    ) -> Float32[np.ndarray, "rows columns"]:
+        self, before: StripImage, view: tuple[np.ndarray, np.ndarray], axis: int, x_m: float,
+        part: tuple[slice, slice],
+    ) -> Float32[np.ndarray, "rows columns"]:  # fmt: skip
         """The earlier frame as it would look now were all of it on the plane at ``x_m`` along an axis; NaN: unseen."""
         import cv2
 
-        normal, (turn, shift) = self._rotation[:, axis], view
+        normal, (turn, shift), (rows, columns) = self._rotation[:, axis], view, part
         bent = turn + np.outer(shift, normal) / (normal @ self._origin + x_m)
         plane = self._matrix @ bent @ self._inverse
-        plane[:, 2] += plane[:, 1] * rows.start
-        size, flags = (self.shape[1], rows.stop - rows.start), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        border = cv2.BORDER_CONSTANT
-        moved = cv2.warpPerspective(
-            before.detail, plane, size, flags=flags, borderMode=border, borderValue=math.nan
-        )
+        plane[:, 2] += plane[:, 1] * rows.start + plane[:, 0] * columns.start
+        size = columns.stop - columns.start, rows.stop - rows.start
+        flags, border = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_CONSTANT
+        moved = cv2.warpPerspective(before.detail, plane, size, None, flags, border, math.nan)
         return np.asarray(moved)
+
+
+def _over_slopes(
+    columns: Float[np.ndarray, "ranges columns"], away: Float[np.ndarray, "columns"]
+) -> Float[np.ndarray, "ranges"]:
+    """Log likelihood of ranges in the middle of a face: over :data:`_SLOPES`, of the likeliest run of columns.
+
+    The columns are ``away`` from the middle [steps of ranges]; floor instead of face would be 0.
+    """
+    count, across = len(columns), np.arange(len(away))
+    place = np.clip(np.arange(count)[:, None] + _SLOPES[:, None, None] * away, 0.0, count - 1.000001)
+    whole = place.astype(np.intp)
+    part = place - whole
+    each = columns[whole, across] * (1.0 - part) + columns[whole + 1, across] * part
+    # The largest sum of a run of columns: that up to its end, less the least one up to before its beginning.
+    upto = np.pad(np.cumsum(each, axis=-1), ((0, 0), (0, 0), (1, 0)))
+    runs = (upto - np.minimum.accumulate(upto, axis=-1)).max(axis=-1)
+    return np.asarray(np.logaddexp.reduce(runs))
 
 
 def _scale(residual: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.ndarray:
