@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 import reprlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 __all__ = [
     "CalibrationError",
@@ -18,6 +20,7 @@ __all__ = [
     "StaleFrameError",
     "VisuohapticError",
     "brief",
+    "needs",
 ]
 
 _BRIEF = reprlib.Repr()
@@ -125,3 +128,18 @@ class MissingExtraError(VisuohapticError, ImportError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return type(self), self._found
+
+
+@contextmanager
+def needs(module: str, extra: str, purpose: str) -> Iterator[None]:
+    """Around the import of an optional library.
+
+    Parameters
+    ----------
+    module, extra, purpose
+        As in :class:`MissingExtraError`, which is raised where it is not installed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(module, extra, purpose) from error

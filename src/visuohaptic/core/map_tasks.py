@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from .._version import __version__
-from .errors import InputError, MissingExtraError, VisuohapticError
+from .errors import InputError, VisuohapticError, needs
 from .resources import one_blas_thread
 
 __all__ = ["MAX_DEATHS", "available_cores", "cluster_hosts", "map_tasks"]
@@ -348,10 +348,8 @@ def _scheduler_lost() -> tuple[type[BaseException], ...]:
 
 
 def _distributed() -> Any:
-    try:
+    with needs("distributed", "cluster", "work on a cluster"):
         import distributed
-    except ImportError as error:
-        raise MissingExtraError("distributed", "cluster", "work on a cluster") from error
     return distributed
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ..core.errors import InputError, MissingExtraError
+from ..core.errors import InputError, needs
 from ..core.files import atomic_path, check_unlocked, read_head, whole_lines, write_text
 from .depth.depth_sequence_out import recover_sequence
 from .ros.mcap_records import MCAP_MAGIC
@@ -79,10 +79,8 @@ def _csv(path: Path, target: Path) -> int:
 
 
 def _mcap(path: Path, target: Path) -> int:
-    try:
+    with needs("mcap", "recording", "writing MCAP"):
         from mcap.writer import Writer
-    except ImportError as error:
-        raise MissingExtraError("mcap", "recording", "writing MCAP") from error
     file = open_bag(path)
     channels: dict[int, int] = {}
     schemas: dict[int, int] = {0: 0}

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from ..core.errors import MissingExtraError
+from ..core.errors import needs
 from ..core.files import atomic_path
 from ..simulation.foam.press_rig import PressShape, calibration_press, press
 from ..simulation.foam.strip_geometry import FoamStripGeometry
@@ -100,10 +100,8 @@ def write_video(
     crf
         Quality, smaller is better.
     """
-    try:
+    with needs("av", "recording", "writing a video"):
         import av
-    except ImportError as error:
-        raise MissingExtraError("av", "recording", "writing a video") from error
 
     with atomic_path(path) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.errors import DeviceError, MissingExtraError
+from ..core.errors import DeviceError, needs
 from ..core.geometry import so3_log
 from ..core.resources import Closing
 from .gate import Gate
@@ -81,10 +81,8 @@ def has_screen() -> bool:
 
 def _start(port: int, title: str, gate: Gate) -> viser.ViserServer:
     """A viser server on 127.0.0.1 that cannot be shared to the outside."""
-    try:
+    with needs("viser", "view", "the browser page"):
         import viser
-    except ImportError as error:
-        raise MissingExtraError("viser", "view", "the browser page") from error
     import rich
 
     class LocalServer(viser.ViserServer):  # type: ignore[misc]

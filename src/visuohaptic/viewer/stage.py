@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..core.errors import MissingExtraError
+from ..core.errors import needs
 from .gate import reported
 
 __all__ = ["Stage", "View", "hit_face", "scale_colours"]
@@ -137,10 +137,8 @@ class Stage:
         on_click
             Called with origin [m] and direction of the ray.
         """
-        try:
+        with needs("trimesh", "geometry", "a coloured mesh on the page"):
             import trimesh
-        except ImportError as error:
-            raise MissingExtraError("trimesh", "geometry", "a coloured mesh on the page") from error
         # One looks into a cup: its inside is a second surface, apart so that the two don't flicker.
         outside = trimesh.Trimesh(vertices_m, faces, process=False, validate=False)
         apart = 1e-3 * float(np.ptp(vertices_m, axis=0).max())

@@ -18,7 +18,7 @@ from jaxtyping import Float32, UInt8
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
-from ...core.errors import DeviceError, InputError, MissingExtraError
+from ...core.errors import DeviceError, InputError, needs
 from ...core.resources import Closing
 from .depth_sequence import DepthFrame
 
@@ -87,10 +87,8 @@ class LiveDepthSource(Closing):
                 type(self).__name__,
                 f"found {width} x {height} at {rate_Hz} Hz, {timeout_s} s, expected numbers > 0",
             )
-        try:
+        with needs(self.module, self.extra, type(self).__name__):
             self._driver: Any = import_module(self.module)
-        except ImportError as error:
-            raise MissingExtraError(self.module, self.extra, type(self).__name__) from error
         self._timeout_ms, self._serial = max(1, round(1e3 * timeout_s)), serial
         self._open = True
         try:

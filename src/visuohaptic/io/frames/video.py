@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from ...core.camera.model import Camera
-from ...core.errors import InputError, MissingExtraError
+from ...core.errors import InputError, needs
 from ...core.files import MAX_PIXELS
 from ..source import RecordedSource
 
@@ -21,10 +21,8 @@ _log = logging.getLogger(__name__)
 
 
 def _av() -> Any:
-    try:
+    with needs("av", "recording", "reading video"):
         import av
-    except ImportError as error:
-        raise MissingExtraError("av", "recording", "reading video") from error
     return av
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.errors import InputError, MissingExtraError, VisuohapticError
+from ...core.errors import InputError, MissingExtraError, VisuohapticError, needs
 from ...core.files import read_bytes
 from ._mesh_diagnosis import diagnose, first_zero_index
 from .ply import parse_ply
@@ -84,10 +84,8 @@ def load_mesh(path: Path | str) -> TriangleMesh:
 
 
 def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    try:
+    with needs("trimesh", "geometry", "reading meshes"):
         import trimesh
-    except ImportError as error:
-        raise MissingExtraError("trimesh", "geometry", "reading meshes") from error
     # Its readers log a traceback of what they raise anyway.
     logger = logging.getLogger("trimesh")
     level = logger.level

@@ -16,7 +16,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from ...core.errors import InputError, MissingExtraError
+from ...core.errors import InputError, MissingExtraError, needs
 from ...core.files import read_head
 
 __all__ = ["McapDamage", "McapFile", "McapMessage", "RecordedChannel", "RecordedSchema", "Topic"]
@@ -278,11 +278,9 @@ class McapFile:
             ) from error
 
     def _decoder(self, message: McapMessage, where: str) -> Any:
-        try:
+        with needs("mcap-ros2-support", "recording", "reading MCAP"):
             from mcap.records import Schema
             from mcap_ros2.decoder import DecoderFactory
-        except ImportError as error:
-            raise MissingExtraError("mcap-ros2-support", "recording", "reading MCAP") from error
         schema = self.schemas.get(message.schema)
         channel = self.channels[message.channel]
         if schema is None or schema.encoding != "ros2msg" or channel.encoding != "cdr":

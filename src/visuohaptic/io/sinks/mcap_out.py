@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import InputError, MissingExtraError
+from ...core.errors import InputError, needs
 from ...core.files import PartFile
 from ...core.resources import Closing
 from ..ros import ros_messages as ros
@@ -59,10 +59,8 @@ class MeasurementWriter(MeasurementSink, Closing):
     """
 
     def __init__(self, path: Path | str, *, frame: str = "sensor", chunk_bytes: int = 0) -> None:
-        try:
+        with needs("mcap-ros2-support", "recording", "writing MCAP"):
             from mcap_ros2.writer import Writer
-        except ImportError as error:
-            raise MissingExtraError("mcap-ros2-support", "recording", "writing MCAP") from error
         if chunk_bytes < 0:
             raise InputError("chunk_bytes", f"found {chunk_bytes}, expected >= 0")
         self.path = Path(path)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.errors import InputError, MissingExtraError
+from ...core.errors import InputError, needs
 from ...core.files import PartFile, atomic_path, csv_line
 from ...core.measurement import ForceProfile, Wrench
 from ...core.resources import Closing
@@ -220,9 +220,7 @@ def _next_rows(pa: Any, rows: Any) -> list[Any]:
 
 def arrow() -> tuple[Any, Any]:
     """The modules ``pyarrow`` and ``pyarrow.parquet``."""
-    try:
+    with needs("pyarrow", "tables", "Parquet"):
         import pyarrow as pa
         import pyarrow.parquet as pq
-    except ImportError as error:
-        raise MissingExtraError("pyarrow", "tables", "Parquet") from error
     return pa, pq

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from ...core.errors import DeviceError, MissingExtraError
+from ...core.errors import DeviceError, needs
 from ..wire.attachment import Attachment
 from ..wire.cdr import decode, encode
 from ..wire.graph import LATCHED, Entity, EntityKind, Qos
@@ -110,7 +110,7 @@ class CycloneNode(TopicNode):
 
     def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
         super().__init__(name, options)
-        try:
+        with needs("cyclonedds", "dds", "DDS without ROS"):
             from cyclonedds.builtin import (
                 BuiltinDataReader,
                 BuiltinTopicDcpsParticipant,
@@ -121,8 +121,6 @@ class CycloneNode(TopicNode):
             from cyclonedds.domain import DomainParticipant
             from cyclonedds.qos import Policy
             from cyclonedds.qos import Qos as DdsQos
-        except ImportError as error:
-            raise MissingExtraError("cyclonedds", "dds", "DDS without ROS") from error
         try:
             enclave = DdsQos(Policy.Userdata(b"enclave=/;"))
             self._participant = DomainParticipant(self.options.domain, qos=enclave)

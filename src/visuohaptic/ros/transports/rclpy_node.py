@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import InputError, MissingExtraError, VisuohapticError
+from ...core.errors import InputError, VisuohapticError, needs
 from ...core.resources import Closing
 from ..wire.attachment import Attachment
 from ..wire.graph import Entity, EntityKind, Qos, check_node
@@ -36,14 +36,10 @@ def import_rclpy() -> Any:
     MissingExtraError
         Neither an installation of ROS 2 is sourced, nor are the wheels there.
     """
-    try:
+    with needs("rclpy", "ros-jazzy", "ROS 2 over DDS (or the setup.bash of an installation)"):
         import rclpy
         import rclpy.executors
         import rclpy.lifecycle
-    except ImportError as error:
-        raise MissingExtraError(
-            "rclpy", "ros-jazzy", "ROS 2 over DDS (or the setup.bash of an installation)"
-        ) from error
     return rclpy
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import DeviceError, InputError, MissingExtraError
+from ...core.errors import DeviceError, InputError, needs
 from ...core.ranges import check_ranges, within
 
 __all__ = ["RosOptions", "open_session", "shown_error"]
@@ -60,10 +60,8 @@ def open_session(options: RosOptions) -> Any:
     DeviceError
         No router answers.
     """
-    try:
+    with needs("eclipse-zenoh", "ros", "live ROS 2"):
         import zenoh
-    except ImportError as error:
-        raise MissingExtraError("eclipse-zenoh", "ros", "live ROS 2") from error
     try:
         config = _config(options, zenoh)
     except (zenoh.ZError, OSError) as error:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.pose import Pose
-from ...core.errors import InputError, MissingExtraError
+from ...core.errors import InputError, needs
 from ...core.geometry import so3_exp
 from ...core.measurement import Event, EventKind
 from ..foam.outline import Outline
@@ -72,10 +72,8 @@ class FoamPushWorld:
         *,
         friction_sigma: float = 0.0,
     ) -> None:
-        try:
+        with needs("mujoco-core", "sim", "the simulated world"):
             import mujoco
-        except ImportError as error:
-            raise MissingExtraError("mujoco-core", "sim", "the simulated world") from error
         from dataclasses import replace
 
         names = [o.name for o in obstacles]
