@@ -88,6 +88,8 @@ def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
         mission.known.finger = made
     if mission.known.wrist is None:
         mission.known.wrist = weighing_sensor(mission.kitchen.wrist_camera, mission.folder / "wrist")
+        rest = mission.known.wrist.read(mission.kitchen.wrist_frame()).reading
+        mission.known.wrist_sigma_N = math.sqrt(float(rest.zero[0, 0]))
     kitchen, sensor, wrist = mission.kitchen, mission.known.finger, mission.known.wrist
     guard = Supervisor(SafetyLimits(max_force_N=MAX_GRIP_N), clock=lambda: kitchen.arm.t_s)
     feel = guard.force(FoamFingerOnDrive(sensor, kitchen))
@@ -99,7 +101,7 @@ def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
 
     scale = math.sqrt(float(wrist.sensor.correction.row_covariance[0, 0, 0]))
     arm, gripper, frames = guard.arm(kitchen.arm), guard.gripper(kitchen), guard.frames(kitchen)
-    return kitchen, Hand(arm, gripper, frames, feel, weigh, scale)
+    return kitchen, Hand(arm, gripper, frames, feel, weigh, scale, mission.known.wrist_sigma_N)
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:

@@ -130,9 +130,8 @@ class Known:
     outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
     finger: FoamSensor | None = None  #: of the gripper, zeroed
-    wrist: TrackedBeam | None = (
-        None  #: the beam from which the hand hangs, zeroed and calibrated with weights
-    )
+    wrist: TrackedBeam | None = None  #: from which the hand hangs: zeroed, and calibrated with weights
+    wrist_sigma_N: float = 0.0  #: of its zero
     curves: tuple[SqueezeCurve, ...] = ()  #: gentle
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""

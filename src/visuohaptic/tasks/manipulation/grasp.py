@@ -159,14 +159,13 @@ class GraspAndLiftTask(HandTask[GraspState]):
     def _close(self, seen: HandObservation) -> HandCommand:
         p = self.plan
         self._unloaded_N.append(seen.load_N)
-        if math.isfinite(seen.surface_m):
-            self._first_m = seen.surface_m if math.isnan(self._first_m) else self._first_m
-            self.deformation_m = self._first_m - seen.surface_m
-            if self.deformation_m > p.deformation_m:
-                return self._fail(
-                    GraspOutcome.TOO_SOFT,
-                    f"deforms by {1e3 * self.deformation_m:.1f} mm at {seen.force_N:.2f} N",
-                )
+        # What is felt no more although the fingers have come nearer was no touch.
+        touched_m = seen.surface_m if math.isnan(self._first_m) else self._first_m
+        self._first_m = touched_m if math.isfinite(seen.surface_m) else math.nan
+        self.deformation_m = self._first_m - seen.surface_m
+        if self.deformation_m > p.deformation_m:
+            why = f"deforms by {1e3 * self.deformation_m:.1f} mm at {seen.force_N:.2f} N"
+            return self._fail(GraspOutcome.TOO_SOFT, why)
         if seen.force_N >= p.force_N:
             self.go(GraspState.LIFT, f"{seen.force_N:.2f} N")
             return self.halt()
@@ -234,5 +233,5 @@ def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLif
     run_hand(hand, task)
     assert task.ending is not None
     load_N, noise_N = task.load_N()
-    sigma_N = math.hypot(noise_N, hand.weigh_scale * load_N)
+    sigma_N = math.hypot(noise_N, hand.weigh_sigma_N, hand.weigh_scale * load_N)
     return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, load_N, sigma_N)

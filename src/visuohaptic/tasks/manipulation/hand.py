@@ -31,6 +31,7 @@ class Hand:
     #: downward load on the fingers at a frame [N], up to a constant; NaN when it was not read. ``None``: no sensor
     weigh: Callable[[Frame], float] | None = None
     weigh_scale: float = 0.0  #: relative standard deviation of what that sensor takes for a newton
+    weigh_sigma_N: float = 0.0  #: standard deviation of its zero, which many readings do not make less
 
 
 @dataclass(frozen=True, slots=True)
