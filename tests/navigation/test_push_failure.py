@@ -99,7 +99,7 @@ def test_the_centre_of_an_object_never_pushed_is_uncertain_by_its_size():
         centres_m = np.einsum("j,njk->nk", model.load, supports) - model.centre_m
         # Even samples of a distribution with tails: the deviation of 4000 is within a twentieth.
         np.testing.assert_allclose(centres_m.std(axis=0), centre_deviation_m(model), rtol=0.05)
-        _, known, _ = PushUncertainty(centre_m=0.004).samples(
+        _, known, _ = PushUncertainty(centre_m2=0.004**2 * np.eye(2)).samples(
             model, (0.0, 0.0, 0.0), np.random.default_rng(5), 4000
         )
         np.testing.assert_allclose(
@@ -154,6 +154,33 @@ def test_how_well_an_object_is_placed_is_in_the_declared_end():
     assert (variances((0.0, 0.1)) - known)[2] > 0.1**2 / 3
     with pytest.raises(InputError, match="pose_sigma"):
         replace(problem.objects[0], pose_sigma=(-0.01, 0.0))
+
+
+def test_what_was_learned_of_the_centre_is_in_the_declared_end():
+    """Across a push the centre of friction matters, ahead of the contact it hardly does."""
+    problem = problem_of(described(off_centre(0), 0.05))
+
+    def declared(covariance):
+        learned = None if covariance is None else tuple(map(tuple, covariance))
+        objects = tuple(replace(obj, friction_covariance_m2=learned) for obj in problem.objects)
+        (push,) = make_plan(replace(problem, objects=objects), PushCosts(price_ends=False)).pushes
+        ahead = np.array(push.displacement_m) / np.hypot(*push.displacement_m)
+        across = np.array([-ahead[1], ahead[0]])
+        covariance = np.array(push.end_covariance)
+        return (
+            np.outer(ahead, ahead),
+            np.outer(across, across),
+            covariance[2, 2],
+            across @ covariance[:2, :2] @ across,
+        )
+
+    ahead, across, turn, aside = declared(None)
+    # A centimetre ahead is worth little, a centimetre across more than what is expected of a box, 7 mm.
+    small, large = 0.001**2, 0.015**2
+    _, _, least, near = declared(large * ahead + small * across)
+    _, _, most, far = declared(small * ahead + large * across)
+    assert least < turn < most
+    assert near < aside < far
 
 
 @pytest.mark.parametrize("seed", [2, 6, 14])

@@ -166,3 +166,18 @@ def test_an_exploration_keeps_the_counters_of_earlier_attempts():
     # What does not move now is fixed, whatever moved before.
     assert (found.tag.explored, found.tag.failed, found.tag.fixed) == (3, 2, True)
     assert found.tag.min_static_friction_N == 20.0
+
+
+def test_a_push_that_was_seen_tightens_what_is_known_of_the_centre_across_it():
+    """Against the weighted mean of prior and reading, along and across a push to the left of the map."""
+    memory = TravelMemory(scene([MovableObject("box", box(1.95, 1.45, 0.4), None)], [LIGHT])[0])
+    here = np.array([1.0, 1.0, 0.0])
+    assert memory.problem(here).objects[0].friction_covariance_m2 is None
+    _, lever_m = memory.friction("box")
+    memory.learn_centre("box", np.pi / 2, 0.01)  # a centimetre to the left of a push along y: at -x
+    memory.seen("box", np.array([1.95, 1.45, np.pi / 2]))  # then it turns: the offset with it
+    (found,) = memory.problem(here).objects
+    prior, reading = (0.05 * lever_m) ** 2, 0.005**2
+    assert found.friction_offset_m == pytest.approx((0.0, -0.01 * prior / (prior + reading)), abs=1e-9)
+    expected = np.diag([prior, prior * reading / (prior + reading)])
+    assert np.allclose(found.friction_covariance_m2, expected, rtol=1e-6, atol=1e-12)

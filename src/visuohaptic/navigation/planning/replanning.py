@@ -46,8 +46,13 @@ def after_push(
     tag = obj.tag or HapticTag()
     turned = rotation_2d(turn_rad).T
     aside_m = np.array(obj.friction_offset_m) @ turned
+    covariance = obj.friction_covariance_m2
+    if covariance is not None:
+        (xx, xy), (_, yy) = turned.T @ np.array(covariance) @ turned
+        covariance = (float(xx), float(xy)), (float(xy), float(yy))
     moved = replace(
         obj,
+        friction_covariance_m2=covariance,
         footprint_m=(obj.footprint_m - obj.centre_m) @ turned + obj.centre_m + np.asarray(displacement_m),
         friction_offset_m=(float(aside_m[0]), float(aside_m[1])),
         tag=tag.updated(explored=tag.explored + 1, fixed=False),

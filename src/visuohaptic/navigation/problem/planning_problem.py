@@ -43,6 +43,8 @@ class MovableObject:
     where: str = field(default="MovableObject", repr=False)  #: file and place, for messages
     #: centre of friction from the footprint's centroid, map frame [m]: from former pushes (Sec. 4.3.1)
     friction_offset_m: tuple[float, float] = (0.0, 0.0)
+    #: its covariance [m^2]; ``None``: no push was seen
+    friction_covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None = None
     push: PushMode = PushMode.DIRECT
     #: standard deviations of its place along each axis [m] and of its turn [rad]: a map of 5 cm cells tells 1.4 cm
     pose_sigma: tuple[float, float] = (0.01, 0.05)

@@ -36,9 +36,9 @@ class PushUncertainty:
     #: :data:`~visuohaptic.navigation.pushing.push_model.CONTACT_FRICTION`: steel on aluminium, dry, slides like 0.45
     #: (Zhou 2016), plastic that chatters on its feet like 0.1 (``benchmarks.plan_evidence push_ends``).
     contact_friction: float = 0.25
-    #: of the centre of friction, along x and y; ``None`` where no push of the object was seen: then
+    #: covariance of the centre of friction [m^2]; ``None`` where no push of the object was seen: then the deviation is
     #: :data:`CENTRE_FRACTION` of its lever, whose own uncertainty is drawn as well (Student's t)
-    centre_m: float | None = None
+    centre_m2: Float[np.ndarray, "2 2"] | None = None
     place_m: float = 0.01  #: of the object against the platform, along x and y
     yaw_rad: float = 0.05
 
@@ -73,13 +73,17 @@ class PushUncertainty:
         friction = model.contact_friction + self.contact_friction * (2.0 * even[:, 0] - 1.0)
         spread = 1.0 + (RIM - 1.0) * even[:, 1, None, None]
         away = (model.support_m - model.centre_m) * spread
-        centre_m: float | Float[np.ndarray, "n 1"]
-        if self.centre_m is None:
+        if self.centre_m2 is None:
             half = 0.5 * CENTRE_NUMBERS
-            centre_m = CENTRE_FRACTION * model.lever_m * np.sqrt(half / gammaincinv(half, even[:, 2:3]))
+            aside = (
+                CENTRE_FRACTION
+                * model.lever_m
+                * np.sqrt(half / gammaincinv(half, even[:, 2:3]))
+                * normal[:, :2]
+            )
         else:
-            centre_m = self.centre_m
-        support = model.centre_m + away + (centre_m * normal[:, :2])[:, None]
+            aside = normal[:, :2] @ np.linalg.cholesky(self.centre_m2).T
+        support = model.centre_m + away + aside[:, None]
         sigma = np.array([self.place_m, self.place_m, self.yaw_rad])
         poses = np.asarray(object_m, dtype=np.float64) + sigma * normal[:, 2:]
         return np.maximum(0.0, friction), support, poses

@@ -253,7 +253,9 @@ def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]
         reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
         model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
         place_m, yaw_rad = body.obj.pose_sigma
-        unknown = PushUncertainty(place_m=place_m, yaw_rad=yaw_rad)
+        learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
+        centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
+        unknown = PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad)
         _, poses, _ = sampled_pushes(
             model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
             line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,

@@ -16,12 +16,13 @@ from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ....navigation.planning.search.object_cells import clear_cells, fill_cells
 from ....navigation.planning.search.search_domain import grid_from_world
 from ....navigation.problem.planning_problem import MovableObject, PlanningProblem
+from ....navigation.pushing.push_failure import CENTRE_FRACTION
 from ....navigation.pushing.push_model import PushModel
 
 __all__ = ["TravelMemory", "map_with_footprints"]
 
-#: Prior of the centre of friction about the footprint's centroid, and what one push tells of it (m).
-CENTRE_SIGMA_M, PUSH_SIGMA_M = 0.03, 0.015
+#: Error of the centre of friction across a push that was seen (m): of feet and of a rim that creeps (``benchmarks.nav_push``).
+PUSH_SIGMA_M = 0.005
 #: An object has moved when it is seen so far from where it was (m, rad): less is the noise of looking.
 MOVED_M, MOVED_RAD = 0.02, 0.05
 #: What is touched so near to an object's outline is that object (m).
@@ -36,6 +37,7 @@ class _Known:
     lever_m: float
     offset_m: Float[np.ndarray, "2"]  #: centre of friction, own frame
     covariance: Float[np.ndarray, "2 2"]
+    learned: bool = False  #: whether a push has told of it
     failures: int = 0
     stalled: bool = False  #: known to be too heavy, not only unlucky
 
@@ -43,11 +45,13 @@ class _Known:
         return self.own_m @ rotation_2d(self.place_m[2]).T + self.place_m[:2]
 
     def now(self) -> MovableObject:
-        aside = rotation_2d(self.place_m[2]) @ self.offset_m
+        turn = rotation_2d(self.place_m[2])
+        (x, y), ((xx, xy), (_, yy)) = turn @ self.offset_m, turn @ self.covariance @ turn.T
         return replace(
             self.item,
             footprint_m=self.outline_m(),
-            friction_offset_m=(float(aside[0]), float(aside[1])),
+            friction_offset_m=(float(x), float(y)),
+            friction_covariance_m2=((float(xx), float(xy)), (float(xy), float(yy))) if self.learned else None,
         )
 
 
@@ -317,6 +321,7 @@ class TravelMemory:
         gain = known.covariance @ across / (across @ known.covariance @ across + PUSH_SIGMA_M**2)
         known.offset_m = known.offset_m + gain * beside_m
         known.covariance = known.covariance - np.outer(gain, across @ known.covariance)
+        known.learned = True
 
 
 def map_with_footprints(grid: OccupancyMap, footprints_m: Iterable[Float[np.ndarray, "p 2"]]) -> OccupancyMap:
@@ -341,11 +346,15 @@ def _known(item: MovableObject) -> _Known:
     centre = item.centre_m
     own = item.footprint_m - centre
     offset = np.array(item.friction_offset_m, dtype=np.float64)
+    lever_m = PushModel.of_footprint(own).lever_m
     return _Known(
         item,
         own,
         np.array([*centre, 0.0]),
-        PushModel.patch(own).lever_m,
+        lever_m,
         offset,
-        np.eye(2) * CENTRE_SIGMA_M**2,
+        np.eye(2) * (CENTRE_FRACTION * lever_m) ** 2
+        if item.friction_covariance_m2 is None
+        else np.array(item.friction_covariance_m2),
+        item.friction_covariance_m2 is not None,
     )
