@@ -270,3 +270,30 @@ def test_the_search_of_a_body_is_the_downhill_simplex(opening):
     assert outlines.cost(ours, opening, bounds_m) == pytest.approx(-told.sum(), abs=1e-9)
     # What is no body has no likelihood.
     assert outlines.cost(np.array([0, 0, 0.005, 0.04, 0.0, 0.1]), opening, bounds_m) == pytest.approx(1e3)
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_what_else_founds_a_part_is_left_to_itself(both):
+    """Two cylinders in one part, 11 cm apart: by rays that pass the first by, the second is as strong, or nothing tells of it."""
+    grid = SpaceGrid.around((-0.12, -0.06, 0.0), (0.12, 0.06, 0.16), 0.01)
+    turns = np.linspace(0, 6, 12)
+    poses = [Camera.pose_of_view((0.6 * np.cos(a), 0.6 * np.sin(a), 0.5), (0.0, 0.0, 0.08)) for a in turns]
+    limit_m = np.full((len(poses), 120, 160), 2.0, np.float32)
+    frames = [DepthFrame(0.0, limit_m[0], None, pose, CAMERA) for pose in poses]
+    points_m = grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool)))
+    near, far = (np.hypot(*(points_m[:, :2] - [x, 0.0]).T) < 0.03 for x in (-0.055, 0.055))
+    told = np.full(limit_m.shape, -2.0, np.float32)
+    for cylinder in (near, far) if both else (near,):
+        for k, pose in enumerate(poses):
+            column, row = np.rint(CAMERA.project(pose.inverse().apply(points_m[cylinder]))).astype(int).T
+            told[k, row, column] = 2.0
+    detector = EvidenceDetector(grid)
+    detector.threshold = 12.0
+    weights = np.ones(len(poses), np.float32)
+    detector._rays = evidence.RayEvidence(frames, weights, limit_m, told, 0.02 * told)
+    part = (near | far).reshape(grid.shape)
+    body = UprightBody(np.array([-0.055, 0.0]), np.full(2, 0.003), (0.03, 0.03), 0.002, (0.0, 0.16), 60.0)
+    taken = detector._accept(part, body, tuple(slice(0, n) for n in grid.shape))
+    assert np.array_equal(taken, near.reshape(grid.shape) if both else part)
+    (region,) = detector.regions()
+    assert region.body is body

@@ -262,9 +262,9 @@ class EvidenceDetector:
             # A part has the evidence that others leave of it.
             if peak >= best[number] - 1e-3:
                 part, body = self._part(left, evidence, box)
-                labels[box][part] = 0
                 if body is not None:
-                    self._accept(part, body, box)
+                    part = self._accept(part, body, box)
+                labels[box][part] = 0
                 peak = evidence[left & ~part].max(initial=-np.inf)
             best[number] = peak
         self._found = tuple(sorted(self._found, key=lambda region: -region.voxels))
@@ -272,15 +272,12 @@ class EvidenceDetector:
     def _part(
         self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> tuple[Bool[np.ndarray, "x y z"], UprightBody | None]:
-        """The piece of a part around its strongest voxel, and its body; of several bodies the strongest, and what is in it."""
+        """The piece of a part around its strongest voxel, and its body; of several bodies the strongest."""
         from scipy import ndimage
 
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
         together = self._together(self._fit(whole, evidence, box))
-        if len(together) > 1:
-            points_m = self.grid.centres_m(np.argwhere(whole) + [s.start for s in box])
-            whole[whole] = together[0].contains(points_m, self.settings.radius_m)
         return whole, together[0] if together else None
 
     def _together(self, bodies: Sequence[UprightBody]) -> list[UprightBody]:
@@ -313,21 +310,30 @@ class EvidenceDetector:
         thick = (body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m)
         return [body for body in thick if body.evidence >= self.threshold]
 
-    def _accept(self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]) -> None:
-        """Take a part in a box of the volume, unless it is where another one is."""
+    def _accept(
+        self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]
+    ) -> Bool[np.ndarray, "x y z"]:
+        """Take a part in a box of the volume, unless it is where another one is; what of it the body explains, or is nothing else."""
         from scipy import ndimage
 
         if any(region.body is not None and body.meets(region.body) for region in self._found):
-            return
+            return part
         grid = self.grid
         cells = np.argwhere(part) + [s.start for s in box]
         points_m, body_m = grid.centres_m(cells), body.points_m(grid.voxel_m)
-        for k, limit_m in enumerate(self._rays.limit_m):
-            limit_m[self._rays.passed(k, np.concatenate([points_m, body_m]), grid.voxel_m)] = 0.0
-        # Windows, as wide as the smallest object, show a body larger by half of them; a piece beyond it hangs in the air.
+        # Windows, as wide as the smallest object, show a body larger by half of them.
+        own = body.contains(points_m, self.settings.radius_m)
+        self._explain(np.concatenate([points_m[own], body_m]))
+        rest = part.copy()
+        rest[part] = ~own
+        if own.any() and self._rays.sums(self._part_grid(box))[0][rest].max(initial=0.0) >= self.threshold:
+            # What founds a part by rays that pass the body by is another one.
+            part, cells, own = part & ~rest, cells[own], own[own]
+        else:
+            self._explain(points_m[~own])
+        # A piece beyond it hangs in the air.
         piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
-        own = np.bincount(piece, weights=body.contains(points_m, self.settings.radius_m))
-        cells = cells[2 * own[piece] > np.bincount(piece)[piece]]
+        cells = cells[2 * np.bincount(piece, weights=own)[piece] > np.bincount(piece)[piece]]
         if len(cells) < self._min_voxels:
             cells = np.floor((body_m - grid.low_m) / grid.voxel_m).astype(int)
             cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
@@ -335,6 +341,12 @@ class EvidenceDetector:
             chosen = tuple(cells.T)
             self._inside[chosen] = True
             self._found += (region_of(cells, self._probability(self.evidence[chosen]), grid, body),)
+        return part
+
+    def _explain(self, points_m: Float[np.ndarray, "n 3"]) -> None:
+        """Leave out what rays say that pass some points."""
+        for k, limit_m in enumerate(self._rays.limit_m):
+            limit_m[self._rays.passed(k, points_m, self.grid.voxel_m)] = 0.0
 
     def _part_grid(self, box: tuple[slice, ...]) -> SpaceGrid:
         """The voxels of a box of the volume."""

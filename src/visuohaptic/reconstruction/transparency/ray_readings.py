@@ -322,10 +322,12 @@ class RayEvidence:
         n, h, w = self.limit_m.shape
         bounds = [np.empty((n, -(-h // EDGE), -(-w // EDGE)), np.float32) for _ in range(4)]
         tile_bounds(*rays, *bounds)
-        views = np.array([frame.T_world_camera.inverse().matrix[:3] for frame in self.frames], np.float32)
+        poses = [frame.T_world_camera.inverse().matrix[:3] for frame in self.frames]
+        views = np.array(poses, np.float32).reshape(-1, 3, 4)
+        camera = intrinsics(self.frames[0].camera) if self.frames else np.zeros(4, np.float32)
         sums = [np.empty(grid.shape if wanted else (0, 0, 0), np.float32) for wanted in (True, True, count)]
         place = grid.low_m.astype(np.float32), np.float32(grid.voxel_m)
-        sum_evidence(*rays, self.weights, views, *intrinsics(self.frames[0].camera), *bounds, *place, *sums)
+        sum_evidence(*rays, self.weights, views, *camera, *bounds, *place, *sums)
         return sums[0], sums[1], sums[2]
 
     def passed(
