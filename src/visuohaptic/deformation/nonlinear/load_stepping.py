@@ -33,15 +33,16 @@ _log = logging.getLogger(__name__)
 MAX_ITERATIONS = 16
 #: Arc lengths after which a snap-back is given up.
 MAX_ARCS = 60
+#: Points by arc length after which a path ends where it is.
+MAX_POINTS = 200
+#: Residual force at which a step has converged, relative to the larger of load and reactions.
+TOLERANCE = 1e-5
 
 
 def follow_load(
     shell: CorotationalShell,
     load: Float[np.ndarray, "v 6"],
     factors: Sequence[float],
-    *,
-    control: Float[np.ndarray, "v 6"] | None = None,
-    tolerance: float = 1e-5,
 ) -> EquilibriumPath:
     """Raise the load to each of some factors by load control; stops at a limit load.
 
@@ -53,12 +54,8 @@ def follow_load(
         Reference load q at the vertices [N], [N m]; directions do not follow the wall.
     factors
         Load factors, in the order in which they are reached.
-    control
-        Weights c of the control displacement ``c . u``, see :func:`follow_displacement`.
-    tolerance
-        Of the residual force, relative to the larger of load and reactions.
     """
-    return _Walk(shell, load, control, tolerance).run(list(factors), "load", past_limits=False)
+    return _Walk(shell, load).run(list(factors), "load", past_limits=False)
 
 
 def follow_displacement(
@@ -67,7 +64,6 @@ def follow_displacement(
     targets_m: Sequence[float],
     *,
     control: Float[np.ndarray, "v 6"] | None = None,
-    tolerance: float = 1e-5,
     max_iterations: int = 5000,
 ) -> EquilibriumPath:
     """Drive the control displacement to each of ``targets_m`` and find the load that it takes.
@@ -84,13 +80,10 @@ def follow_displacement(
     control
         Weights c of the control ``c . u``, displacements only. By default the load divided by the
         sum of its forces: the mean displacement of what is loaded, along the load.
-    tolerance
-        Of the residual force, as a fraction of the largest of load and reactions.
     max_iterations
         Of the whole path, which ends where they are used up.
     """
-    walk = _Walk(shell, load, control, tolerance, max_iterations)
-    return walk.run(list(targets_m), "displacement")
+    return _Walk(shell, load, control, max_iterations).run(list(targets_m), "displacement")
 
 
 def reach_loads(
@@ -99,7 +92,6 @@ def reach_loads(
     factors: Sequence[float],
     *,
     control: Float[np.ndarray, "v 6"] | None = None,
-    tolerance: float = 1e-5,
     max_iterations: int = 5000,
 ) -> EquilibriumPath:
     """Raise the load to each of ``factors``, past limit loads.
@@ -109,13 +101,14 @@ def reach_loads(
 
     Parameters
     ----------
-    shell, load, factors, control, tolerance
+    shell, load, factors
         As of :func:`follow_load`.
+    control
+        As of :func:`follow_displacement`.
     max_iterations
         Newton iterations of the whole path, which ends where they are used up.
     """
-    walk = _Walk(shell, load, control, tolerance, max_iterations)
-    return walk.run(list(factors), "load", past_limits=True)
+    return _Walk(shell, load, control, max_iterations).run(list(factors), "load", past_limits=True)
 
 
 def follow_arc(
@@ -124,9 +117,6 @@ def follow_arc(
     *,
     first: float,
     until: float,
-    control: Float[np.ndarray, "v 6"] | None = None,
-    max_points: int = 200,
-    tolerance: float = 1e-5,
 ) -> EquilibriumPath:
     """Follow the path by arc-length control until the load factor passes a bound.
 
@@ -142,15 +132,8 @@ def follow_arc(
         Load factor that the first, linear step would reach; it sets the first arc length.
     until
         Load factor at which the path is complete.
-    control
-        Weights of the control displacement, see :func:`follow_displacement`.
-    max_points
-        Points after which the path ends.
-    tolerance
-        Of the residual force, relative to the larger of load and reactions.
     """
-    walk = _Walk(shell, load, control, tolerance)
-    return walk.run_arc(first, until, max_points)
+    return _Walk(shell, load).run_arc(first, until)
 
 
 _Kind = Literal["load", "displacement", "arc"]
@@ -172,12 +155,10 @@ class _Walk:
         self,
         shell: CorotationalShell,
         load: Float[np.ndarray, "v 6"],
-        control: Float[np.ndarray, "v 6"] | None,
-        tolerance: float,
+        control: Float[np.ndarray, "v 6"] | None = None,
         max_iterations: int = 5000,
     ) -> None:
-        self.left = max_iterations
-        self.shell, self.tolerance = shell, tolerance
+        self.left, self.shell = max_iterations, shell
         self.fixed = shell.model.fixed
         self.load = np.where(self.fixed, 0.0, np.asarray(load, dtype=float))
         if control is None:
@@ -254,14 +235,14 @@ class _Walk:
         self.state, self.factor, self.last_step, self.last_factor, self.last_advance = kept
         return False
 
-    def run_arc(self, first: float, until: float, max_points: int) -> EquilibriumPath:
+    def run_arc(self, first: float, until: float) -> EquilibriumPath:
         points: list[PathPoint] = []
         _, tangent = self.shell.linearised(self.state)
         arc = abs(first) * float(np.linalg.norm(self._lengths(self._solved(tangent, self.load))))
         longest = 8 * arc
         self.spent = 0
         shrunk = 0
-        while len(points) < max_points:
+        while len(points) < MAX_POINTS:
             before = self.spent
             if self._step(_Constraint("arc", arc, float(np.sign(first))), arc):
                 points.append(self._point())
@@ -304,7 +285,7 @@ class _Walk:
             scale = max(self._size(factor * self.load), self._size(internal), 1e-300)
             error = self._size(residual) / scale
             gap = self._gap(constraint, state, factor, step)
-            if error < self.tolerance and gap < 1e-6 and iteration > 0:
+            if error < TOLERANCE and gap < 1e-6 and iteration > 0:
                 self.stable = sign > 0
                 self.last_step, self.last_factor = start.step_to(state), factor - start_factor
                 self.last_advance = advance

@@ -18,8 +18,6 @@ def pinch_curve(
     tips: DualTips,
     which: int,
     deformation_m: Sequence[float],
-    *,
-    tolerance: float = 1e-5,
 ) -> EquilibriumPath:
     """Close two tips on a wall: force against the mean deformation of both.
 
@@ -33,8 +31,6 @@ def pinch_curve(
         Index of the pair.
     deformation_m
         Targets, ascending. ``load`` of the points is the force of one tip [N].
-    tolerance
-        Of the residual force, relative to the larger of load and reactions.
 
     Raises
     ------
@@ -44,4 +40,4 @@ def pinch_curve(
     if not tips.valid[which]:
         raise InputError("pinch_curve", f"pair {which} has no wall across the axis")
     load = tip_loads(shell.model.nodes, tips)[:, [which]].toarray().reshape(-1, 6)
-    return follow_displacement(shell, load, deformation_m, control=load / 2, tolerance=tolerance)
+    return follow_displacement(shell, load, deformation_m, control=load / 2)

@@ -33,10 +33,7 @@ from .haptic_model import fit_model as fit_model
 from .haptic_model import with_prior as with_prior
 from .outline_match import container_outline as container_outline
 from .outline_match import nearest_variant as nearest_variant
-from .refinement import WallFit as WallFit
-from .refinement import combine_models as combine_models
 from .refinement import correct_map as correct_map
-from .refinement import fit_wall as fit_wall
 from .state import HapticStateModel as HapticStateModel
 from .state import StateCurve as StateCurve
 from .state import fit_state_model as fit_state_model

@@ -33,6 +33,9 @@ SIDE_PX = 800
 _BYTE_STEPS = 510.0
 #: Descriptors that a vocabulary is learnt from.
 _TRAINING = 60_000
+#: Nearest over second-nearest distance above which a match is ambiguous; distance from a homography up to which a match
+#: agrees [px]; matches below which nothing is proved.
+RATIO, AGREES_px, MINIMUM = 0.8, 5.0, 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,34 +210,18 @@ class WordIndex:
         return out
 
 
-def agreeing_matches(
-    stored: LocalFeatures,
-    seen: LocalFeatures,
-    *,
-    ratio: float = 0.8,
-    threshold_px: float = 5.0,
-    minimum: int = 6,
-    seed: int = 0,
-) -> int:
-    """How many matches agree on one homography from the stored image to the seen one; 0 below ``minimum``.
+def agreeing_matches(stored: LocalFeatures, seen: LocalFeatures) -> int:
+    """How many matches agree on one homography from the stored image to the seen one; 0 below :data:`MINIMUM`.
 
-    Nearest over second-nearest distance below ``ratio`` (Lowe; Alt 2016, Sec. 2.3.1 with the inequality
+    Nearest over second-nearest distance below :data:`RATIO` (Lowe; Alt 2016, Sec. 2.3.1 with the inequality
     turned), each seen feature used once. Matches at one place count once: they prove the same.
 
     Parameters
     ----------
     stored, seen
         Features of a stored and of a new image.
-    ratio
-        Nearest over second-nearest distance, above which a match is ambiguous.
-    threshold_px
-        Distance from the homography up to which a match agrees [px].
-    minimum
-        Matches below which nothing is proved.
-    seed
-        Of the random sampling.
     """
-    if len(stored) < minimum or len(seen) < minimum:
+    if len(stored) < MINIMUM or len(seen) < MINIMUM:
         return 0
     a, b = stored.descriptors.astype(np.float32), seen.descriptors.astype(np.float32)
     squared = np.einsum("ij,ij->i", a, a)[:, None] + np.einsum("ij,ij->i", b, b)[None] - 2.0 * (a @ b.T)
@@ -242,18 +229,16 @@ def agreeing_matches(
     nearest = np.argmin(squared, axis=1)
     best = squared[rows, nearest]
     squared[rows, nearest] = np.inf
-    good = np.flatnonzero(best < ratio**2 * squared.min(axis=1))
+    good = np.flatnonzero(best < RATIO**2 * squared.min(axis=1))
     # The best stored feature of each seen one.
     good = good[np.argsort(best[good], kind="stable")]
     good = good[np.unique(nearest[good], return_index=True)[1]]
-    if len(good) < minimum:
+    if len(good) < MINIMUM:
         return 0
     source = stored.points_px[good].astype(np.float64)
     target = seen.points_px[nearest[good]].astype(np.float64)
     try:
-        robust = estimate_homography_robust(
-            source, target, threshold=threshold_px, minimum=minimum, seed=seed
-        )
+        robust = estimate_homography_robust(source, target, threshold=AGREES_px, minimum=MINIMUM, seed=0)
     except InputError:  # all on a line: no plane is proven
         return 0
     if not robust.valid:
@@ -265,4 +250,4 @@ def agreeing_matches(
     if not (is_proper(robust.matrix, frame) or is_proper(-robust.matrix, frame)):
         return 0
     different = min(len(np.unique(np.round(side[robust.inliers] / 4), axis=0)) for side in (source, target))
-    return int(different) if different >= minimum else 0
+    return int(different) if different >= MINIMUM else 0
