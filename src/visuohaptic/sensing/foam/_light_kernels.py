@@ -22,13 +22,16 @@ def mean_between(image, place, result):
     image
         Grey levels along the lines, (K, parallels, samples).
     place
-        Places in rising order [samples]; clipped to the line, (K, n).
+        Places in rising order [samples]; clipped to the line, NaN where there is none, (K, n).
     result
         Filled, (K, n - 1); NaN where there is no sample.
     """
     parallels, samples = image.shape[1], image.shape[2]
     for k in range(place.shape[0]):
         for i in range(place.shape[1] - 1):
+            if not math.isfinite(place[k, i] + place[k, i + 1]):
+                result[k, i] = math.nan
+                continue
             first = int(round(min(max(place[k, i], 0.0), samples)))
             last = int(round(min(max(place[k, i + 1], 0.0), samples)))
             total = 0.0

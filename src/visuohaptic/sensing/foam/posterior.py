@@ -49,8 +49,6 @@ PERSISTENCE_S = 0.3
 _ENTER = np.log([0.05, 0.01, 0.01, 0.01])
 #: A contact begins in one frame of a hundred, at the most.
 _ONSET = 0.01
-#: Clean steps are few among the edges of other things, and seldom missing among those of foam, at kinks.
-_UNCLEAN = math.log(0.07 / 0.33)
 #: Standard deviation of the front under a shadow's edge [px]: where the pixels of foam end.
 REST_PX = 0.5
 #: Names of what may speak, in the order of :attr:`EdgeStates.against`.
@@ -156,7 +154,6 @@ class EdgePosterior:
         else:
             image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
-        unary[:, FOAM] += np.where(strip.low_confidence, _UNCLEAN, 0.0)
         against[:, 5] = self._blurred(strip, delta)
         unary[:, FOAM] += self._place(strip.t_s, delta, np.hypot(sigma, strip.common_sigma_m), against)
         against[~seen, :] = 0.0

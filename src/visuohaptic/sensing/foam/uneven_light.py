@@ -130,7 +130,7 @@ def _means(
 ) -> Float[np.ndarray, "K m"]:
     """Mean grey levels between n = m + 1 places of each line; NaN where there is none."""
     result = np.empty((len(place_px), place_px.shape[1] - 1))
-    mean_between(image, np.nan_to_num(place_px / strip.step_px[:, None]), result)
+    mean_between(image, place_px / strip.step_px[:, None], result)
     return result
 
 
