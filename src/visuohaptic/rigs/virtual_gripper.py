@@ -171,9 +171,8 @@ class VirtualHand(KitchenTable):
     wrist: VirtualBeam | None = None  #: from which it hangs; by default a :func:`.wrist_beam`
 
     def __post_init__(self) -> None:
-        (rng,) = self.rng.spawn(1)
-        wrist = self.wrist or wrist_beam(rng)
-        self.wrist_camera, self.wrist_N_per_m = BeamCamera(wrist, rng), wrist.rig.rod.spring_N_per_m
+        wrist = self.wrist or wrist_beam(self.rng)
+        self.wrist_camera, self.wrist_N_per_m = BeamCamera(wrist, self.rng), wrist.rig.rod.spring_N_per_m
         self._strip = FoamStrip(self.finger.geometry, self.finger.law)
         self._back_m = self.finger.geometry.back_m(self._strip.s_m)
         self._front_m = self._strip.inner_m(self.finger.geometry.width_m)
