@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import Estimate, HapticTag, Primitive, PrimitiveKind
-from visuohaptic.report import estimate_text, primitive_text, tag_rows, tag_text
+from visuohaptic.report import estimate_text, primitive_text, tag_text
 
 
 @pytest.mark.parametrize(
@@ -36,15 +36,6 @@ def test_digits_follow_sigma(estimate, text):
 def test_primitives_have_a_size(kind, parameters, text):
     values = np.array(parameters, dtype=float)
     assert primitive_text(Primitive(kind, values, 1e-6 * np.eye(len(values)), 0.9)) == text
-
-
-def test_rows_show_only_what_somebody_observed():
-    rows = tag_rows(
-        {"box": HapticTag(static_friction_N=Estimate(3.4, 0.1), fixed=False), "wall": HapticTag(fixed=True)}
-    )
-    assert rows[0]["static friction [N]"] == "3.40 ± 0.10"
-    assert rows[1]["static friction [N]"] is None
-    assert "drift [m/m]" not in rows[0]
 
 
 def test_the_short_text_of_a_tag():

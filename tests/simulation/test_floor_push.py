@@ -51,13 +51,6 @@ def test_a_disc_without_contact_friction_slides_as_the_formula_says():
     np.testing.assert_allclose(place, reach * np.array([math.cos(told), math.sin(told)]), atol=2e-3)
 
 
-def test_walls_are_noticed():
-    thing = FloorBody(SQUARE, 0.9 * SQUARE)
-    world = FloorPush(thing, (0.34, 0.0, 0.0), path()[0], walls_m=((0.6, -1.0, 0.7, 1.0),))
-    world.drive(path(0.15))
-    assert world.hit_wall
-
-
 def test_two_feet_do_not_stand():
     with pytest.raises(InputError, match="found 2 feet"):
         FloorBody(SQUARE, SQUARE[:2])

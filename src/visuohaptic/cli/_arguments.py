@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,8 @@ class Add:
     """Declares arguments; verbs are given it as ``add``.
 
     Called with names, then the type or the default, whose type it has then (``bool`` is a switch), then the line of
-    help; options as of :meth:`argparse.ArgumentParser.add_argument`.
+    help; options as of :meth:`argparse.ArgumentParser.add_argument`, and ``low``, ``high`` of a number, ``above`` where
+    ``low`` itself is too low.
 
     Parameters
     ----------
@@ -40,6 +44,8 @@ class Add:
         elif not isinstance(kind, type):
             more["default"] = kind
             kind = Path if isinstance(kind, Path) else type(kind)
+        if "low" in more:
+            kind = _number(kind, more.pop("low"), more.pop("high", math.inf), more.pop("above", False))
         if kind not in (bool, str):
             more.setdefault("type", kind)
         self._place.add_argument(*names, help=said, **more)
@@ -63,3 +69,17 @@ class Add:
             One must.
         """
         return Add(self._place.add_mutually_exclusive_group(required=required))
+
+
+def _number(kind: Callable[[str], Any], low: float, high: float, above: bool) -> Callable[[str], Any]:
+    """Reads a finite number and refuses one out of its range."""
+    upper = f" to {high:g}" if math.isfinite(high) else "" if above else " or more"
+
+    def number(text: str) -> Any:
+        value = kind(text)
+        if not (low <= value <= high and math.isfinite(value)) or (above and value == low):
+            raise argparse.ArgumentTypeError(f"found {text}, expected {'more than ' * above}{low:g}{upper}")
+        return value
+
+    number.__name__ = getattr(kind, "__name__", "number")
+    return number

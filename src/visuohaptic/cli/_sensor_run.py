@@ -30,7 +30,6 @@ __all__ = [
     "opened_frames",
     "run_sensor",
     "shown_frames",
-    "zero_frames",
 ]
 
 Measured = TypeVar("Measured")
@@ -55,7 +54,7 @@ def add_run_arguments(add: Any, *, parquet: str = "", zero_frames: str = "") -> 
     if parquet:
         add("--parquet", Path, parquet)
     if zero_frames:
-        add("--zero-frames", 0, zero_frames, metavar="N")
+        add("--zero-frames", 0, zero_frames, metavar="N", low=0)
     add("--start", 0.0, "skip the first S seconds", metavar="S")
     add("--stop", float("inf"), "stop after S seconds", metavar="S")
     add("--rate-Hz", float, "rate of an image folder without times")
@@ -106,25 +105,6 @@ def shown_frames(args: Any, source: FrameSource, doing: str) -> Iterator[Frame]:
         What is done with them, one word.
     """
     return iter(source if is_live(str(args.source)) else args.progress(source, doing))
-
-
-def zero_frames(args: Any) -> int:
-    """``--zero-frames``, which not every verb has.
-
-    Parameters
-    ----------
-    args
-        As parsed.
-
-    Raises
-    ------
-    InputError
-        It is negative.
-    """
-    count: int = getattr(args, "zero_frames", 0)
-    if count < 0:
-        raise InputError("--zero-frames", f"found {count}, expected 0 or more")
-    return count
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +180,7 @@ def run_sensor(
         There is no zero reference, or no frame.
     """
     live = live or is_live(str(args.source or ""))
-    if count := zero_frames(args):
+    if count := getattr(args, "zero_frames", 0):  # not every verb has it
         reader.zero(islice(frames, count))
     reader.require_zero("give --zero-frames N")
     tables = [path for name in ("csv", "parquet") if (path := getattr(args, name, None))]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..core.errors import InputError
 from ..core.files import ImageMode, read_image
 from .source import RecordedSource
 
-__all__ = ["ImageFolderSource"]
+__all__ = ["ImageFolderSource", "natural", "seconds_in"]
 
 _log = logging.getLogger(__name__)
 
@@ -25,9 +25,15 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff"}
 _SECONDS = re.compile(r"(?:^|[^0-9.])(\d+\.\d+)$")
 
 
-def _natural(name: str) -> list[tuple[int, int, str]]:
+def natural(name: str) -> list[tuple[int, int, str]]:
     """Sort key by which ``img10`` comes after ``img9``."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def seconds_in(paths: Iterable[Path]) -> list[float]:
+    """Times at the end of the names [s]; empty when one has none."""
+    matches = [_SECONDS.search(path.stem) for path in paths]
+    return [float(match[1]) for match in matches if match] if all(matches) else []
 
 
 def _times_from_csv(table: Path, names: list[str]) -> tuple[list[str], list[float]]:
@@ -102,7 +108,7 @@ class ImageFolderSource(RecordedSource):
             raise InputError(folder, f"cannot be read ({error.strerror})") from error
         if not names:
             raise InputError(folder, f"found no images, expected files with {', '.join(sorted(_SUFFIXES))}")
-        names.sort(key=_natural)
+        names.sort(key=natural)
         names, times = self._times(folder, names, rate_Hz)
         order = np.argsort(times, kind="stable")
         self._paths = [folder / names[place] for place in order]
@@ -117,9 +123,8 @@ class ImageFolderSource(RecordedSource):
         if table.is_file():
             names, listed = _times_from_csv(table, names)
             return names, np.array(listed)
-        matches = [_SECONDS.search(Path(name).stem) for name in names]
-        if all(matches):
-            return names, np.array([float(match[1]) for match in matches if match])
+        if seconds := seconds_in(map(Path, names)):
+            return names, np.array(seconds)
         if rate_Hz is None:
             raise InputError(
                 folder,

@@ -143,12 +143,8 @@ class RecordedSource(Closing):
             found = (image.shape[1], image.shape[0])
             if size is None:
                 size = found
-                if self._camera and (self._camera.width, self._camera.height) != found:
-                    raise InputError(
-                        self._where,
-                        f"found images of {found[0]} x {found[1]}, expected {self._camera.width} x "
-                        f"{self._camera.height} of the camera {self._camera.name!r}",
-                    )
+                if self._camera:
+                    self._camera.check_size(self._where, *found)
             elif size != found:
                 raise InputError(
                     self._where,

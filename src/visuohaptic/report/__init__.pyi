@@ -18,7 +18,6 @@ from .floor_chart import floor_map as floor_map
 from .html_report import Report as Report
 from .run_tables import estimate_text as estimate_text
 from .run_tables import primitive_text as primitive_text
-from .run_tables import tag_rows as tag_rows
 from .run_tables import tag_text as tag_text
 from .style import COLOURS as COLOURS
 from .style import CYCLE as CYCLE

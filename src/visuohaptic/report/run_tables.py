@@ -1,28 +1,14 @@
-"""Haptic tags as rows and lines for people: value with its uncertainty, or "not observed"."""
+"""Haptic tags as lines for people: value with its uncertainty, or "not observed"."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ..core.objects import Estimate, HapticTag, Primitive, PrimitiveKind
 
-__all__ = ["estimate_text", "primitive_text", "tag_rows", "tag_text"]
-
-#: Heading (with unit) -> field of the tag.
-_COLUMNS = {
-    "static friction [N]": "static_friction_N",
-    "dynamic friction [N]": "dynamic_friction_N",
-    "deceleration [s]": "deceleration_s",
-    "drift [m/m]": "drift",
-    "deformability [m/m]": "deformability",
-    "stiffness [N/m]": "stiffness_N_per_m",
-    "rotation [rad/m]": "rotation_rad_per_m",
-    "contact offset [m]": "contact_offset_m",
-}
+__all__ = ["estimate_text", "primitive_text", "tag_text"]
 
 
 def estimate_text(estimate: Estimate | None) -> str | None:
@@ -62,28 +48,6 @@ def primitive_text(primitive: Primitive | None) -> str | None:
         opening = np.degrees(np.abs(np.angle(np.exp(1j * (values[3] - values[2])))))
         return f"corner of {opening:.0f}°"
     return f"{primitive.kind}, {np.degrees(values[2]):.0f}°"
-
-
-def tag_rows(tags: Mapping[str, HapticTag]) -> list[dict[str, Any]]:
-    """One row per object; properties that no object showed have no column.
-
-    Parameters
-    ----------
-    tags
-        Tag of each object by name.
-    """
-    rows = []
-    shown = {
-        heading: field
-        for heading, field in _COLUMNS.items()
-        if any(getattr(tag, field) is not None for tag in tags.values())
-    }
-    for name, tag in tags.items():
-        row: dict[str, Any] = {"object": name, "fixed": tag.fixed, "falls": tag.falls}
-        row |= {heading: estimate_text(getattr(tag, field)) for heading, field in shown.items()}
-        row |= {"shape": primitive_text(tag.primitive), "explored": tag.explored, "failed": tag.failed}
-        rows.append(row)
-    return rows
 
 
 def tag_text(tag: HapticTag) -> str:

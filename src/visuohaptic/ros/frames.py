@@ -32,10 +32,6 @@ _log = logging.getLogger(__name__)
 _SENSOR = Qos(reliable=False, depth=5)
 
 
-class _WrongSizeError(InputError):
-    """An image that is not of the camera."""
-
-
 class TopicFrames(Closing):
     """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.core.robots.FrameSource`.
 
@@ -100,29 +96,7 @@ class TopicFrames(Closing):
         return None
 
     def _describe(self, received: Received) -> None:
-        camera = camera_from_message(received.message, info_topic(self.topic))
-        with self._new:
-            self._camera = camera
-            self._new.notify_all()
-
-    def wait_for_camera(self, timeout_s: float = 5.0) -> Camera:
-        """The camera's model; waits for ``CameraInfo``.
-
-        Parameters
-        ----------
-        timeout_s
-            How long ``CameraInfo`` is waited for [s].
-
-        Raises
-        ------
-        DeviceError
-            None came in time.
-        """
-        with self._new:
-            if not self._new.wait_for(lambda: self._camera is not None, timeout_s):
-                raise DeviceError(f"no camera model on {info_topic(self.topic)} for {timeout_s:g} s")
-            assert self._camera is not None
-            return self._camera
+        self._camera = camera_from_message(received.message, info_topic(self.topic))
 
     def _take(self, received: Received) -> None:
         with self._new:
@@ -167,13 +141,13 @@ class TopicFrames(Closing):
                 if not self._running or self._interrupted:
                     raise DeviceError(f"{self.topic} is closed")
                 if not self._waiting:
-                    raise DeviceError(f"no image on {self.topic} for {timeout_s:g} s; {self._advice()}")
+                    raise DeviceError(
+                        f"no image on {self.topic} for {timeout_s:g} s; "
+                        "check the camera's node, and that domain and ROS release are the same"
+                    )
                 entry = self._waiting.popleft()
             if (frame := self._frame(*entry)) is not None:
                 return frame
-
-    def _advice(self) -> str:
-        return "check the camera's node, and that domain and ROS release are the same"
 
     def interrupt(self) -> None:
         """End waiting for an image at once, now and until :meth:`discard`."""
@@ -212,13 +186,14 @@ class TopicFrames(Closing):
 
     def _frame(self, received: Received, index: int) -> Frame | None:
         """The image with its time; ``None`` where it cannot be decoded."""
-        message = received.message
+        message, image = received.message, None
         try:
             image = self._image(received)
-            self._check_size(image)
+            if self._camera is not None:
+                self._camera.check_size(self.topic, image.shape[1], image.shape[0])
         except InputError as error:
             # The first one of a wrong size is a wrong camera; later on it is somebody else's, or broken.
-            if isinstance(error, _WrongSizeError) and not self._fitted:
+            if image is not None and not self._fitted:
                 raise
             self.damaged += 1
             if self.damaged & (self.damaged - 1) == 0:
@@ -226,15 +201,6 @@ class TopicFrames(Closing):
             return None
         self._fitted = True
         return Frame(image, message_time_s(received, message.header.stamp), index)
-
-    def _check_size(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> None:
-        camera = self._camera
-        if camera is not None and image.shape[:2] != (camera.height, camera.width):
-            raise _WrongSizeError(
-                self.topic,
-                f"found images of {image.shape[1]} x {image.shape[0]}, expected {camera.width} x "
-                f"{camera.height} of the camera {camera.name!r}",
-            )
 
     def _image(self, received: Received) -> UInt8[np.ndarray, "rows columns *colour"]:
         if self.topic.endswith("/compressed"):

@@ -28,6 +28,10 @@ HISTORY = 1200
 _FIXED_RGB = (70, 78, 90)
 _MOVABLE_RGB = (222, 130, 62)
 _PLATFORM_RGB = (62, 98, 150)
+#: Body of the platform behind the foam, and the foam where no contour is given (m); pressure in full red (Pa).
+_PLATFORM_M = (0.35, 0.3, 0.18)
+_STRIP_WIDTH_M, _STRIP_HEIGHT_M = 0.04, 0.05
+_FULL_PRESSURE_PA = 6000.0
 
 
 class LivePage(Page):
@@ -46,12 +50,6 @@ class LivePage(Page):
         Headline of the page.
     rate_hz
         How often the page is drawn at most.
-    strip_width_m, strip_height_m
-        Size of the foam, for its picture when no contour is given.
-    full_pressure_Pa
-        Pressure that is drawn in full red.
-    platform_size_m
-        Length, width and height of the platform's body behind the foam.
 
     Raises
     ------
@@ -68,29 +66,14 @@ class LivePage(Page):
     True
     """
 
-    def __init__(
-        self,
-        port: int = 8080,
-        *,
-        title: str = "visuohaptic",
-        rate_hz: float = 10.0,
-        strip_width_m: float = 0.04,
-        strip_height_m: float = 0.05,
-        full_pressure_Pa: float = 6000.0,
-        platform_size_m: tuple[float, float, float] = (0.35, 0.3, 0.18),
-    ) -> None:
+    def __init__(self, port: int = 8080, *, title: str = "visuohaptic", rate_hz: float = 10.0) -> None:
         super().__init__(port, title)
         self._period_s = 1.0 / rate_hz
         self._drawn_s = -np.inf
-        self._strip_size_m = (strip_width_m, strip_height_m)
-        self._full_pressure_Pa = full_pressure_Pa
         self._forces: deque[tuple[float, float, float, float]] = deque(maxlen=HISTORY)
         self._obstacles: dict[str, Any] = {}
         self._strip: Any = None
         self._plot: Any = None
-        self._build(platform_size_m)
-
-    def _build(self, platform_size_m: tuple[float, float, float]) -> None:
         server = self._server
         gui, scene = server.gui, server.scene
         self._status = gui.add_markdown("Waiting for the first frame.", order=0)
@@ -101,13 +84,9 @@ class LivePage(Page):
         server.initial_camera.position = (0.45, -0.7, 0.6)
         server.initial_camera.look_at = (0.05, 0.0, 0.0)
         self._foam = scene.add_frame("/foam", show_axes=False, visible=False)
-        length_m, width_m, height_m = platform_size_m
-        scene.add_box(
-            "/foam/platform",
-            _PLATFORM_RGB,
-            (length_m, width_m, height_m),
-            position=(-0.5 * length_m, 0.0, 0.5 * height_m - self._strip_size_m[1]),
-        )
+        length_m, _, height_m = _PLATFORM_M
+        place_m = (-0.5 * length_m, 0.0, 0.5 * height_m - _STRIP_HEIGHT_M)
+        scene.add_box("/foam/platform", _PLATFORM_RGB, _PLATFORM_M, position=place_m)
 
     def set_map(
         self,
@@ -297,10 +276,9 @@ class LivePage(Page):
         )
 
     def _draw_strip(self, profile: ForceProfile, contours: tuple[np.ndarray, np.ndarray] | None) -> None:
-        width_m, height_m = self._strip_size_m
         if contours is None:
             back_m = np.column_stack([np.zeros_like(profile.s_m), profile.s_m])
-            front_m = np.column_stack([width_m - np.nan_to_num(profile.delta_m), profile.s_m])
+            front_m = np.column_stack([_STRIP_WIDTH_M - np.nan_to_num(profile.delta_m), profile.s_m])
         else:
             back_m, front_m = contours
         if len(front_m) != len(profile.pressure_Pa):
@@ -309,9 +287,9 @@ class LivePage(Page):
                 f"found {len(front_m)} points, expected {len(profile.pressure_Pa)} as in the profile",
                 field="contours_foam_m",
             )
-        positions_m, quaternions, sizes_m = columns(back_m, front_m, height_m)
+        positions_m, quaternions, sizes_m = columns(back_m, front_m, _STRIP_HEIGHT_M)
         pressure_Pa = np.where(profile.point_valid, profile.pressure_Pa, np.nan)
-        colours = pressure_colours(pressure_Pa, self._full_pressure_Pa)
+        colours = pressure_colours(pressure_Pa, _FULL_PRESSURE_PA)
         if self._strip is None or len(self._strip.batched_positions) != len(positions_m):
             corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
             vertices, faces = prism(corners, 1.0)

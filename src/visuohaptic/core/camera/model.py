@@ -105,6 +105,28 @@ class Camera:
         """Geometric mean of both focal lengths [px]."""
         return float(np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
 
+    def check_size(self, where: str, width: int, height: int) -> None:
+        """Refuse images that are not this camera's.
+
+        Parameters
+        ----------
+        where
+            Source of the images, for the message.
+        width, height
+            Size of an image [px].
+
+        Raises
+        ------
+        InputError
+            It is another size than the camera's.
+        """
+        if (self.width, self.height) != (width, height):
+            raise InputError(
+                where,
+                f"found images of {width} x {height}, expected {self.width} x {self.height} "
+                f"of the camera {self.name!r}",
+            )
+
     def project(self, points_camera_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
         """Pixels of points in the camera frame.
 

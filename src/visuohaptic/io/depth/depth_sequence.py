@@ -28,6 +28,7 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import load_yaml_model, read_image
+from ..image_folder import natural, seconds_in
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
 from .poses import StampedPose, interpolate_pose, read_poses
 
@@ -36,7 +37,6 @@ __all__ = ["DepthFrame", "DepthSequence", "SequenceFile"]
 _log = logging.getLogger(__name__)
 
 _COLOR_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp"}
-_SECONDS = re.compile(r"(?:^|[^0-9.])(\d+\.\d+)$")
 _NUMBER = re.compile(r"(\d+)\D*$")
 #: A camera that steps farther than this many depths between frames sees nothing twice: wrong unit.
 _STEP_PER_DEPTH = 4.0
@@ -132,7 +132,7 @@ class DepthSequence:
         #: Time and pose of each image; a pose that is missing says why.
         self.stamped: list[StampedPose] = _matched(self.folder, self._paths, poses)
         #: Images that have a pose and are not there, where the names tell.
-        self.missing = 0 if _timed(self._paths) else len(poses) - len(self._paths)
+        self.missing = 0 if seconds_in(self._paths) else len(poses) - len(self._paths)
         self._check_steps()
         self.skipped: Counter[str] = Counter()  #: frames left out, by cause
         self.problems: list[str] = []  #: one line for each frame left out
@@ -238,28 +238,17 @@ class DepthSequence:
         return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
 
 
-def _natural(path: Path) -> list[tuple[int, int, str]]:
-    parts = re.split(r"(\d+)", path.stem)
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
-
-
 def _image_files(folder: Path, suffixes: set[str]) -> list[Path]:
     if not folder.is_dir():
         return []
     found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.name[0] != "."]
-    return sorted(found, key=_natural)
-
-
-def _timed(paths: list[Path]) -> list[float]:
-    """Times at the end of the names [s]; empty when one has none."""
-    matches = [_SECONDS.search(path.stem) for path in paths]
-    return [float(match[1]) for match in matches if match] if all(matches) else []
+    return sorted(found, key=lambda path: natural(path.stem))
 
 
 def _matched(folder: Path, paths: list[Path], poses: list[StampedPose]) -> list[StampedPose]:
     """The pose of each image: by time in its name, by count, or by its number where images are lost."""
     timed = sorted((stamped for stamped in poses if np.isfinite(stamped.t_s)), key=lambda s: s.t_s)
-    if (seconds := _timed(paths)) and timed:
+    if (seconds := seconds_in(paths)) and timed:
         return [StampedPose(time_s, *interpolate_pose(timed, time_s)) for time_s in seconds]
     if len(paths) == len(poses):
         return poses

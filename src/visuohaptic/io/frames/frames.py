@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 from ...core.camera.model import Camera
 from ...core.errors import InputError
@@ -79,14 +80,11 @@ def open_source(
         return open_camera(live[0], uvc_only=live[1], camera=camera, rate_Hz=rate_Hz, grey=grey)
     topic = _TOPIC.match(text)
     path = Path(topic[1] if topic else text)
+    part: dict[str, Any] = {"camera": camera, "start_s": start_s, "stop_s": stop_s, "grey": grey}
     if is_bag(path):
-        return McapSource(
-            path, topic[2] if topic else None, camera=camera, start_s=start_s, stop_s=stop_s, grey=grey
-        )
+        return McapSource(path, topic[2] if topic else None, **part)
     if path.is_dir():
-        return ImageFolderSource(
-            path, camera=camera, rate_Hz=rate_Hz, start_s=start_s, stop_s=stop_s, grey=grey
-        )
+        return ImageFolderSource(path, rate_Hz=rate_Hz, **part)
     try:
         head = read_head(path, 8)
     except InputError as error:
@@ -99,7 +97,5 @@ def open_source(
     if not head:
         raise InputError(text, "is empty")
     if head.startswith(b"\x89MCAP") or topic or path.suffix == ".mcap":
-        return McapSource(
-            path, topic[2] if topic else None, camera=camera, start_s=start_s, stop_s=stop_s, grey=grey
-        )
-    return VideoSource(path, camera=camera, start_s=start_s, stop_s=stop_s, grey=grey)
+        return McapSource(path, topic[2] if topic else None, **part)
+    return VideoSource(path, **part)

@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
-from ...core.errors import DeviceError, InputError, StaleFrameError
+from ...core.errors import DeviceError, StaleFrameError
 from ...core.resources import Closing
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
@@ -172,12 +172,8 @@ class LiveSource(Closing):
                 return
 
     def _deliver(self, image: UInt8[np.ndarray, "rows columns *colour"], t_s: float) -> None:
-        if self._camera and image.shape[:2] != (self._camera.height, self._camera.width):
-            raise InputError(
-                "live camera",
-                f"found images of {image.shape[1]} x {image.shape[0]}, expected {self._camera.width} x "
-                f"{self._camera.height} of the camera {self._camera.name!r}",
-            )
+        if self._camera:
+            self._camera.check_size("live camera", image.shape[1], image.shape[0])
         with self._new:
             self._frame = Frame(image, t_s, self._next_index)
             self._next_index += 1

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.errors import InputError, MissingExtraError
+from ...core.errors import InputError, needs
 from ...core.measurement import GRAVITY_M_S2
 
 __all__ = ["FloorBody", "FloorPush", "FloorTrace"]
@@ -56,11 +56,9 @@ class FloorBody:
 class FloorTrace:
     """What happened, at every recorded time."""
 
-    t_s: Float[np.ndarray, "k"]
     platform_m: Float[np.ndarray, "k 3"]  #: x, y, heading [m, m, rad]
     object_m: Float[np.ndarray, "k 3"]  #: x, y, yaw [m, m, rad]
     touching: Bool[np.ndarray, "k"]
-    contact_m: Float[np.ndarray, "k 2"]  #: where the force acts; NaN without contact
 
     @property
     def dropped(self) -> bool:
@@ -90,8 +88,6 @@ class FloorPush:
         Radius of the platform [m].
     time_step_s
         Time step of the physics [s].
-    walls_m
-        Fixed boxes (x0, y0, x1, y1) [m].
     """
 
     def __init__(
@@ -102,31 +98,21 @@ class FloorPush:
         radius_m: float = 0.17,
         *,
         time_step_s: float = 0.0005,
-        walls_m: Sequence[tuple[float, float, float, float]] = (),
     ) -> None:
-        try:
+        with needs("mujoco-core", "sim", "the simulated push"):
             import mujoco
-        except ImportError as error:
-            raise MissingExtraError("mujoco-core", "sim", "the simulated push") from error
         self._mujoco: Any = mujoco
         self.thing, self.radius_m = thing, radius_m
-        self._model: Any = mujoco.MjModel.from_xml_string(_mjcf(thing, radius_m, time_step_s, walls_m))
+        self._model: Any = mujoco.MjModel.from_xml_string(_mjcf(thing, radius_m, time_step_s))
         self._data: Any = mujoco.MjData(self._model)
         self._data.qpos[:3] = platform_m
         self._data.qpos[3:6] = start_m[0], start_m[1], 0.0
         self._data.qpos[6:10] = np.cos(start_m[2] / 2), 0.0, 0.0, np.sin(start_m[2] / 2)
         self._rim = self._model.geom("rim").id
-        self._walls = {self._model.geom(f"wall{i}").id for i in range(len(walls_m))}
-        self.hit_wall = False
         #: contact point in the world, NaN without contact
         self.contact_m = np.full(2, np.nan)
         # It sinks into its feet before the platform moves.
         self._steps(np.zeros(3), 200)
-
-    @property
-    def t_s(self) -> float:
-        """Time of the physics."""
-        return float(self._data.time)
 
     @property
     def platform_m(self) -> Float[np.ndarray, "3"]:
@@ -167,17 +153,13 @@ class FloorPush:
         speed_m_s
             Speed of the platform [m/s].
         """
-        rows, contact, touching, times = [], [], [], []
+        rows, touching = [], []
         for row, pose in enumerate(path_m):
             if row:
                 self.move(pose, speed_m_s)
             rows.append(self.object_m)
-            contact.append(self.contact_m.copy())
             touching.append(bool(np.isfinite(self.contact_m[0])))
-            times.append(self.t_s)
-        return FloorTrace(
-            np.array(times), np.array(path_m), np.array(rows), np.array(touching), np.array(contact)
-        )
+        return FloorTrace(np.array(path_m), np.array(rows), np.array(touching))
 
     def _steps(self, velocity: Float[np.ndarray, "3"], count: int) -> None:
         data, model = self._data, self._model
@@ -191,19 +173,14 @@ class FloorPush:
             place += velocity * model.opt.timestep
             data.qpos[:3] = place
             for c in range(data.ncon):
-                pair = data.contact[c].geom
-                if self._rim in pair:
+                if self._rim in data.contact[c].geom:
                     self._mujoco.mj_contactForce(model, data, c, force)
                     total += force[0]
                     moment += force[0] * data.contact[c].pos[:2]
-                elif self._walls.intersection(pair):
-                    self.hit_wall = True
         self.contact_m = moment / total if total > 1e-3 else np.full(2, np.nan)
 
 
-def _mjcf(
-    thing: FloorBody, radius_m: float, step_s: float, walls_m: Sequence[tuple[float, float, float, float]]
-) -> str:
+def _mjcf(thing: FloorBody, radius_m: float, step_s: float) -> str:
     """The model. Every foot is a small body on a spring of its own."""
     geoms, pairs = "", ""
     corners, height, r = thing.outline_m, thing.push_height_m, thing.round_m
@@ -218,8 +195,6 @@ def _mjcf(
         f = thing.contact_friction
         cone = f'condim="3" friction="{f} {f} 0 0 0"' if f > 0 else 'condim="1"'
         pairs += f'<pair geom1="rim" geom2="part{i}" {cone} solref="0.004 1" solimp="0.99 0.99 0.001"/>'
-        for w in range(len(walls_m)):
-            pairs += f'<pair geom1="wall{w}" geom2="part{i}" condim="3" friction="0.3 0.3 0 0 0"/>'
     stiffness = thing.mass_kg * GRAVITY_M_S2 / (len(thing.feet_m) * SAG_M)
     # Critical damping of the object on all its feet.
     damping = 2.0 * math.sqrt(stiffness * thing.mass_kg / len(thing.feet_m))
@@ -236,17 +211,12 @@ def _mjcf(
             f'<pair geom1="floor" geom2="foot{i}" condim="3" friction="{f} {f} 0 0 0" solref="0.005 1" '
             'solimp="0.9 0.9 0.001"/>'
         )
-    walls = "".join(
-        f'<geom name="wall{i}" type="box" pos="{(x0 + x1) / 2} {(y0 + y1) / 2} 0.1" '
-        f'size="{(x1 - x0) / 2} {(y1 - y0) / 2} 0.1" contype="0" conaffinity="0"/>'
-        for i, (x0, y0, x1, y1) in enumerate(walls_m)
-    )
     inertia = 0.02 * thing.mass_kg
     cx, cy = thing.centre_m
     return f"""<mujoco><compiler angle="radian" inertiafromgeom="false"/>
     <option timestep="{step_s}" cone="elliptic" impratio="10" noslip_iterations="5" integrator="implicitfast"
       gravity="0 0 {-GRAVITY_M_S2}"/>
-    <worldbody><geom name="floor" type="plane" size="50 50 1" contype="0" conaffinity="0"/>{walls}
+    <worldbody><geom name="floor" type="plane" size="50 50 1" contype="0" conaffinity="0"/>
     <body name="platform"><inertial pos="0 0 0" mass="1e5" diaginertia="1e4 1e4 1e4"/>
       <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>
       <geom name="rim" type="sphere" size="{radius_m}" pos="0 0 {thing.push_height_m}"

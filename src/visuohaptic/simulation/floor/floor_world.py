@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError, MissingExtraError
+from ...core.errors import InputError, needs
 from ...core.geometry import polygon_centroid, rotation_2d
-from ...core.robots import BaseState, MobileBase
+from ...core.robots import BaseState
 from ...io.maps.occupancy_map import OccupancyMap
+from ..mobile.platform import CommandedBase, towards
 from .floor_model import FloorObject, FloorRobot, floor_mjcf
 from .walls import wall_boxes
 
@@ -66,10 +67,8 @@ class FloorWorld:
         *,
         time_step_s: float = 0.004,
     ) -> None:
-        try:
+        with needs("mujoco-core", "sim", "the simulated floor"):
             import mujoco
-        except ImportError as error:
-            raise MissingExtraError("mujoco-core", "sim", "the simulated floor") from error
         self._mujoco: Any = mujoco
         self.robot = robot if robot is not None else FloorRobot()
         self.items = tuple(items)
@@ -181,8 +180,8 @@ class FloorWorld:
 
     def _ramp(self, step_s: float) -> None:
         base, robot = self.base, self.robot
-        self.speed_m_s = _towards(self.speed_m_s, base.target_speed_m_s, robot.acceleration_m_s2 * step_s)
-        self.turn_rate_rad_s = _towards(
+        self.speed_m_s = towards(self.speed_m_s, base.target_speed_m_s, robot.acceleration_m_s2 * step_s)
+        self.turn_rate_rad_s = towards(
             self.turn_rate_rad_s, base.target_turn_rate_rad_s, robot.turn_acceleration_rad_s2 * step_s
         )
 
@@ -250,7 +249,7 @@ class FloorWorld:
             self.speed_m_s = 0.0
 
 
-class FloorBase(MobileBase):
+class FloorBase(CommandedBase):
     """The robot of a :class:`FloorWorld` as a ``robots.MobileBase``.
 
     Parameters
@@ -261,26 +260,9 @@ class FloorBase(MobileBase):
 
     def __init__(self, world: FloorWorld) -> None:
         self._world = world
-        self.target_speed_m_s = self.target_turn_rate_rad_s = 0.0
-
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`."""
-        if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
-            raise InputError(
-                "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
-            )
-        self.target_speed_m_s, self.target_turn_rate_rad_s = float(speed_m_s), float(turn_rate_rad_s)
-
-    def stop(self) -> None:
-        """Stand still as soon as the acceleration allows."""
-        self.drive(0.0, 0.0)
 
     def state(self) -> BaseState:
         """Exact odometry in the map frame."""
         world = self._world
         x, y, heading = (float(v) for v in world.pose_m())
         return BaseState(world.t_s, x, y, heading, world.speed_m_s, world.turn_rate_rad_s)
-
-
-def _towards(now: float, target: float, step: float) -> float:
-    return now + max(-step, min(step, target - now))

@@ -10,7 +10,7 @@ from ...core.errors import InputError
 from ...core.robots import BaseState, MobileBase
 from ..foam.strip_geometry import FoamStripGeometry
 
-__all__ = ["DrivenWorld", "PlatformConfig", "SimulatedBase"]
+__all__ = ["CommandedBase", "DrivenWorld", "PlatformConfig", "SimulatedBase", "towards"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,25 @@ class DrivenWorld(Protocol):
         """Velocity of the platform in its own frame: (forward, left [m/s], turn rate [rad/s])."""
 
 
-class SimulatedBase(MobileBase):
+class CommandedBase(MobileBase):
+    """What a simulated platform was told last: ``target_speed_m_s``, ``target_turn_rate_rad_s``."""
+
+    target_speed_m_s = target_turn_rate_rad_s = 0.0
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Set the velocities; they hold until the next call or :meth:`stop`."""
+        if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
+            raise InputError(
+                "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
+            )
+        self.target_speed_m_s, self.target_turn_rate_rad_s = float(speed_m_s), float(turn_rate_rad_s)
+
+    def stop(self) -> None:
+        """Stand still as soon as the acceleration allows."""
+        self.drive(0.0, 0.0)
+
+
+class SimulatedBase(CommandedBase):
     """The platform of a simulated world as a ``robots.MobileBase``.
 
     Velocities are reached with limited acceleration; time passes only in the ``step`` of the world.
@@ -76,23 +94,7 @@ class SimulatedBase(MobileBase):
 
     def __init__(self, world: DrivenWorld) -> None:
         self._world = world
-        self.target_speed_m_s = 0.0
-        self.target_turn_rate_rad_s = 0.0
-        self._speed_m_s = 0.0
-        self._turn_rate_rad_s = 0.0
-
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`."""
-        if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
-            raise InputError(
-                "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
-            )
-        self.target_speed_m_s = float(speed_m_s)
-        self.target_turn_rate_rad_s = float(turn_rate_rad_s)
-
-    def stop(self) -> None:
-        """Stand still as soon as the acceleration allows."""
-        self.drive(0.0, 0.0)
+        self._speed_m_s = self._turn_rate_rad_s = 0.0
 
     def halt(self) -> None:
         """Stand still at once, as after being carried."""
@@ -114,14 +116,13 @@ class SimulatedBase(MobileBase):
             Time step [s].
         """
         config = self._world.config
-        self._speed_m_s = _towards(
-            self._speed_m_s, self.target_speed_m_s, config.max_acceleration_m_s2 * dt_s
-        )
-        self._turn_rate_rad_s = _towards(
+        self._speed_m_s = towards(self._speed_m_s, self.target_speed_m_s, config.max_acceleration_m_s2 * dt_s)
+        self._turn_rate_rad_s = towards(
             self._turn_rate_rad_s, self.target_turn_rate_rad_s, config.max_turn_acceleration_rad_s2 * dt_s
         )
         return self._speed_m_s, self._turn_rate_rad_s
 
 
-def _towards(now: float, target: float, step: float) -> float:
+def towards(now: float, target: float, step: float) -> float:
+    """A velocity ``step`` nearer to its target."""
     return now + max(-step, min(step, target - now))

@@ -17,13 +17,13 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d
-from ...core.robots import BaseState, MobileBase
+from ...core.robots import BaseState
 from ..foam.outline import Outline
 from ..foam.strip import FoamStrip, StripState
 from ..foam.strip_geometry import FoamStripGeometry
 from ..foam.strip_law import SOFT_FOAM, StripLaw
 from .obstacles import ObstacleKind, SimulatedObstacle
-from .platform import PlatformConfig
+from .platform import CommandedBase, PlatformConfig, towards
 
 __all__ = ["QuickTruth", "QuickWorld"]
 
@@ -38,7 +38,7 @@ class QuickTruth:
 
 
 @dataclass
-class QuickWorld(MobileBase):
+class QuickWorld(CommandedBase):
     """Platform with a foam bumper among obstacles; a ``robots.MobileBase`` with exact odometry."""
 
     obstacles: Sequence[SimulatedObstacle]
@@ -57,7 +57,7 @@ class QuickWorld(MobileBase):
         self.t_s = 0.0
         self.last_touched = ""  #: the obstacle on which the foam bore most, when it last bore on one
         self._strip = FoamStrip(c.strip, self.law)
-        self._target = self._speed = (0.0, 0.0)
+        self._speed = (0.0, 0.0)
         self._sliding: set[str] = set()
         # The hull but for its front, which is the foam's: it ends a little behind.
         self._hull_m = (-c.radius_m, 0.9 * c.radius_m)
@@ -67,18 +67,6 @@ class QuickWorld(MobileBase):
     def base(self) -> QuickWorld:
         """The platform's drive: this world itself."""
         return self
-
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities."""
-        if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
-            raise InputError(
-                "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
-            )
-        self._target = (speed_m_s, turn_rate_rad_s)
-
-    def stop(self) -> None:
-        """Stand still as soon as the acceleration allows."""
-        self._target = (0.0, 0.0)
 
     def state(self) -> BaseState:
         """Exact odometry."""
@@ -97,11 +85,8 @@ class QuickWorld(MobileBase):
             Simulated time [s].
         """
         c, (x, y, heading) = self.config, self.pose
-        limits = (c.max_acceleration_m_s2 * dt_s, c.max_turn_acceleration_rad_s2 * dt_s)
-        speed, turn = (
-            now + max(-limit, min(limit, goal - now))
-            for now, goal, limit in zip(self._speed, self._target, limits, strict=True)
-        )
+        speed = towards(self._speed[0], self.target_speed_m_s, c.max_acceleration_m_s2 * dt_s)
+        turn = towards(self._speed[1], self.target_turn_rate_rad_s, c.max_turn_acceleration_rad_s2 * dt_s)
         if speed > 0 and -self.truth.strip.body_force_N[:, 0].sum() < -c.max_force_N:
             speed = 0.0  # the wheels stand
         middle = heading + 0.5 * turn * dt_s

@@ -11,7 +11,6 @@ there is no friction and no inertia.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -131,8 +130,6 @@ class CrownCapCell(BlankFrames):
     picture_sigma_m: float = 0.0005  #: noise of every sighting
     frame_rate_Hz: float = 30.0
     duration_s: float = math.inf
-    #: sees the truth of every frame, for plots
-    on_frame: Callable[[CrownCapCell], None] | None = None
 
     def __post_init__(self) -> None:
         self.position_base_m = np.asarray(self.position_base_m, dtype=np.float64)
@@ -150,8 +147,6 @@ class CrownCapCell(BlankFrames):
         for _ in range(2):
             self.arm.advance(0.5 * dt_s)
             self._balance()
-        if self.on_frame is not None:
-            self.on_frame(self)
         return self.arm.t_s
 
     def feel(self, frame: Frame) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:

@@ -39,7 +39,7 @@ def add_arguments(add: Any) -> None:
     add("--register", Path, "CSV table of contacts on the visible part, to fit the frame of the touches")
     add("--out", Path, "completed surface, PLY", required=True)
     add("--next", bool, "plan the next touch")
-    add("--bound-m", 0.001, "expected error to stop at, 1 mm")
+    add("--bound-m", 0.001, "expected error to stop at, 1 mm", low=0, above=True)
     add("--plot", Path, "figure of the completed surface (.png, .pdf, .svg)")
     add("--no-priors", bool, "do not use the shape of the visible bands")
 
@@ -56,8 +56,6 @@ def run(args: Any) -> dict[str, Any]:
     from ....reconstruction.completion.touch_registration import register_touches
     from ....reconstruction.mesh import SurfaceMesh
 
-    if not (np.isfinite(args.bound_m) and args.bound_m > 0):
-        raise InputError("--bound-m", f"found {args.bound_m}, expected > 0")
     model = SurfaceMesh.load(args.model)
     regions = load_hole_regions(args.region)
     number = args.cluster

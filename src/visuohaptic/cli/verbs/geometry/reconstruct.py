@@ -34,7 +34,7 @@ def add_arguments(add: Any) -> None:
         nargs=6,
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
     )
-    add("--voxel-m", 0.005, "edge of a voxel [m] (default: %(default)s)")
+    add("--voxel-m", 0.005, "edge of a voxel [m] (default: %(default)s)", low=0, high=0.5, above=True)
     add("--false-alarm-rate", 0.02, "expected false transparent parts of a search (default: %(default)s)")
     add("--no-refine", bool, "use the poses as they are (published: as printed)")
     add("--sparse", bool, "fuse the surface wherever it was seen, not only in the space of interest")
@@ -46,7 +46,6 @@ def run(args: Arguments) -> dict[str, Any]:
     """Read, detect, fuse, write; returns what is printed."""
     from dataclasses import asdict
 
-    from ....core.errors import InputError
     from ....io.depth.depth_sequence import DepthSequence
     from ....reconstruction.fusion.depth_noise import sensor_noise
     from ....reconstruction.fusion.volume import SpaceGrid, space_of_interest
@@ -55,8 +54,6 @@ def run(args: Arguments) -> dict[str, Any]:
     sequence = DepthSequence(args.sequence)
     noise = sensor_noise(args.sensor) if args.sensor else sequence_noise(sequence)
     frames = list(sequence)
-    if not 0 < args.voxel_m < 0.5:
-        raise InputError("--voxel-m", f"found {args.voxel_m}, expected a length between 0 and 0.5 m")
     if args.space:
         grid = SpaceGrid.around(args.space[:3], args.space[3:], args.voxel_m)
     else:

@@ -31,18 +31,18 @@ def add_arguments(add: Any) -> None:
     add("tree", Path, ".json of classify train")
     add("curves", Path, "CSV file of measured curves", nargs="?")
     add("--ask", bool, "ask for one touch after the other")
-    add("--confidence", 0.99, "target probability (0.99)")
+    add("--confidence", 0.99, "target probability (0.99)", low=0, high=1, above=True)
     add("--max-touches", 10, "with --ask (10)")
     add("--no-width", bool, "do not use widths as evidence")
-    add("--force-noise", 0.1, "of one sample [N]")
-    add("--deformation-noise", 1e-4, "of one sample [m]")
+    add("--force-noise", 0.1, "of one sample [N]", low=0, high=1e3, above=True)
+    add("--deformation-noise", 1e-4, "of one sample [m]", low=0, high=0.1)
     add(
         "--prior", str, "of vision; may be repeated", default=[], action="append", metavar="CLASS=PROBABILITY"
     )
     add("--state", Path, "state.json of this object: also estimate its state")
     add("--view", bool, "show the touches on a page in the browser")
-    add("--port", 8080, "of --view on 127.0.0.1")
-    add("--seconds", float, "close the page after this time; without, at Ctrl-C")
+    add("--port", 8080, "of --view on 127.0.0.1", low=0, high=65535)
+    add("--seconds", float, "close the page after this time; without, at Ctrl-C", low=0)
     add("--steps", Path, "file for the steps of the tree, .json")
 
 
@@ -56,12 +56,6 @@ def run(args: Any) -> dict[str, Any]:
 
     if bool(args.curves) == args.ask:
         raise InputError("classify run", "expected either a file of curves or --ask")
-    if not 0 < args.confidence <= 1:
-        raise InputError("--confidence", f"found {args.confidence}, expected 0 to 1")
-    if not (0 < args.force_noise < 1e3 and 0 <= args.deformation_noise < 0.1):
-        raise InputError(
-            "--force-noise", "expected more than 0 N, and a deformation noise of less than 0.1 m"
-        )
     found = load_classifier(args.tree)
     prior = dict(_prior(text) for text in args.prior) or None
     readings: Any = ()
@@ -137,9 +131,8 @@ def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
     from ....recognition.touch.steps import planner_follower, tree_follower
     from ....viewer.browse import BrowsePage
     from ....viewer.steps_view import StepsView
-    from ..system.view import check_page, wait
+    from ..system.view import wait
 
-    check_page(args)
     pages = [StepsView("planner")]
     tellers = [planner_follower(model, pages[0])]
     if tree is not None:

@@ -54,7 +54,7 @@ def add_arguments(add: Any) -> None:
     states = add.group("with --states")
     states("--fill", float, "a state closed and so full, 0..1; repeatable", default=[], action="append")
     states("--places", "y+4,y+6,y+8,y+10", "candidates, side and height (y+4,y+6,y+8,y+10)")
-    states("--variants", 8, "draws of wall and modulus, each 10 %% (8)")
+    states("--variants", 8, "draws of wall and modulus, each 10 %% (8)", low=3, high=1000)
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -79,8 +79,6 @@ def _states(args: Any) -> dict[str, Any]:
 
     if bad := [fill for fill in args.fill if not 0 < fill <= 1]:
         raise InputError("--fill", f"found {bad[0]:g}, expected more than 0 to 1")
-    if not 3 <= args.variants <= 1000:
-        raise InputError("--variants", f"found {args.variants}, expected 3 to 1000")
     states: dict[str, Contents | None] = {"open": None, "closed": Contents()}
     states |= {f"closed, {100 * fill:g} % full": Contents(fill=fill) for fill in args.fill}
     places = [place.strip() for place in args.places.split(",")]

@@ -27,24 +27,19 @@ def add_arguments(add: Any) -> None:
     add("loads", Path, "CSV of known loads and readings")
     add("--beam", Path, "beam.yaml (by default a 12 cm rod of 1.5 mm spring steel)")
     add("--out", Path("beam.yaml"), "file to write (beam.yaml)")
-    add("--xi", 1.0, "x / L of the observed motion (1: the tip)")
+    add("--xi", 1.0, "x / L of the observed motion (1: the tip)", low=0.05, high=1)
     add("--angles", str, "unit of columns roll, pitch, yaw", choices=("deg", "rad"))
-    add("--load-tolerance", 0.002, "relative sigma of the loads (0.002)", metavar="R")
+    add("--load-tolerance", 0.002, "relative sigma of the loads (0.002)", metavar="R", low=0, high=0.1)
 
 
 def run(args: Any) -> dict[str, Any]:
     """Calibrate, write the file, and return what was found (SI units)."""
-    from ....core.errors import InputError
     from ....sensing.beam.calibration import AXES, calibrate_beam
     from ....sensing.beam.config import load_beam, save_beam
     from ....sensing.beam.correction import prior_correction
     from ....sensing.beam.mechanics import Beam
     from ....sensing.beam.records import read_loads
 
-    if not 0 <= args.load_tolerance <= 0.1:
-        raise InputError("--load-tolerance", f"found {args.load_tolerance:g}, expected 0 to 0.1")
-    if not 0.05 <= args.xi <= 1:
-        raise InputError("--xi", f"found {args.xi:g}, expected 0.05 to 1")
     beam = Beam() if args.beam is None else load_beam(args.beam)[0]
     record = read_loads(args.loads, angles=args.angles)
     found = calibrate_beam(record, beam, xi=args.xi, load_tolerance=args.load_tolerance)

@@ -37,7 +37,6 @@ from ..._sensor_run import (
     opened_frames,
     run_sensor,
     shown_frames,
-    zero_frames,
 )
 
 if TYPE_CHECKING:
@@ -77,7 +76,6 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    zero_frames(args)
     with ExitStack() as stack:
         if args.source is not None:
             reader, frames = _images(args, stack)

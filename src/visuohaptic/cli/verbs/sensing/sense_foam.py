@@ -33,7 +33,6 @@ from ..._sensor_run import (
     opened_frames,
     run_sensor,
     shown_frames,
-    zero_frames,
 )
 from ._reference import add_reference, checked_reference, reported
 
@@ -73,7 +72,6 @@ def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from ....sensing.foam.finger import load_foam_sensor
 
-    zero_frames(args)
     if args.page and args.against is None:
         raise InputError("--page", "found without --against, expected what to compare with")
     reference = None if args.against is None else checked_reference(args, args.against)

@@ -32,7 +32,6 @@ from ..._sensor_run import (
     opened_frames,
     run_sensor,
     shown_frames,
-    zero_frames,
 )
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....sensing.readers.scene_reader import SceneReader
     from ....sensing.scene.scene_file import SceneConfig, SceneSensor, read_odometry
 
-    count = zero_frames(args)
+    count = args.zero_frames
     setup = SceneConfig.load(args.config)
     if count and setup.sensor is None:
         raise InputError("--zero-frames", f"found {count}, but {args.config} names no sensor to zero")

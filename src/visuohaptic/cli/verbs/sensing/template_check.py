@@ -13,7 +13,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ....core.errors import InputError
 from ....core.files.plain_json import picked
 
 __all__ = ["add_arguments", "run"]
@@ -22,7 +21,7 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("image", Path, "image file")
-    add("--width-m", float, "printed width, where the file has no dpi")
+    add("--width-m", float, "printed width, where the file has no dpi", low=0, above=True)
     add("--sheet", Path, "PDF or PNG to write")
     add("--paper", "A4", "paper of the sheet: A4, A3 or letter")
     add("--dpi", 300.0, "dots per inch of a PNG sheet")
@@ -34,8 +33,6 @@ def run(args: Any) -> dict[str, Any]:
     from ....tracking.templates.sheet import SheetItem, save_sheet
     from ....tracking.templates.template import Template, template_quality
 
-    if args.width_m is not None and not args.width_m > 0:
-        raise InputError("--width-m", f"found {args.width_m}, expected > 0")
     template = Template.from_file(args.image, width_m=args.width_m)
     quality = template_quality(template)
     width, height = template.size_m

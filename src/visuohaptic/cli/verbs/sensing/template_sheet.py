@@ -11,15 +11,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ....core.errors import InputError
-
 __all__ = ["add_arguments", "run"]
 
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--ids", int, "numbers in the family, 0..586", nargs="+", required=True)
-    add("--size-m", float, "side of the black border", required=True)
+    add("--size-m", float, "side of the black border", required=True, low=0, above=True)
     add("--out", Path, "PDF or PNG to write", required=True)
     add("--paper", "A4", "A4, A3 or letter")
     add("--dpi", 300.0, "dots per inch of a PNG")
@@ -30,8 +28,6 @@ def run(args: Any) -> dict[str, Any]:
     from ....tracking.templates.sheet import save_sheet, tag_item
     from ....tracking.templates.template import TAG_CELLS
 
-    if not args.size_m > 0:
-        raise InputError("--size-m", f"found {args.size_m}, expected > 0")
     items = [tag_item(number, args.size_m) for number in args.ids]
     widths = save_sheet(args.out, items, paper=args.paper, dpi=args.dpi)
     sizes = [widths[item.label] * TAG_CELLS / (TAG_CELLS + 2) for item in items]

@@ -61,8 +61,8 @@ def add_arguments(add: Any) -> None:
     add("--map", Path, "touch three obstacles in this map", metavar="YAML")
     add("--out", Path("results/demo"), "folder (results/demo)")
     add("--seed", 2, "of everything random (2)")
-    add("--world", 0, "seed of a drawn house; 0: the office (0)")
-    add("--visit", 0, "day in this world; people move things (0)")
+    add("--world", 0, "seed of a drawn house; 0: the office (0)", low=0)
+    add("--visit", 0, "day in this world; people move things (0)", low=0)
     add("--memory", str, "database of what is remembered between visits", metavar="FOLDER|URL")
     add("--view", bool, "show it live on a page of this machine")
 
@@ -79,9 +79,6 @@ def run(args: Any) -> dict[str, Any]:
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
-    for name, value in (("--world", args.world), ("--visit", args.visit)):
-        if value < 0:
-            raise InputError(name, f"found {value}, expected 0 or more")
     with ExitStack() as stack:
         page = None
         if args.view:

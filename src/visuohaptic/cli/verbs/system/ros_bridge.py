@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ....core.errors import InputError
 from ..._stop import signals
 
 if TYPE_CHECKING:
@@ -35,15 +34,13 @@ NEEDS = ("zenoh",)
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("config", Path, "bridge.yaml")
-    add("--duration", float, "end by itself after S seconds", metavar="S")
+    add("--duration", float, "end by itself after S seconds", metavar="S", low=0, above=True)
 
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from ....ros.bridge import Bridge, summary
 
-    if args.duration is not None and not 0 < args.duration < float("inf"):
-        raise InputError("--duration", f"found {args.duration:g}, expected more than 0 s")
     with Bridge.load(args.config) as bridge:
         args.report(
             f"{bridge.node.resolve(bridge.node.name)} runs: {', '.join(_topics(bridge))}; end with Ctrl-C"

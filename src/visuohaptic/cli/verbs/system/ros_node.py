@@ -25,7 +25,6 @@ import argparse
 import threading
 from typing import Any
 
-from ....core.errors import InputError
 from ..._stop import signals
 
 __all__ = ["add_arguments", "run"]
@@ -47,7 +46,7 @@ def add_arguments(add: Any) -> None:
         metavar="PLACE",
     )
     add("--managed", bool, "wait for a lifecycle manager")
-    add("--duration", float, "end by itself after S seconds", metavar="S")
+    add("--duration", float, "end by itself after S seconds", metavar="S", low=0, above=True)
     add("--ros-args", str, "as for any node of ROS", default=[], nargs=argparse.REMAINDER, metavar="...")
 
 
@@ -66,8 +65,6 @@ def run(args: Any) -> dict[str, Any]:
             bounds = "" if one.low is None and one.high is None else f" [{_end(one.low)} to {_end(one.high)}]"
             args.report(f"{one.name} = {one.default!r}{bounds}  {one.description}")
         return {"parameters": {one.name: one.default for one in parameters}}
-    if args.duration is not None and not 0 < args.duration < float("inf"):
-        raise InputError("--duration", f"found {args.duration:g}, expected more than 0 s")
     stop = threading.Event()
     with signals(stop.set):
         run_node(

@@ -14,9 +14,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from ....core.errors import InputError
-
-__all__ = ["NEEDS", "add_arguments", "check_page", "run", "wait"]
+__all__ = ["NEEDS", "add_arguments", "run", "wait"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("trimesh", "viser")
@@ -25,11 +23,11 @@ NEEDS = ("trimesh", "viser")
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("files", str, "what to show", nargs="+", metavar="FILE")
-    add("--port", 8080, "on 127.0.0.1; the next free one if in use")
+    add("--port", 8080, "on 127.0.0.1; the next free one if in use", low=0, high=65535)
     add("--force", 10.0, "of a finger, at the start (10)", metavar="N")
     add("--state", "open", "of containers", choices=("open", "closed"))
     add("--fill", 0.0, "fill level in containers, 0..1")
-    add("--seconds", float, "stop after this time")
+    add("--seconds", float, "stop after this time", low=0)
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -38,7 +36,6 @@ def run(args: Any) -> dict[str, Any]:
     from ....viewer.browse import BrowsePage
     from ....viewer.files import open_views
 
-    check_page(args)
     task = GraspTask(force_N=args.force, closed=args.state == "closed", fill=args.fill)
     views = open_views(args.files, task)
     with BrowsePage(views, args.port) as page:
@@ -47,25 +44,6 @@ def run(args: Any) -> dict[str, Any]:
         page.show()
         wait(args)
     return {"url": url, "views": list(names)}
-
-
-def check_page(args: Any) -> None:
-    """Refuse a port or a time that cannot be.
-
-    Parameters
-    ----------
-    args
-        With ``port`` and ``seconds`` [s], or ``None``.
-
-    Raises
-    ------
-    InputError
-        Names the option.
-    """
-    if not 0 <= args.port <= 65535:
-        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
-    if args.seconds is not None and not args.seconds >= 0:
-        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
 
 
 def wait(args: Any) -> None:
