@@ -38,6 +38,15 @@ class Add:
         self._place = place
 
     def __call__(self, *words: Any, **more: Any) -> None:
+        """Declare one argument.
+
+        Parameters
+        ----------
+        words
+            Names, type or default, help.
+        more
+            Options of :meth:`argparse.ArgumentParser.add_argument`; of numbers also ``low``, ``high`` and ``above``.
+        """
         *names, kind, said = words
         if kind is bool:
             more["action"] = "store_true"

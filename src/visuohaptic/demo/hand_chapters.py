@@ -47,9 +47,8 @@ if TYPE_CHECKING:
 
 __all__ = ["grasp_the_bottle", "mission_classes", "recognise_the_bottle"]
 
-#: At a single place an unusual bottle can be as stiff and as wide as another class. Of objects of no class, which are one in
-#: ten, two in a hundred may be claimed to be of one: 0.02 * 0.1 / 0.9 of all claims. Where that is not reached, up to a dozen
-#: squeezes tell more; what is known needs two.
+#: At a single place an unusual bottle can be as stiff and as wide as another class. Of objects of no class, one in ten, two in
+#: a hundred may be claimed: 0.02 * 0.1 / 0.9 of all claims. What is known needs two squeezes, what is not up to a dozen.
 CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.998, 2, 12
 #: The gripper's limit, above the firmest squeeze [N].
 MAX_GRIP_N = 60.0

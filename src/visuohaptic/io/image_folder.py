@@ -26,12 +26,24 @@ _SECONDS = re.compile(r"(?:^|[^0-9.])(\d+\.\d+)$")
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
-    """Sort key by which ``img10`` comes after ``img9``."""
+    """Sort key by which ``img10`` comes after ``img9``.
+
+    Parameters
+    ----------
+    name
+        Of a file.
+    """
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 
 def seconds_in(paths: Iterable[Path]) -> list[float]:
-    """Times at the end of the names [s]; empty when one has none."""
+    """Times at the end of the names [s]; empty when one has none.
+
+    Parameters
+    ----------
+    paths
+        Of the images.
+    """
     matches = [_SECONDS.search(path.stem) for path in paths]
     return [float(match[1]) for match in matches if match] if all(matches) else []
 

@@ -10,8 +10,7 @@ At rest q grows by exactly the travel (:mod:`.at_rest`). From t_0 on Newton's la
 
 with F known from the same push and F_d from its phase (b), at most F_s: what broke away below the mean friction of its
 path slid on at once. (With F_d above F_s it would not move until F passes F_d, and every t_0 until then would explain
-its rest.) Two unknowns, t_0 and m,
-are left for the displacements y of the few frames before the platform has been caught up;
+its rest.) Two unknowns, t_0 and m, are left for the displacements y of the few frames before the platform has been caught up;
 a wide prior for the mass comes from F_d (coefficients of friction are 0.2 to 0.8), and
 the posterior on a grid gives F_s and how well the frames determine it. The force of the
 frame with the largest deflection instead holds the overshoot, m y'' > 0.
@@ -19,16 +18,18 @@ frame with the largest deflection instead holds the overshoot, m y'' > 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.measurement import GRAVITY_M_S2
+from ...core.objects import Estimate
 from .at_rest import EXCESS_SIGMA, STATIC_EXCESS, FoamCurve, Rest
 from .push_record import PushRecord
 
-__all__ = ["breakaway_force"]
+__all__ = ["breakaway_force", "mixture_moments", "static_friction"]
 
 #: Steps of the grids and of the integration between two frames.
 TIMES, MASSES, STEPS = 48, 40, 40
@@ -41,6 +42,8 @@ RELEASED = 1.5
 DISPLACEMENT_ERROR = 0.1
 #: Error of the method itself, by the force: the Stribeck part of the friction, turning bodies.
 METHOD_ERROR = 0.02
+#: Prior of a motion that is none of a break-away: frames are missing, or something else gave way.
+OTHERWISE = 0.1
 #: Frames after the last one at rest that are looked at.
 FRAMES = 3
 
@@ -57,6 +60,59 @@ class _Start:
     y: Float[np.ndarray, "F"]  #: displacement of the object in them [m]
     sigma_m: Float[np.ndarray, "F"]
     springs: FoamCurve  #: foam and object in series
+
+
+def static_friction(
+    record: PushRecord, rests: Sequence[Rest], dynamic_N: float
+) -> tuple[Estimate, list[float]]:
+    """Force at which the object broke away in this push, and how probable each way of resting is after its motion.
+
+    The text takes the largest force of phase (a). But after the break-away the force goes on rising until the object
+    is as fast as the platform (its inertia), so the break-away itself is looked for in the object's motion, see
+    :func:`breakaway_force`. When it shows none, it lies between the last frame at rest and the largest force.
+
+    Parameters
+    ----------
+    record
+        The push.
+    rests
+        The object before it moves, in several ways.
+    dynamic_N
+        Dynamic friction [N].
+    """
+    near = np.arange(rests[0].first, rests[0].deepest + 1)
+    near = near[record.force_valid[near]]
+    noise = float(np.median(record.force_sigma_N[near]))
+    common = record.common_sigma(near[-3:])
+    peak = float(record.force_N[near].max())
+    weight: list[float] = []
+    found: list[tuple[float, float]] = []
+    chances: list[float] = []
+    for rest in rests:
+        low = float(record.force_N[rest.last])
+        weight.append(rest.probability * OTHERWISE)
+        found.append((0.5 * (low + peak), (peak - low) / np.sqrt(12.0)))
+        fit = breakaway_force(record, rest, dynamic_N)
+        if fit is not None:
+            weight.append(rest.probability * (1.0 - OTHERWISE) * float(np.exp(min(fit[2], 100.0))))
+            found.append(fit[:2])
+        chances.append(sum(weight) - sum(chances))
+    value, random = mixture_moments(weight, found)
+    return Estimate(value, float(np.sqrt(noise**2 + random**2 + (common * value) ** 2))), chances
+
+
+def mixture_moments(weight: Sequence[float], found: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Mean and standard deviation of a mixture.
+
+    Parameters
+    ----------
+    weight, found
+        Weights, up to a common factor, and means with standard deviations.
+    """
+    fraction = np.array(weight) / np.sum(weight)
+    mean, sigma = np.array(found).T
+    value = float(fraction @ mean)
+    return value, float(np.sqrt(fraction @ (sigma**2 + (mean - value) ** 2)))
 
 
 def breakaway_force(record: PushRecord, rest: Rest, dynamic_N: float) -> tuple[float, float, float] | None:

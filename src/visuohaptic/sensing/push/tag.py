@@ -21,8 +21,9 @@ Foam that is full at an edge has felt a few newtons only: that bounds the fricti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from ...core.errors import InputError
 from ...core.measurement import GRAVITY_M_S2, Event, EventKind
 from ...core.objects import Estimate, HapticTag, Primitive
 from .at_rest import LOSS, LOSS_SIGMA, SCALE, FoamCurve, Rest, rest_before_motion
-from .breakaway import FRICTION, breakaway_force
+from .breakaway import FRICTION, mixture_moments, static_friction
 from .events import EventSettings
 from .off_centre import of_straight_push, straight_by_felt
 from .push_record import Phases, PushRecord, StopReason, find_phases
@@ -41,8 +42,6 @@ __all__ = ["TagSettings", "fixed_probability", "predictive_interval", "tag_from_
 #: fastened. Of the nine objects of Table 4.1 eight slid, at 8.1, 1.5, 6.5, 15.9, 2.8, 0.6, 0.9 and 1.3 N, and one did
 #: not: (1 + 1/2) / (9 + 1) by Jeffreys' prior.
 FRICTION_MEDIAN_N, FRICTION_LOG_SIGMA, FASTENED = 2.65, 1.1, 0.15
-#: Prior of a motion that is none of a break-away: frames are missing, or something else gave way.
-OTHERWISE = 0.1
 #: Feet shear against the floor by anything up to this before they slip [m].
 SHEAR_M = 1e-4
 #: A compliance of fewer deviations than this is taken for none.
@@ -124,21 +123,11 @@ def tag_from_push(
         fixed = True
     if not np.isfinite(phases.contact_s):
         return HapticTag(explored=1, failed=int(fell), falls=True if fell else None, fixed=fixed)
-    dynamic = _dynamic_friction(record, phases, phases.motion_s, settings) if moved else None
-    rests = rest_before_motion(record, phases.contact_s, phases.motion_s, dynamic.value if dynamic else 0.0)
-    begin = max(rests, key=lambda rest: rest.probability).last if rests else 0
-    if rests and moved:
-        dynamic = _dynamic_friction(record, phases, float(record.t_s[begin]), settings)
-    if dynamic is not None:
-        pushing = record.contact_m[phases.pushing(record.t_s)]
-        dynamic = of_straight_push(dynamic, straight_by_felt(pushing, object_centre_m, primitive))
-    # Without a phase (b) the object ran ahead at once (a door): the force was its inertia.
-    static, chances = None, [rest.probability for rest in rests]
-    if dynamic is not None and rests:
-        # Between these frames it breaks away, and turns where it is touched beside its centre.
-        straight = straight_by_felt(record.contact_m[begin : begin + 2], object_centre_m, primitive)
-        static, chances = _static_friction(record, rests, dynamic.value / straight[0])
-        static = of_straight_push(static, straight)
+
+    def straight(chosen: Any) -> tuple[float, float]:
+        return straight_by_felt(record.contact_m[chosen], object_centre_m, primitive)
+
+    static, dynamic, rests, chances = _frictions(record, phases, settings, straight)
     deformability, stiffness = _deformation(record, rests, chances)
     # Sideways shift of the contact in the world, and turn of the object, by pushed distance.
     drift = _slope(record, phases, record.contact_m + record.lateral_m, settings) if moved else None
@@ -160,6 +149,35 @@ def tag_from_push(
         failed=int(fell or withstood is not None),
         min_static_friction_N=withstood,
     )
+
+
+def _frictions(
+    record: PushRecord,
+    phases: Phases,
+    settings: TagSettings,
+    straight: Callable[[Any], tuple[float, float]],
+) -> tuple[Estimate | None, Estimate | None, Sequence[Rest], list[float]]:
+    """Static and dynamic friction of a straight push, the ways of resting before it, and how probable each is.
+
+    ``straight`` is :func:`.off_centre.straight_by_felt` of chosen readings.
+    """
+    moved = bool(np.isfinite(phases.motion_s))
+    dynamic = _dynamic_friction(record, phases, phases.motion_s, settings) if moved else None
+    rests = rest_before_motion(record, phases.contact_s, phases.motion_s, dynamic.value if dynamic else 0.0)
+    begin = max(rests, key=lambda rest: rest.probability).last if rests else 0
+    if rests and moved:
+        dynamic = _dynamic_friction(record, phases, float(record.t_s[begin]), settings)
+    chances = [rest.probability for rest in rests]
+    # Without a phase (b) the object ran ahead at once (a door): the force was its inertia.
+    if dynamic is None:
+        return None, None, rests, chances
+    dynamic = of_straight_push(dynamic, straight(phases.pushing(record.t_s)))
+    if not rests:
+        return None, dynamic, rests, chances
+    # Between these frames it breaks away, and turns where it is touched beside its centre.
+    felt = straight(slice(begin, begin + 2))
+    static, chances = static_friction(record, rests, dynamic.value / felt[0])
+    return of_straight_push(static, felt), dynamic, rests, chances
 
 
 def fixed_probability(withstood_N: float, max_force_N: float) -> float:
@@ -198,44 +216,6 @@ def _withstood_N(record: PushRecord, phases: Phases) -> float | None:
     sigma = np.hypot(record.force_sigma_N[felt], np.nan_to_num(scale) * force)
     bound = float(np.max(force - BOUND_SIGMAS * sigma))
     return bound if bound > 0.0 else None
-
-
-def _static_friction(
-    record: PushRecord, rests: Sequence[Rest], dynamic_N: float
-) -> tuple[Estimate, list[float]]:
-    """Force at which the object broke away in this push, and how probable each way of resting is after its motion.
-
-    The text takes the largest force of phase (a). But after the break-away the force goes on rising until the object
-    is as fast as the platform (its inertia), so the break-away itself is looked for in the object's motion, see
-    :func:`breakaway_force`. When it shows none, it lies between the last frame at rest and the largest force.
-    """
-    near = np.arange(rests[0].first, rests[0].deepest + 1)
-    near = near[record.force_valid[near]]
-    noise = float(np.median(record.force_sigma_N[near]))
-    common = record.common_sigma(near[-3:])
-    peak = float(record.force_N[near].max())
-    weight: list[float] = []
-    found: list[tuple[float, float]] = []
-    chances: list[float] = []
-    for rest in rests:
-        low = float(record.force_N[rest.last])
-        weight.append(rest.probability * OTHERWISE)
-        found.append((0.5 * (low + peak), (peak - low) / np.sqrt(12.0)))
-        fit = breakaway_force(record, rest, dynamic_N)
-        if fit is not None:
-            weight.append(rest.probability * (1.0 - OTHERWISE) * float(np.exp(min(fit[2], 100.0))))
-            found.append(fit[:2])
-        chances.append(sum(weight) - sum(chances))
-    value, random = _mixture(weight, found)
-    return Estimate(value, float(np.sqrt(noise**2 + random**2 + (common * value) ** 2))), chances
-
-
-def _mixture(weight: Sequence[float], found: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Mean and standard deviation of a mixture."""
-    fraction = np.array(weight) / np.sum(weight)
-    mean, sigma = np.array(found).T
-    value = float(fraction @ mean)
-    return value, float(np.sqrt(fraction @ (sigma**2 + (mean - value) ** 2)))
 
 
 def _dynamic_friction(
@@ -327,7 +307,7 @@ def _deformation(
     sigma = np.linalg.norm([scatter, rest.noise_m / np.sqrt(power), SCALE * slope])
     deformability = Estimate(1.0 - slope, float(sigma))
     compliances = [(float(one.model[1]), float(np.sqrt(one.covariance[1, 1]))) for one in rests]
-    compliance, deviation = _mixture(chances, compliances)
+    compliance, deviation = mixture_moments(chances, compliances)
     force = float(np.nanmax(record.force_N[frames]))
     deviation = float(np.hypot(deviation, SHEAR_M / np.sqrt(12.0) / force))
     compliance -= 0.5 * SHEAR_M / force

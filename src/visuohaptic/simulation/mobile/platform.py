@@ -124,5 +124,11 @@ class SimulatedBase(CommandedBase):
 
 
 def towards(now: float, target: float, step: float) -> float:
-    """A velocity ``step`` nearer to its target."""
+    """A velocity that comes nearer to its target by a step at most.
+
+    Parameters
+    ----------
+    now, target, step
+        Velocities and the step, of one unit.
+    """
     return now + max(-step, min(step, target - now))
