@@ -330,7 +330,10 @@ class Explore(Rig):
         return self.world.t_s
 
     def tick(self) -> tuple[float, bool]:
-        return float(self.world.truth.strip.load_N), self.world._target != (0.0, 0.0)
+        return float(self.world.truth.strip.load_N), (
+            self.world.target_speed_m_s,
+            self.world.target_turn_rate_rad_s,
+        ) != (0.0, 0.0)
 
     def bump(self) -> None:
         x, y, heading = self.world.pose

@@ -10,6 +10,7 @@ import pytest
 
 from visuohaptic.cli._console import Console
 from visuohaptic.cli._sensor_run import Outputs, is_live, run_sensor
+from visuohaptic.cli.main import main
 from visuohaptic.core import Event, EventKind, InputError, Reason
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing import SensorReader, SensorReading
@@ -76,8 +77,11 @@ def test_no_zero_and_no_frames_are_refused():
         run(3)
     with pytest.raises(InputError, match="video: no frames are left to measure"):
         run(2, zero=2)
-    with pytest.raises(InputError, match="--zero-frames: found -1"):
-        run(2, zero=-1)
+
+
+def test_a_number_of_frames_is_none_or_more(capsys):
+    assert main(["sense", "foam", "--config", "f.yaml", "--source", "v.mp4", "--zero-frames", "-1"]) == 2
+    assert "--zero-frames: found -1" in capsys.readouterr().err
 
 
 def test_a_camera_is_live_and_a_file_is_not():

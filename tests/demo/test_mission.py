@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import table_bottles
-from visuohaptic.core import Estimate, HapticTag, InputError
+from visuohaptic.core import Estimate, HapticTag, InputError, Reason
 from visuohaptic.deformation.shapes import draw_variant, load_container
 from visuohaptic.demo import (
     CHAPTERS,
@@ -109,7 +109,8 @@ def test_what_is_touched_in_a_map_is_told_like_a_story(
 ) -> None:
     bin_ = cylinder("bin", 0.0, 0.0, 0.1, 0.3, mass_kg=1.0, friction=0.3, static_ratio=1.1)
     tag = HapticTag(static_friction_N=Estimate(bin_.static_friction_N, 0.05), fixed=False, explored=1)
-    samples = [SimpleNamespace(valid=True, truth_N=2.0, measured_N=2.1, t_s=0.0, sigma_N=0.1, reason="ok")]
+    felt = SimpleNamespace(valid=True, force_N=2.1, force_sigma_N=0.1, t_s=0.0, reason=Reason.OK)
+    samples = [(felt, 2.0)]
     told = [
         SimpleNamespace(
             name=name, tag=one, samples=samples, picture_bgr=None, strip=None,

@@ -70,6 +70,28 @@ class Obstacle:
         return max(front_m - self.x_m, 0.0)
 
 
+@dataclass
+class HeavyObstacle(Obstacle):
+    """The same with a mass: what has none does not need more force while it gets as fast as the platform."""
+
+    mass_kg: float = 1.0
+    speed_m_s: float = 0.0
+    seen: tuple[float, float] = (0.0, 0.0)  #: time and front
+
+    def deflection_after_m(self, front_m: float, t_s: float) -> float:
+        (begin_s, begin_m), self.seen = self.seen, (t_s, front_m)
+        steps = round(40 * (t_s - begin_s) / FRAME_S)
+        damping = 0.6 * np.sqrt(STIFFNESS_N_PER_M * self.mass_kg)
+        for step in range(steps):
+            dt, front = FRAME_S / 40, begin_m + (front_m - begin_m) * (step + 1) / steps
+            rate = (front_m - begin_m) / (t_s - begin_s) - self.speed_m_s
+            push = STIFFNESS_N_PER_M * (front - self.x_m) + damping * rate if front > self.x_m else 0.0
+            if self.speed_m_s > 0.0 or STIFFNESS_N_PER_M * (front - self.x_m) > self.friction_N:
+                self.speed_m_s = max(self.speed_m_s + dt * (push - self.friction_N) / self.mass_kg, 0.0)
+            self.x_m += dt * self.speed_m_s
+        return max(front_m - self.x_m, 0.0)
+
+
 class FakeSensor:
     """Reads a flat contact of 6 cm; ``hidden`` frames are occluded."""
 
@@ -81,7 +103,10 @@ class FakeSensor:
     def read(self, frame: Frame) -> ForceProfile:
         s = np.linspace(-0.12, 0.12, 81)
         inside = np.abs(s) < 0.03
-        depth = self.obstacle.deflection_m(self.base.x_m)
+        if isinstance(self.obstacle, HeavyObstacle):
+            depth = self.obstacle.deflection_after_m(self.base.x_m, self.base.t_s)
+        else:
+            depth = self.obstacle.deflection_m(self.base.x_m)
         delta = np.where(inside, depth, 0.0)
         sigma, budget = np.full(81, 1e-5), ErrorBudget(0.01, 0.01, 0.01)
         force = STIFFNESS_N_PER_M * depth
@@ -276,7 +301,7 @@ def test_frames_that_come_late_or_twice_change_nothing() -> None:
     found = []
     for source in (lambda base: frames(base, 600), late):
         base = FakeBase()
-        sensor = FakeSensor(base, Obstacle(0.1, 4.0))
+        sensor = FakeSensor(base, HeavyObstacle(0.1, 4.0))
         found.append(explore_obstacle(base, source(base), sensor, ExploreSettings(push_m=0.03)))
     for one in found:
         assert one.outcome is ExploreOutcome.TAGGED

@@ -22,7 +22,7 @@ __all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]
 
 #: Scatter while zeroing by the declared sigma; more than this is motion, not noise.
 MAX_SCATTER = 4.0
-#: A slow wander by less than this many declared sigmas of a single frame is put into the covariance instead.
+#: A slow wander by less than this many sigmas of a single frame, as declared or as it jitters, is put into the covariance.
 MAX_CREEP = 2.5
 #: A scatter below these is good enough, whatever the tracker declares [m, rad].
 FINE_SCATTER = np.array([2e-5, 2e-5, 2e-5, 5e-4, 5e-4, 5e-4])
@@ -190,8 +190,11 @@ def _refuse_motion(where: str, names: Sequence[str], scatter: np.ndarray, covari
     limit = np.maximum(MAX_SCATTER * sigma, np.tile(FINE_SCATTER, len(names)))
     spread = scatter.std(axis=0, ddof=1)
     creep = _creep(scatter)
+    # What changes from frame to frame is noise that the tracker does not declare, as of compressed video, and no creep.
+    jitter = np.sqrt(0.5 * np.mean(np.diff(scatter, axis=0) ** 2, axis=0))
     allowed = np.maximum(
-        max(5 * np.sqrt(4 / len(scatter)), MAX_CREEP) * sigma, np.tile(FINE_SCATTER, len(names))
+        max(5 * np.sqrt(4 / len(scatter)), MAX_CREEP) * np.maximum(sigma, jitter),
+        np.tile(FINE_SCATTER, len(names)),
     )
     worst = int(np.argmax(np.maximum(spread / limit, creep / allowed)))
     if spread[worst] > limit[worst] or creep[worst] > allowed[worst]:
