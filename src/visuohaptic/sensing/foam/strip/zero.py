@@ -125,9 +125,10 @@ class ZeroReference:
         scatter = np.nanstd(width_m, axis=0, ddof=1) if len(width_m) > 1 else np.full(len(width), 1e-5)
         if len(width_m) >= 4:
             half = len(width_m) // 2
-            trend = np.nanmean(width_m[half:] - width_m[:1], axis=0)
+            step = width_m[half:] - width_m[:1]
+            trend = np.nansum(step, axis=0) / np.maximum(np.isfinite(step).sum(axis=0), 1)
             # Over five neighbours: a body that touches a part of the strip moves these, noise does not.
-            moved = float(np.max(np.abs(np.convolve(np.nan_to_num(trend), np.full(5, 0.2), mode="valid"))))
+            moved = float(np.max(np.abs(np.convolve(trend, np.full(5, 0.2), mode="valid"))))
             limit = 0.01 * float(np.median(width))
             if moved > limit:
                 raise CalibrationError(
