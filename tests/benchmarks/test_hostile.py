@@ -15,8 +15,11 @@ from benchmarks import hostile_arrays, hostile_files
 FOUND = (
     "visuohaptic.core.area_vectors",
     "visuohaptic.core.so3_log",
+    "visuohaptic.io.write_depth",
+    "visuohaptic.navigation.mapping.door_probability",
     "visuohaptic.navigation.pushing.load_of_feet",
     "visuohaptic.navigation.pushing.push_contacts",
+    "visuohaptic.recognition.touch.unknown_kinds",
     "visuohaptic.report.floor_map",
     "visuohaptic.sensing.push.fit_circle_algebraic",
     "visuohaptic.tracking.estimate_homography",

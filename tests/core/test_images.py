@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.core.files import decode_image, image_size, read_image
+from visuohaptic.core.files import decode_image, image_size, read_image, write_image
 
 from .hostile import refusal
 
@@ -112,3 +112,10 @@ def test_photographs_are_turned_only_when_asked():
 def test_a_compressed_ros_image_goes_through_the_same_gate():
     with pytest.raises(InputError, match="camera: is cut"):
         decode_image(memoryview(_png(60, 60, idat=0xFFFFFFFF)), "camera", check_pixels=False)
+
+
+@pytest.mark.parametrize("name", ["depth", "depth.xyz"])
+def test_an_image_of_no_known_kind_is_refused_with_those_that_are(name, tmp_path):
+    with pytest.raises(InputError, match=r"found a kind '\.\w*', expected \.png, \.jpg or \.webp"):
+        write_image(tmp_path / name, np.zeros((4, 4), np.uint8))
+    assert not list(tmp_path.iterdir())

@@ -226,13 +226,16 @@ def encode_image(
     Raises
     ------
     InputError
-        These pixels cannot be encoded.
+        These pixels cannot be encoded, or not as this kind.
     """
     import cv2
 
     flags = {"jpg": cv2.IMWRITE_JPEG_QUALITY, "webp": cv2.IMWRITE_WEBP_QUALITY}
     options = [] if quality is None else [flags[kind], quality]
-    done, data = cv2.imencode(f".{kind}", np.ascontiguousarray(image), options)
+    try:
+        done, data = cv2.imencode(f".{kind}", np.ascontiguousarray(image), options)
+    except cv2.error as error:
+        raise InputError(where, f"found a kind '.{kind}', expected .png, .jpg or .webp") from error
     if not done:
         raise InputError(where, f"found {image.dtype} of shape {image.shape}, which {kind} cannot hold")
     return bytes(data.tobytes())

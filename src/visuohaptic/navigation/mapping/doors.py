@@ -142,7 +142,18 @@ def door_probability(
         Of each opening.
     weights
         Of each measure, and the constant.
+
+    Raises
+    ------
+    InputError
+        They are not one more than the measures.
     """
+    if len(weights) != measures.shape[1] + 1:
+        raise InputError(
+            "door_probability",
+            f"found {len(weights)} weights, expected {measures.shape[1] + 1}",
+            field="weights",
+        )
     return np.asarray(1.0 / (1.0 + np.exp(-(measures @ weights[:-1] + weights[-1]))))
 
 

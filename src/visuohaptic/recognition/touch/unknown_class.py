@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from ...core.errors import InputError
 from ..data.places import HEIGHTS
 
 __all__ = ["FEATURES", "FIRST_WIDTH", "HEIGHT", "USUAL_HEIGHT_m", "smooth_profile", "unknown_kinds"]
@@ -31,8 +32,17 @@ def unknown_kinds(means: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "2 p p"]
     Parameters
     ----------
     means
-        Features of the trained classes.
+        Features of the trained classes, (k, :data:`FEATURES`).
+
+    Raises
+    ------
+    InputError
+        There are not so many features.
     """
+    if means.shape[1] != FEATURES:
+        raise InputError(
+            "unknown_kinds", f"found {means.shape[1]} features, expected {FEATURES}", field="means"
+        )
     inner = means[:, 4 : FIRST_WIDTH - 4]  # what holds the ends says nothing of the wall
     learned = []
     for part, generic in ((inner, ANYTHING[:2]), (means[:, FIRST_WIDTH:HEIGHT], ANYTHING[2:4])):
