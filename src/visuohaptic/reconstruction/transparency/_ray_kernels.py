@@ -230,14 +230,14 @@ def projector_shadow(predicted, focal_baseline, slack, shadow):
 
 
 @kernel(parallel=True)
-def tile_bounds(limits, found, reaching, nearest, farthest, most_found, most_reaching):
+def tile_bounds(limits, found, reaching, nearest, farthest, max_found, max_reaching):
     """Bounds of every tile of pixels: what :func:`sum_evidence` knows of a block of voxels before it looks at each.
 
     Parameters
     ----------
     limits, found, reaching
         As of :func:`sum_evidence`.
-    nearest, farthest, most_found, most_reaching
+    nearest, farthest, max_found, max_reaching
         Least and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across),
         filled.
     """
@@ -255,13 +255,11 @@ def tile_bounds(limits, found, reaching, nearest, farthest, most_found, most_rea
                             top_found = max(top_found, found[n, i, j])
                             top_reaching = max(top_reaching, reaching[n, i, j])
                 nearest[n, a, b], farthest[n, a, b] = least, most
-                most_found[n, a, b], most_reaching[n, a, b] = top_found, top_reaching
+                max_found[n, a, b], max_reaching[n, a, b] = top_found, top_reaching
 
 
 @kernel
-def _block_sight(
-    m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, most_found, most_reaching
-):
+def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, max_found, max_reaching):
     """(whether a view says something of no, some or each voxel of a block, largest evidence of both kinds of one)."""
     half = np.float32(0.5)
     low_z, high_z = np.float32(np.inf), np.float32(-np.inf)
@@ -290,8 +288,8 @@ def _block_sight(
         for a in range(first_row, last_row // EDGE + 1):
             for b in range(first_column, last_column // EDGE + 1):
                 least, most = min(least, nearest[a, b]), max(most, farthest[a, b])
-                top_found = max(top_found, most_found[a, b])
-                top_reaching = max(top_reaching, most_reaching[a, b])
+                top_found = max(top_found, max_found[a, b])
+                top_reaching = max(top_reaching, max_reaching[a, b])
     slack = np.float32(1e-4)
     if low_z - slack >= most:
         return NO_VOXEL, top_found, top_reaching
@@ -333,7 +331,7 @@ def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, fir
 
 
 @kernel(parallel=True)
-def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, nearest, farthest, most_found, most_reaching, low, voxel, evidence, extent, seen):  # fmt: skip
+def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, nearest, farthest, max_found, max_reaching, low, voxel, evidence, extent, seen):  # fmt: skip
     """Sum over the views, for every voxel, the evidence of the ray that passes it before it ends.
 
     Blocks of voxels in which no sum can be positive, by the bounds of the tiles that they are seen in, are not looked at.
@@ -350,7 +348,7 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
         ``T_camera_world`` (n, 3, 4).
     fx, fy, cx, cy
         Focal lengths and principal point [px].
-    nearest, farthest, most_found, most_reaching
+    nearest, farthest, max_found, max_reaching
         Of :func:`tile_bounds`.
     low, voxel
         Lowest corner (3) and edge of a voxel [m].
@@ -375,7 +373,7 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
         bound, reach, whole = np.float32(0), np.float32(0), np.float32(0)
         for n in range(views):
             sight[n], most, wide = _block_sight(
-                motions[n], fx, fy, cx, cy, rows, columns, corner, size, nearest[n], farthest[n], most_found[n], most_reaching[n]
+                motions[n], fx, fy, cx, cy, rows, columns, corner, size, nearest[n], farthest[n], max_found[n], max_reaching[n]
             )  # fmt: skip
             if sight[n] != NO_VOXEL:
                 bound += weights[n] * most

@@ -66,9 +66,7 @@ class EvidenceSettings:
     false_alarm_rate: float = 0.02  #: expected false parts of a search
     radius_m: float = 0.015  #: of the smallest object that is sought
     neighbours: int = 10  #: views that each one is compared with
-    independent_rad: float = math.radians(
-        10.0
-    )  #: between independent views; compared ones if there are so many
+    independent_rad: float = math.radians(10.0)  #: between independent views, compared ones where possible
     min_angle_rad: float = math.radians(4.0)  #: between compared views: nearer ones see the same glass alike
     max_wrong: float = 0.3  #: views with a larger fraction of contradicted rays are left out
 

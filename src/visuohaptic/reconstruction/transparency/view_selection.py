@@ -44,11 +44,11 @@ class ViewGraph:
         chosen: list[int] = []
         cost = self.angle_rad[index] / np.maximum(self.overlap[index], 1e-9)
         usable = [k for k in np.argsort(cost, kind="stable") if self.overlap[index, k] >= _MIN_OVERLAP]
-        for least_rad in apart_rad or (0.0,):
+        for min_rad in apart_rad or (0.0,):
             for k in usable:
                 # No view is its own neighbour, nor anyone's twice.
                 away_rad = self.angle_rad[k, [index, *chosen]].min() if k not in (index, *chosen) else -1.0
-                if away_rad >= least_rad and len(chosen) < count:
+                if away_rad >= min_rad and len(chosen) < count:
                     chosen.append(int(k))
         return chosen
 

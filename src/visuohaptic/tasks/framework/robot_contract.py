@@ -212,14 +212,14 @@ def _refuses(command: str, try_it: Callable[[], object]) -> tuple[str, str]:
 
 
 def _holds(
-    read_m: Callable[[], float | np.ndarray], least_m: float, wait: Callable[[float], None]
+    read_m: Callable[[], float | np.ndarray], max_drift_m: float, wait: Callable[[float], None]
 ) -> tuple[str, str]:
     """What was stopped stands 0.3 s later."""
     wait(0.3)
     held_m = read_m()
     wait(0.5)
     drift_m = float(np.linalg.norm(np.subtract(read_m(), held_m)))
-    return rule("it holds after stop()", drift_m < least_m, f"{1e3 * drift_m:.3g} mm in half a second")
+    return rule("it holds after stop()", drift_m < max_drift_m, f"{1e3 * drift_m:.3g} mm in half a second")
 
 
 def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
