@@ -81,8 +81,10 @@ def test_late_and_repeated_frames_change_nothing() -> None:
     assert [e.kind for e in machine.update(1.1, 0.002, SIGMA, 0.0)] == [EventKind.CONTACT]
 
 
-def _profile(t_s: float, depths: dict[float, float], reason: Reason = Reason.OK) -> ForceProfile:
-    """A strip of 25 cm with contacts of 4 cm at the given places."""
+def _profile(
+    t_s: float, depths: dict[float, float], reason: Reason = Reason.OK, *, force_N: float = 1.0
+) -> ForceProfile:
+    """A strip of 25 cm with contacts of 4 cm at the given places; their forces are off by 10 mN."""
     s = np.linspace(0, 0.25, 85)
     delta, found = np.zeros(85), []
     for centre, depth in depths.items():
@@ -93,7 +95,7 @@ def _profile(t_s: float, depths: dict[float, float], reason: Reason = Reason.OK)
             sigma = np.full(inside.sum(), SIGMA)
             found.append(
                 Contact(
-                    s_start_m=centre - 0.02, s_end_m=centre + 0.02, force_N=1.0, budget=ErrorBudget(0.01),
+                    s_start_m=centre - 0.02, s_end_m=centre + 0.02, force_N=force_N, budget=ErrorBudget(0.01),
                     valid=True, reason=reason, points_foam_m=points, point_sigma_m=sigma,
                     delta_m=delta[inside],
                 )
@@ -130,6 +132,17 @@ def test_a_ripple_beside_what_presses_does_not_take_its_region() -> None:
             depths = {0.10: travel - 0.005}
         raised += events.update(_profile(i * FRAME, depths), travel_m=travel)
     assert [e.kind for e in raised] == [EventKind.CONTACT]
+
+
+@pytest.mark.parametrize(("force_N", "felt"), [(0.04, False), (0.06, True)])
+def test_points_that_are_off_together_are_no_contact(force_N: float, felt: bool) -> None:
+    """A shade lifts a whole region by ten deviations of a point for four frames: nothing was there to run ahead."""
+    events, raised = ContactEvents(), []
+    for i in range(20):
+        depth = 2e-4 if 5 <= i < 9 else 0.0
+        raised += events.update(_profile(i * FRAME, {0.1: depth}, force_N=force_N), travel_m=0.0007 * i)
+    kinds = [EventKind.CONTACT, EventKind.MOTION, EventKind.RELEASE] if felt else []
+    assert [e.kind for e in raised] == kinds
 
 
 def test_frames_without_a_contour_are_passed_over() -> None:

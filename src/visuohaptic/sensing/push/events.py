@@ -7,9 +7,10 @@ passed through.
 
 With the default settings a contact needs five sigma in two frames in a row:
 for 85 points of white noise that is a false alarm in about 10^11 frames, and
-the event is raised one frame late. Motion is raised when the platform has
-moved 2 mm (at least four frames) on a deflection that no longer follows; its
-time stamp is the moment at which the plateau began.
+the event is raised one frame late. Points err together, too: a strip is touched
+where its force is five sigma from none, with all errors that are common. Motion
+is raised when the platform has moved 2 mm (at least four frames) on a deflection
+that no longer follows; its time stamp is the moment at which the plateau began.
 """
 
 from __future__ import annotations
@@ -257,6 +258,8 @@ class ContactEvents:
             low, high = contact.s_start_m, contact.s_end_m
             known = [r for r in self._regions if low <= r.high_m + gap and high >= r.low_m - gap]
             if not known:
+                if contact.force_N <= self.settings.contact_sigmas * contact.force_sigma_N:
+                    continue  # all its points may be off together, by the light or the camera
                 machine = DeflectionEvents(self.settings, contact.centre_m)
                 self._regions.append(_Region(low, high, machine, True))
                 continue
