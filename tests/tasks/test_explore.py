@@ -368,6 +368,26 @@ def test_what_stood_in_view_at_the_begin_is_approached_slowly() -> None:
     assert max(speeds) == pytest.approx(0.03)
 
 
+@pytest.mark.parametrize(("known_m", "slow"), [(None, False), (0.4, True)])
+def test_what_the_laser_knows_is_touched_slowly_though_it_looks_like_the_floor(
+    known_m: float | None, slow: bool
+) -> None:
+    speeds: list[tuple[float, float]] = []
+    base, obstacle = FakeBase(), Obstacle(0.4, 4.0)
+    explore_obstacle(
+        base,
+        frames(base, 3000),
+        FakeSensor(base, obstacle),
+        ExploreSettings(approach_m_s=0.02, cruise_m_s=0.06, free_ahead_m=0.2, expected_m=known_m),
+        scene=FakeScene(base, Obstacle(9.0, 4.0)),
+        on_step=lambda step: speeds.append((step.travel_m, base.speed_m_s)),
+    )
+    assert max(speed for _, speed in speeds) == pytest.approx(0.06)
+    before = [speed for travel, speed in speeds if 0.385 < travel < 0.399]
+    assert before == pytest.approx([0.02 if slow else 0.06] * len(before))
+    assert len(before) >= 5
+
+
 def test_what_falls_is_not_pushed_on() -> None:
     base, obstacle = FakeBase(), Obstacle(0.05, 4.0)
     found = explore_obstacle(

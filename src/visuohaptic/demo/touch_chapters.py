@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 __all__ = ["default_tags", "explore_obstacles", "tag_claims", "touch_in_map"]
 
 #: From the platform's hull to what it drives at: the foam, and floor on which the camera sees it come [m].
-START_M = 0.03 + 0.17
-EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4)
+FOAM_M, FLOOR_M = 0.03, 0.17
+START_M = FOAM_M + FLOOR_M
+#: Where the laser has it: what looks like the floor is not seen to come.
+EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4, expected_m=FLOOR_M)
 #: A shorter drive and a shorter push: for tests.
-QUICK = replace(
-    SLOWLY, approach_m_s=0.05, push_m_s=0.04, search_m=0.3, push_m=0.035, halt_s=0.3, back_off_m=0.02
-)
+QUICK = replace(EXPLORE, free_ahead_m=0.2, search_m=0.3, push_m=0.035, halt_s=0.3, back_off_m=0.02)
 
 
 def explore_obstacles(mission: Mission) -> ChapterResult:

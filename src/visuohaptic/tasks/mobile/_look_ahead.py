@@ -22,7 +22,8 @@ class LookAhead:
 
     def __init__(self, sight_m: float, settings: ExploreSettings) -> None:
         self.sight_m, self.settings = sight_m, settings
-        self.seen_m = self.expected_m = math.nan
+        self.seen_m = math.nan
+        self.expected_m = math.nan if settings.expected_m is None else settings.expected_m
         self._valid = False
 
     def update(self, valid: bool, ahead_m: float, travel_m: float, *, at_border: bool = False) -> None:

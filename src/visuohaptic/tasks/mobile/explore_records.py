@@ -57,6 +57,7 @@ class ExploreSettings:
     reaction_s: float = field(default=2 / 30, metadata=POSITIVE)
     near_m: float = 0.02  #: gap from foam to obstacle at which it is down to ``approach_m_s``
     free_ahead_m: float = 0.0  #: floor before the foam that is known to be free at the start
+    expected_m: float | None = None  #: travel to what is known to stand ahead, of a laser or a map
     push_m_s: float = field(default=0.03, metadata=POSITIVE)
     back_off_m_s: float = field(default=0.08, metadata=POSITIVE)
     search_m: float = field(default=0.5, metadata=POSITIVE)  #: how far to drive without a contact
