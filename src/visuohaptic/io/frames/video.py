@@ -72,7 +72,6 @@ class VideoSource(RecordedSource):
             if not stamps:
                 raise InputError(path, "found no frames, expected at least one")
             self._time_base = stream.time_base
-        self._order = {stamp: place for place, stamp in enumerate(stamps)}
         self._stamps_list = stamps
         times = np.array([float(stamp * self._time_base) for stamp in stamps])
         super().__init__(str(path), times, camera=camera, start_s=start_s, stop_s=stop_s)
