@@ -30,6 +30,7 @@ import pickle
 import platform
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -158,7 +159,34 @@ class _RestingCollector:
             gc.enable()
 
 
+@Listener.register
+class _CompileNotice:
+    """Logs once per process that the first run compiles, so that a long silence is explained.
+
+    A process that finds its kernels in the cache compiles nothing and logs nothing.
+    """
+
+    #: A delay of more than one second interrupts a person's flow of thought (Miller 1968); twice that is explained.
+    WAIT_S = 2.0
+
+    def __init__(self) -> None:
+        self._depth, self._since_s, self._total_s = 0, 0.0, 0.0
+
+    def notify(self, event: Any) -> None:
+        """Add up the time of the outermost compilations."""
+        if event.is_start and self._depth == 0:
+            self._since_s = time.monotonic()
+        self._depth += 1 if event.is_start else -1
+        if self._depth == 0 and self._total_s < self.WAIT_S:
+            self._total_s += time.monotonic() - self._since_s
+            if self._total_s >= self.WAIT_S:
+                _log.info(
+                    "compiling kernels, only once on this machine; `visuohaptic warmup` compiles all of them"
+                )
+
+
 register("numba:compile", _RestingCollector())  # numba compiles in one thread at a time
+register("numba:compile", _CompileNotice())
 
 
 class KernelCache:

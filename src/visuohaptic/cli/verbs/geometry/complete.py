@@ -1,9 +1,9 @@
-"""``visuohaptic complete``: extends a visible surface into a transparent region, and says where to touch.
+"""``visuohaptic complete``: extend a visible surface into a transparent region, and plan the next touch.
 
-reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
-        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty);
-        with --clear regions.json needs the outlines that `reconstruct` writes (axis, radius, height)
-writes  the completed surface (PLY) with sigma_m of each vertex, how far it may be off [m]
+reads   a surface (PLY, metres, z up); regions.json with the transparent regions; with --touches a CSV table with
+        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m is empty);
+        --clear needs the outlines that `reconstruct` writes into regions.json (axis, radius, height)
+writes  the completed surface (PLY) with sigma_m, the standard deviation of each vertex [m]
 
 example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
 """

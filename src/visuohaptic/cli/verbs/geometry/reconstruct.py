@@ -1,9 +1,9 @@
-"""``visuohaptic reconstruct``: surface and transparent regions from a depth sequence.
+"""``visuohaptic reconstruct``: fuse a depth sequence into a surface and detect transparent parts.
 
-reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
-writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
-        each transparent part, and the axis, radii and heights of the body that its outlines show, in metres in
-        the frame of the poses) in the folder --out
+reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see `visuohaptic recording import`)
+writes  into --out: surface.ply, transparency.ply (points with their score) and regions.json (hull, centroid, size and
+        score of each transparent part, and axis, radii and heights of the solid of revolution fitted to its outlines,
+        in metres in the frame of the poses)
 
 example: visuohaptic reconstruct scan --out model
 """

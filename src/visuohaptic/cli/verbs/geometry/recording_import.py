@@ -1,7 +1,7 @@
-"""``visuohaptic recording import``: a sequence folder from third-party depth images.
+"""``visuohaptic recording import``: convert third-party depth images into a sequence folder.
 
 reads   a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp),
-        or any folder of 16-bit PNG or EXR depth with --camera, --poses and --depth-scale-m
+        or any folder of 16-bit PNG or EXR depth images with --camera, --poses and --depth-scale-m
 writes  sequence.yaml, camera.yaml, poses.txt, depth/ and color/ in the folder --out
 
 example: visuohaptic recording import d435i_robot_arm --out scan

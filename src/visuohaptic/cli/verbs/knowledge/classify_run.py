@@ -1,11 +1,11 @@
-"""``visuohaptic classify run``: what an object is, from touches, and what to touch next.
+"""``visuohaptic classify run``: classify an object from touches, and plan the next touch.
 
-reads   a classifier of classify train, and a CSV file of curves with the columns
+reads   a classifier of `classify train`, and a CSV file of curves with the columns
           height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
-        or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
-        and perhaps the width [m], as: 5200 5150 0.071
-writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
-        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
+        or, with --ask, one line on stdin per question: stiffness of both sides [N/m]
+        and optionally the width [m], for example: 5200 5150 0.071
+writes  the class probabilities to stdout; with --view, a page that shows the tree and the planned touches
+        as they arrive, until Ctrl-C; with --steps, the steps through the tree for `visuohaptic view`
 
 example: visuohaptic classify run tree.json curves.csv --json
          visuohaptic classify run tree.json --ask --view

@@ -1,12 +1,12 @@
-"""``visuohaptic classify train``: a tree and a planner from features of known objects, a planner from a few curves.
+"""``visuohaptic classify train``: train a classification tree and a touch planner.
 
-reads   a folder of objects build, or the .npz file of an earlier training
+reads   a folder of `objects build`, or the .npz file of an earlier training;
         or a CSV file of measured curves: label, height (1..16) or at (0..1), side (x+, x-, y+, y-), force_N,
-        deformation_m, and perhaps object, curve, width_m; with --objects classes begin as they were simulated
-        or, with --states, a container: a shipped class or a .yaml file
-writes  the tree as JSON, and beside it the training objects as NPZ; with --plot figure 6.7
-        or, with --states, what the container feels like open, closed and filled, for classify run --state;
-        large deformations are simulated, which takes about a second for each variant, state and place
+        deformation_m, and optionally object, curve, width_m; with --objects the simulated classes are the prior;
+        or, with --states, a container: a built-in class or a .yaml file
+writes  the tree as JSON, and the training objects as NPZ next to it; with --plot, figure 6.7;
+        or, with --states, a model of the container open, closed and filled, for `classify run --state`.
+        Large deformations are simulated for it, about one second per variant, state and place
 
 example: visuohaptic classify train --objects objects --classes bottle,cup,elliptic --out tree.json
          visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json

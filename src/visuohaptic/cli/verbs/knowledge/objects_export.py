@@ -1,4 +1,4 @@
-"""``visuohaptic objects export``: a database as plain files.
+"""``visuohaptic objects export``: export objects as folders.
 
 reads   a database of objects
 writes  for each object a folder with card.yaml, arrays.parquet and mesh.glb

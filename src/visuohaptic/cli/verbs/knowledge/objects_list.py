@@ -1,7 +1,7 @@
-"""``visuohaptic objects list``: what is in a database.
+"""``visuohaptic objects list``: list the objects of a database.
 
 reads   a database of objects
-writes  the answer, to stdout
+writes  the list to stdout
 
 example: visuohaptic objects list --class cup
 """

@@ -1,8 +1,8 @@
-"""``visuohaptic objects recognise``: what a seen object may be.
+"""``visuohaptic objects recognise``: rank what a seen object may be.
 
-reads   a database of objects (their meshes, images of faces and last places), or a prior that was saved
-        from one; an image, or the points of one object from one side (.npy, or .ply in metres)
-writes  the candidates to stdout; with --save the prior as .npz, which is quicker to open than the database
+reads   a database of objects (their meshes, images of faces and last positions), or a prior that was saved
+        from one; an image, or the points of one object seen from one side (.npy, or .ply in metres)
+writes  the candidates to stdout; with --save the prior as .npz, which loads faster than the database
 
 example: visuohaptic objects recognise --cloud seen.ply --context kitchen
 """

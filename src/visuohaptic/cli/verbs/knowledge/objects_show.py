@@ -1,7 +1,7 @@
-"""``visuohaptic objects show``: all that is known of one object.
+"""``visuohaptic objects show``: show all that is known of one object.
 
 reads   a database of objects
-writes  the answer, to stdout
+writes  the object's data to stdout
 
 example: visuohaptic objects show cup-1 --json
 """

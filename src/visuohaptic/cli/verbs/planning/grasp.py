@@ -1,12 +1,12 @@
-"""``visuohaptic grasp``: grasp planning on deformable containers.
+"""``visuohaptic grasp``: plan grasps on deformable containers.
 
-reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
-        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is
-        its height axis unless --up says otherwise), or a map that `stiffness` wrote (.npz)
+reads   a YAML description, the name of a built-in class (bottle, cup, cup-rim, elliptic, smoothie,
+        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; mid-surface of the wall or both of its sides, z is
+        its height axis unless --up is given), or a map that `stiffness` wrote (.npz)
 writes  a plot of the scores and the grasps: PNG, PDF or SVG
 
-Each grasp is two fingers that push towards each other. Without --force each place gets the force
-that its load needs. Lengths are metres, forces newtons of one finger.
+A grasp is two fingers that press towards each other. Without --force, each grasp gets the force that lifting the
+container needs there. Lengths are metres, forces newtons of one finger.
 
 example: visuohaptic grasp cup-rim --force 20 --plot grasps.png
 """

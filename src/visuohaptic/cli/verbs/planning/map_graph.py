@@ -1,10 +1,10 @@
-"""``visuohaptic map graph``: layers, graph and regions of a map as files.
+"""``visuohaptic map graph``: compute costmap layers, graph and regions of a map.
 
 reads   a map_server YAML file with its image
 writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
         graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
-        edges are split until every straight line between nodes keeps the radius off the walls), with --objects
-        joint_graph.geojson (the same with nodes of objects, doors and elevators), and with --plot navigation.png
+        edges are split until every straight segment keeps the radius away from the walls), with --objects
+        joint_graph.geojson (adds nodes for objects, doors and elevators), and with --plot navigation.png
 
 example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
 """

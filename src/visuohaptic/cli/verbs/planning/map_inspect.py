@@ -1,4 +1,4 @@
-"""``visuohaptic map inspect``: what a map holds, and where a robot of some radius gets on it.
+"""``visuohaptic map inspect``: summarise a map, and where a robot of a given radius can drive.
 
 reads   a map_server YAML file with its image
 writes  nothing

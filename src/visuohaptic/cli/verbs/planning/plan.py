@@ -1,16 +1,17 @@
-"""``visuohaptic plan``: from a map with tagged objects to driving and pushing.
+"""``visuohaptic plan``: plan driving and pushing on a map with tagged objects.
 
 reads
   MAP.yaml     a map_server map (YAML with PGM or PNG); the objects are occupied cells in it
   --objects    objects: [{id, footprint_m: [[x, y], ...], haptic_tag: {static_friction_N: 8.1, ...}}];
-               a field that is missing or null was not observed, no haptic_tag at all is an unknown object
+               a missing or null field was not observed; an object without haptic_tag is unknown
   --robot      {radius_m, v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
+               (see `visuohaptic defaults robot`)
 writes
   --plot       the map with objects, path and pushes
 
-An object with fixed or falls is never pushed. The tasks' seconds add up to cost_s.
-The answer is optimal, within so many per cent of the best, no plan (proved), or no plan found (not proved);
-without a plan the exit code is 3. contact_m is where the robot touches the outline, goal_m where the object's centre goes.
+The result is one of: optimal; within N % of the optimum; no plan (proved); no plan found (not proved). Without a
+plan the exit code is 3. cost_s is the sum of the times of all actions. An object tagged as fixed, or as likely to
+topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's centre ends.
 
 example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml --start 0.8 0.8 --goal 3 1 --json
 """

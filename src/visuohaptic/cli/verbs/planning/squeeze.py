@@ -1,10 +1,10 @@
-"""``visuohaptic squeeze``: force against deformation of one pinch on a container.
+"""``visuohaptic squeeze``: compute force against deformation of one pinch on a container.
 
-reads   a YAML description, the name of a shipped class, or a mesh, as `stiffness` does
+reads   a YAML description, the name of a built-in class, or a mesh, as `stiffness` does
 writes  the curve: CSV (deformation_m, force_N, first_m, second_m, gauge_Pa, stress_Pa), and a plot
 
-Large deformation is followed, with air and liquid that are enclosed. The answer says to which force the container
-is linear, at which it gives way (buckles), and at which it yields. Forces are newtons of one tip.
+Large deformations are simulated, with enclosed air and liquid. The result states up to which force the container
+is linear, at which force it buckles, and at which it yields. Forces are those of one fingertip [N].
 
 example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv --plot curve.png
 """

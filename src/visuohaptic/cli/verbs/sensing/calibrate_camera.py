@@ -1,8 +1,10 @@
-"""``visuohaptic calibrate camera``: intrinsics from images of a board.
+"""``visuohaptic calibrate camera``: estimate intrinsics and distortion from images of a board.
 
-Reads a folder of images, a video or an MCAP file; writes a ROS camera_info
-YAML file. Prints every parameter with its standard deviation, and refuses a
-session that would give a bad camera, with the reason.
+reads   a folder of images, a video or an MCAP file
+writes  a ROS camera_info YAML file
+
+Prints every parameter with its standard deviation. Images that cannot give a good calibration are refused, with
+the reason.
 
 Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --marker-mm 18 --out camera.yaml
 """

@@ -1,8 +1,10 @@
-"""``visuohaptic calibrate foam``: from a press log to foam.yaml, or a refusal.
+"""``visuohaptic calibrate foam``: fit the stress-strain curve of a foam.
 
 reads   data.csv with columns strain, stress_Pa, direction (loading or unloading);
         --plate: depth_m, force_N, s_m, delta_m of a plate narrower than the strip
-writes  foam.yaml (curve, covariance, working range, tension) and, on request, a plot
+writes  foam.yaml (curve, covariance, working range, tension) and, with --plot, a figure
+
+Data that cannot give a valid curve are refused, with the reason.
 
 example visuohaptic calibrate foam press.csv --width 0.02 --height 0.01 --out foam.yaml --plate plate.csv --plot foam.png
 """

@@ -1,17 +1,17 @@
-"""``visuohaptic sense foam``: from frames to force.
+"""``visuohaptic sense foam``: measure force from images of a foam strip.
 
 reads
-  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://..., realsense:;
-             a camera's force is shown until Ctrl-C
+  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Describe the sensor)
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...,
+             realsense:, orbbec:; a camera is read until Ctrl-C
 writes
-  --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
+  --out      MCAP recording with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
              section finger in sensor.yaml also the finger's pose, geometry_msgs/PoseWithCovarianceStamped
-  --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, a row a frame
+  --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, one row per frame
   --parquet  the same, with the profiles along the strip
-  --plot     force over time with its uncertainty, events, and why frames are not valid
-  --page     with --against: a page with the measured force beside that of a scale (see `compare`)
-  --zero     the zero reference that sensor.yaml names, from frames of a strip that nothing touches
+  --plot     force over time with its uncertainty, events, and why frames are invalid
+  --page     with --against: HTML page that compares the force with that of a scale (see `compare`)
+  --zero     the zero reference that sensor.yaml names, from frames of the untouched strip
 
 examples
   visuohaptic sense foam --config sensor.yaml --source rest.mp4 --zero

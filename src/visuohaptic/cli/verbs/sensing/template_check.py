@@ -1,7 +1,7 @@
-"""``visuohaptic template check``: will this image track well?
+"""``visuohaptic template check``: predict how well an image can be tracked.
 
 reads   an image file; its printed size from --width-m or its dpi value
-writes  nothing, or with --sheet a print-ready PDF or PNG of it at its exact size
+writes  nothing; with --sheet, a PDF or PNG for printing at exact size
 
 examples
   visuohaptic template check cover.png

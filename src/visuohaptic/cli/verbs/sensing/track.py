@@ -1,11 +1,11 @@
-"""``visuohaptic track``: from frames to the poses of templates.
+"""``visuohaptic track``: estimate the poses of templates in images.
 
 reads
   --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
-  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:, orbbec:
   --camera     camera.yaml, a ROS camera_info file
 writes
-  --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
+  --out        MCAP recording with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
   --csv        t_s, name, valid, reason, position [m], quaternion, standard deviations, correlation
   --plot       position of each template over time with its uncertainty
 

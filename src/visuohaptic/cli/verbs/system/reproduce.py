@@ -1,12 +1,12 @@
-"""``visuohaptic reproduce``: the dissertation's figures and tables, reproduced.
+"""``visuohaptic reproduce``: reproduce the dissertation's figures and tables.
 
-reads   nothing: every experiment draws its own world from a seed
-writes  a folder for each experiment with its data (CSV), plots (PNG) and result.json (our numbers
-        and those of the dissertation, seed, versions), index.md that shows them all, and experiments.csv
-        with what each of them took
+reads   nothing: every experiment generates its own world from a seed
+writes  a folder for each experiment with its data (CSV), plots (PNG) and result.json (our values
+        and those of the dissertation, seed, versions), index.md with all of them, and experiments.csv
+        with the resources that each of them used
 
-What is there and was made by the same version with the same seed is left alone. An experiment
-that fails does not stop the others; its reason is said, and the exit code is 1.
+Results of the same version and seed are kept. A failed experiment does not stop the others; its reason is
+printed, and the exit code is 1.
 
 example: visuohaptic reproduce figure-3.4 --out results/dissertation
 """

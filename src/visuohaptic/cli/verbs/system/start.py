@@ -1,14 +1,17 @@
-"""``visuohaptic start``: from a camera and a strip of foam to live newtons, without a file written by hand.
+"""``visuohaptic start``: set up a foam sensor step by step; every file is written for you.
 
-asks for what it does not know: the camera, the size of the strip, and known loads from a kitchen scale
+Asks for what is not given: the camera, the size of the strip, and known loads from a kitchen scale.
+
 reads
-  --source   a camera (0, /dev/video0, rtsp://..., realsense:), or a recording of the same steps
+  --source   a camera (0, /dev/video0, rtsp://..., realsense:, orbbec:), or a recording of the same steps
 writes, into --out
   tag.pdf        to print: the tag that shows the camera where the strip is
-  camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; later: visuohaptic sense foam --config sensor.yaml
+  camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; used later by: visuohaptic sense foam --config sensor.yaml
 steps
-  1  the tag lies on the strip: where is it?       2  nothing touches the strip: zero, and is the size right?
-  3  the strip is pressed against a scale: how stiff is the foam?              4  newtons, until Ctrl-C
+  1  lay the tag on the strip: gives the pose of the strip
+  2  remove the tag: gives the zero reference, and checks the declared width
+  3  press the strip against a kitchen scale: gives the stiffness of the foam
+  4  measure until Ctrl-C
 
 example
   visuohaptic start --source 0 --length 250 --width 40 --height 50 --out bumper
@@ -160,7 +163,7 @@ def _choose_camera(args: Any) -> str:
     if not found:
         raise DeviceError("no camera found; connect one, or give --source a file or the address of a stream")
     for camera in found:
-        args.report(f"     {camera.address:<12}{camera.name}")
+        args.report(f"     {camera.address:<24}{camera.name}")
     return found[0].address if len(found) == 1 else _ask(args, "which camera", "--source")
 
 

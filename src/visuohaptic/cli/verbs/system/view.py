@@ -1,8 +1,8 @@
-"""``visuohaptic view``: a page in the browser for objects, maps, plans, surfaces and classifications.
+"""``visuohaptic view``: show objects, maps, plans, surfaces and classifications in the browser.
 
-reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a shipped
-        class), surfaces (.ply; coloured by any number of their vertices, as sigma_m), maps of
-        map_server (.yaml), plans (.json, drawn on the map before them), steps of a classification
+reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a built-in
+        class), surfaces (.ply; coloured by any scalar of their vertices, such as sigma_m), maps of
+        map_server (.yaml), plans (.json, drawn on the map given before them), steps of a classification
         (.json with "steps": [[question, answer], ...] and "result")
 writes  nothing; the page is served on 127.0.0.1 until Ctrl-C
 

@@ -1,8 +1,8 @@
-"""``visuohaptic warmup``: compile every kernel once, here or on all machines of a cluster, and say how long it took.
+"""``visuohaptic warmup``: compile every kernel once, on this machine or on all machines of a cluster.
 
 reads   nothing
-writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes what other
-        sources of this library left there; with --cluster on every machine that has a worker now
+writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes the code of other
+        versions of this library; with --cluster, on every machine that has a worker now
 
 examples
   visuohaptic warmup
