@@ -157,11 +157,27 @@ def _lines(value: Any, indent: str = "") -> Iterator[str]:
         value.items() if isinstance(value, dict) else ((f"{i + 1}.", item) for i, item in enumerate(value))
     )
     for name, item in pairs:
+        label = _label(str(name))
         if isinstance(item, (dict, list)) and item and not _is_flat(item):
-            yield f"{indent}{name}"
+            yield f"{indent}{label}"
             yield from _lines(item, indent + "  ")
         else:
-            yield f"{indent}{name}: {_flat_text(item)}"
+            yield f"{indent}{label}: {_flat_text(item)}"
+
+
+#: Units that end the names of fields.
+_UNITS = {
+    unit.replace("/", "_per_"): unit
+    for unit in ("m", "s", "N", "Pa", "kg", "rad", "px", "Hz", "N/m", "rad/m", "s/m", "m/s")
+} | {"m2": "m²", "m3": "m³"}
+
+
+def _label(name: str) -> str:
+    """``narrowest_width_m`` as ``narrowest width [m]``."""
+    for end, unit in sorted(_UNITS.items(), key=lambda pair: -len(pair[0])):
+        if name.endswith(f"_{end}"):
+            return f"{name[: -len(end) - 1].replace('_', ' ')} [{unit}]"
+    return name.replace("_", " ")
 
 
 def _is_flat(value: Any) -> bool:
@@ -173,7 +189,7 @@ def _flat_text(value: Any) -> str:
         return ", ".join(_flat_text(item) for item in value) if value else "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return "unknown" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+    return "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _write(stream: TextIO, text: str) -> None:

@@ -140,7 +140,7 @@ def _ends(text: str, ending: str) -> bool:
 
 
 def check_needs(verb: str, module: ModuleType, args: argparse.Namespace) -> None:
-    """Say what is missing before anything is computed.
+    """Check that all required extras are installed, before anything is computed.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def library_of(module: str) -> Library | None:
 
 
 def missing_library_error(error: ImportError, verb: str) -> VisuohapticError:
-    """Say what to install when an import failed, of a verb or on its way.
+    """The error for a failed import, with the command that installs what is missing.
 
     Parameters
     ----------

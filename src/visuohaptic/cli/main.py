@@ -118,7 +118,7 @@ _TABLE: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("system", "ros node", "run one lifecycle node of ROS 2: sensors, tracking, planning, recognition"),
         ("system", "ros launch", "run several nodes from a launch file, with or without ROS"),
         ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
-        ("system", "reproduce", "reproduce figures and tables of the dissertation, beside its numbers"),
+        ("system", "reproduce", "reproduce figures and tables of the dissertation and compare the values"),
         ("system", "warmup", "compile all kernels now, so that later starts are fast"),
     ),
 }
@@ -174,6 +174,7 @@ def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]]
         The registry; tests hand over their own.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # errors of cameras are reported by this library
     for stream in (sys.stdout, sys.stderr):
         if callable(reconfigure := getattr(stream, "reconfigure", None)):
             reconfigure(errors="replace")  # a sigma on an ASCII terminal is no reason to fail

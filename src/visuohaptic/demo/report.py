@@ -46,7 +46,7 @@ def write_story(story: Story, path: Path | str) -> Path:
     report = Report(
         "A robot looks, touches and remembers" if whole else "Part of the mission",
         about=f"{story.summary()}. Seed {story.mission.seed}, {story.duration_s:.0f} s of computing. "
-        "Everything here is simulated. The column \"truth\" is the state of the simulated world, "
+        'Everything here is simulated. The column "truth" is the state of the simulated world, '
         "which the robot never sees.",
     )
     report.section("Overview")

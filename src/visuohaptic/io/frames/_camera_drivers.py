@@ -236,7 +236,9 @@ class OpenCvBackend:
                 raise DeviceError(
                     f"{self._name} does not answer; check the address, the network and the login"
                 )
-            raise DeviceError(f"no camera {self._name}; found: {_listed(find())}")
+            raise DeviceError(
+                f"no camera {self._name}; found: {_listed(find())}; connect one and list it with `visuohaptic cameras`"
+            )
         requested = self._settings
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         properties = [

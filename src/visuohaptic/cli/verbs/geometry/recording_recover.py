@@ -19,8 +19,8 @@ __all__ = ["add_arguments", "needs", "run"]
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""
-    add("path", Path, "the unfinished file, the bag, or the folder of a depth sequence")
-    add("--out", Path, "the new file (default: the name without .part)")
+    add("path", Path, "unfinished file, bag, or folder of a depth sequence")
+    add("--out", Path, "file to write (default: the name without .part)")
 
 
 def needs(args: Any) -> set[str]:

@@ -26,15 +26,28 @@ THICKEST_m = 0.05
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("id", str, "of the object, new or known")
-    add("--name", "", "for people")
-    add("--class", "", "what vision calls it", dest="visual_class")
-    add("--licence", "", "SPDX identifier")
-    add("--state", str, "as lid=open, fill=0.5", default=[], action="append", metavar="NAME=VALUE")
-    add("--estimate", str, "SI units", default=[], action="append", metavar="PLACE=VALUE+-SIGMA")
-    add("--source", "command line", "where the evidence comes from", dest="origin")
-    add("--seen", float, "where it is now, in the map [m]", nargs=3, metavar=("X", "Y", "Z"))
-    add("--context", str, "room, furniture, neighbours", default=[], action="append")
+    add("id", str, "id of the object, new or known")
+    add("--name", "", "name for display")
+    add("--class", "", "visual class", dest="visual_class")
+    add("--licence", "", "licence of the data, an SPDX identifier")
+    add(
+        "--state",
+        str,
+        "state, for example lid=open or fill=0.5",
+        default=[],
+        action="append",
+        metavar="NAME=VALUE",
+    )
+    add("--estimate", str, "estimate in SI units", default=[], action="append", metavar="PLACE=VALUE+-SIGMA")
+    add("--source", "command line", "origin of the evidence", dest="origin")
+    add("--seen", float, "current position in the map [m]", nargs=3, metavar=("X", "Y", "Z"))
+    add(
+        "--context",
+        str,
+        "word that describes its place: room, furniture, neighbours",
+        default=[],
+        action="append",
+    )
     add_database(add)
 
 

@@ -20,9 +20,9 @@ NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("id", str, "of the objects; by default all", nargs="*")
-    add("--out", str, "folder, made if it is not there", required=True)
-    add("--licence", "", "for objects that name none, an SPDX identifier")
+    add("id", str, "ids of the objects (all)", nargs="*")
+    add("--out", str, "folder to write to, created if necessary", required=True)
+    add("--licence", "", "licence of objects without one, an SPDX identifier")
     add_database(add)
 
 

@@ -24,8 +24,8 @@ def add_arguments(add: Any) -> None:
     query = add.one_of(required=True)
     query("--like", str, "id of an object")
     query("--features", str, ".npy file with one vector")
-    add("--kind", "stiffness", "of features")
-    add("--count", 5, "how many")
+    add("--kind", "stiffness", "kind of features")
+    add("--count", 5, "number of results")
     add_database(add)
 
 

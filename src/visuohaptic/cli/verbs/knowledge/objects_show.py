@@ -20,7 +20,7 @@ NEEDS = ("pyarrow", "sqlalchemy")
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("id", str, "of the object")
+    add("id", str, "id of the object")
     add_database(add)
 
 

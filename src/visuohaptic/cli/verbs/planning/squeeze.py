@@ -29,13 +29,13 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add_container_arguments(add)
-    add("--at", float, "where the first tip is [m]", nargs=3, metavar=("X", "Y", "Z"))
+    add("--at", float, "position of the first fingertip [m]", nargs=3, metavar=("X", "Y", "Z"))
     add("--side", "x+", "instead of --at: side of the container (x+)", choices=("x+", "x-", "y+", "y-"))
-    add("--height", float, "instead of --at: above the foot [m]; half the height by default")
+    add("--height", float, "instead of --at: height above the foot [m] (half of the container's)")
     limit = add.one_of()
-    limit("--force", float, "largest, of one tip [N]", metavar="N")
-    limit("--deformation", float, "largest, of one side [m]; 0.005 by default", metavar="M")
-    add("--points", 8, "of the curve (8)")
+    limit("--force", float, "maximum force of one fingertip [N]", metavar="N")
+    limit("--deformation", float, "maximum deformation of one side [m] (0.005)", metavar="M")
+    add("--points", 8, "points of the curve (8)")
     add("--out", Path, "curve to write: .csv")
     add("--plot", Path, "plot to write: .png, .pdf or .svg")
     add_contents_arguments(add)
@@ -51,7 +51,7 @@ def run(args: Any) -> dict[str, Any]:
     if args.out and args.out.suffix.lower() != ".csv":
         raise InputError(args.out, f"found suffix {args.out.suffix!r}, expected .csv")
     if args.at and args.height is not None:
-        raise InputError("--height", "found with --at, expected one of them")
+        raise InputError("--height", "found with --at, expected only one of them")
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)

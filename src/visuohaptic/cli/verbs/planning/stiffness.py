@@ -41,13 +41,13 @@ def add_arguments(add: Any) -> None:
     add(
         "--at",
         float,
-        "also say the stiffness at the surface point nearest to this one, between vertices by interpolation, and its distance from it [m]; z up from the foot and x, y from the axis (as the map is written); may be repeated",
+        "also print the stiffness at the nearest surface point, interpolated between vertices, and its distance [m]; z is measured from the foot, x and y from the axis; may be repeated",
         nargs=3,
         action="append",
         metavar=("X", "Y", "Z"),
     )
     add_contents_arguments(add)
-    add("--no-sigma", bool, "leave the standard deviation out; half the time")
+    add("--no-sigma", bool, "do not compute the standard deviation; halves the time")
 
 
 def run(args: Any) -> dict[str, Any]:

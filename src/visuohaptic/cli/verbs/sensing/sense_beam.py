@@ -63,15 +63,15 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--config", Path, "sensor.yaml", required=True)
     where = add.one_of(required=True)
-    where("--source", str, "where the frames come from")
-    where("--poses", Path, "poses of the templates, CSV")
-    add("--zero", bool, "take and store the zero, then stop")
+    where("--source", str, "video, images, recording or camera")
+    where("--poses", Path, "CSV file of template poses")
+    add("--zero", bool, "record and store the zero reference, then stop")
     add_run_arguments(
         add,
         parquet="table to write",
-        zero_frames="zero on the first N frames, then measure (nothing is stored); with --zero: from N frames",
+        zero_frames="zero with the first N frames, then measure (the zero is not stored); with --zero: use N frames",
     )
-    add("--view", bool, "show it live on a page of this machine (with --source)")
+    add("--view", bool, "show the measurement live in the browser (with --source)")
 
 
 def run(args: Any) -> dict[str, Any]:

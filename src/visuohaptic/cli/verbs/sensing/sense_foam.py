@@ -51,21 +51,21 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--config", Path, "sensor.yaml", required=True)
-    add("--source", str, "where the frames come from", required=True)
+    add("--source", str, "video, images, recording or camera", required=True)
     add_run_arguments(
         add,
         parquet="table with profiles to write",
-        zero_frames="zero on the first N frames of the source, then measure (nothing is stored)",
+        zero_frames="zero with the first N frames, then measure; the zero is not stored",
     )
     add_reference(add, "--against")
-    add("--zero", bool, "take and store the zero reference, then stop")
+    add("--zero", bool, "record and store the zero reference, then stop")
     add(
         "--speed",
         float,
-        "how fast the platform drives; the event 'motion' (the object starts to move) needs it",
+        "speed of the platform; needed for the event 'motion' (the object starts to move)",
         metavar="M/S",
     )
-    add("--view", bool, "show it live on a page of this machine")
+    add("--view", bool, "show the measurement live in the browser")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....sensing.foam.finger import load_foam_sensor
 
     if args.page and args.against is None:
-        raise InputError("--page", "found without --against, expected what to compare with")
+        raise InputError("--page", "found without --against, expected a reference to compare with")
     reference = None if args.against is None else checked_reference(args, args.against)
     sensor = load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:

@@ -46,13 +46,13 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--config", Path, "scene.yaml", required=True)
-    add("--source", str, "where the frames come from", required=True)
+    add("--source", str, "video, images, recording or camera", required=True)
     add("--odometry", Path, "speed and turn rate of the platform", metavar="CSV")
     add_run_arguments(
-        add, zero_frames="zero the foam sensor on the first N frames, then measure (nothing is stored)"
+        add, zero_frames="zero the foam sensor with the first N frames, then measure; the zero is not stored"
     )
-    add("--mask", bool, "write the obstacle mask to --out, too")
-    add("--seed", 0, "of the consensus search (0)")
+    add("--mask", bool, "also write the obstacle mask to --out")
+    add("--seed", 0, "seed of RANSAC (0)")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def _summary(args: Any, done: SensorRun, last: SceneReading, nearest_m: float) -
         f"heading {degrees(heading):.2f} deg +- {degrees(sigma[2]):.2f} deg"
     )
     seen = np.isfinite(nearest_m)
-    args.report(f"nearest obstacle {1e3 * nearest_m:.0f} mm ahead" if seen else "nothing ahead")
+    args.report(f"nearest obstacle {1e3 * nearest_m:.0f} mm ahead" if seen else "no obstacle ahead")
     return {
         "frames": done.frames,
         "reasons": dict(done.reasons),

@@ -36,10 +36,10 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--templates", Path, "folder of templates", required=True)
-    add("--source", str, "where the frames come from", required=True)
+    add("--source", str, "video, images, recording or camera", required=True)
     add("--camera", Path, "camera.yaml", required=True)
     add_run_arguments(add)
-    add("--view", bool, "show it live on a page of this machine")
+    add("--view", bool, "show the measurement live in the browser")
 
 
 def run(args: Any) -> dict[str, Any]:

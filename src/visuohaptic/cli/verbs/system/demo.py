@@ -56,15 +56,15 @@ def needs(args: argparse.Namespace) -> set[str]:
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("part", str, "run this part alone", nargs="?", choices=PARTS)
-    add("--quick", bool, "replay a recorded mission: seconds, needs no extra")
-    add("--map", Path, "touch three obstacles in this map", metavar="YAML")
-    add("--out", Path("results/demo"), "folder (results/demo)")
-    add("--seed", 2, "of everything random (2)")
-    add("--world", 0, "seed of a drawn house; 0: the office (0)", low=0)
-    add("--visit", 0, "day in this world; people move things (0)", low=0)
-    add("--memory", str, "database of what is remembered between visits", metavar="FOLDER|URL")
-    add("--view", bool, "show it live on a page of this machine")
+    add("part", str, "run only this part", nargs="?", choices=PARTS)
+    add("--quick", bool, "replay a recorded mission; takes seconds and needs no extra")
+    add("--map", Path, "push three obstacles in this map", metavar="YAML")
+    add("--out", Path("results/demo"), "folder to write to (results/demo)")
+    add("--seed", 2, "seed of everything random (2)")
+    add("--world", 0, "seed of a random house; 0: the office (0)", low=0)
+    add("--visit", 0, "number of the visit to this world, between which objects are moved (0)", low=0)
+    add("--memory", str, "database that stores results between visits", metavar="FOLDER|URL")
+    add("--view", bool, "show the pushes live in the browser")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -71,9 +71,9 @@ class Finding:
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("--robot", str, "try a robot of one's own instead of the libraries", metavar="MODULE:FUNCTION")
-    add("--still", bool, "do not move the robot: signatures and readings only")
-    add("--apart", bool, "make the robot in a process of its own, and reach it by its protocols")
+    add("--robot", str, "test this robot instead of the libraries", metavar="MODULE:FUNCTION")
+    add("--still", bool, "do not move the robot; test signatures and readings only")
+    add("--apart", bool, "create the robot in a separate process, and access it by its protocols")
 
 
 def run(args: Arguments) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def run(args: Arguments) -> dict[str, Any]:
 
 
 def _robot(args: Arguments) -> dict[str, Any]:
-    """Try a robot, and say what of its protocols it keeps."""
+    """Test a robot, and report which rules of its protocols it satisfies."""
     from ....io.remote import start_robot
     from ....tasks.framework import check_robot
 

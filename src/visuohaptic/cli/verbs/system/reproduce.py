@@ -29,11 +29,11 @@ _TOLD = ("name", "seconds", "cpu_seconds", "kept", "problem")
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("names", str, "figure-3.2, 3.4, table-6.1 ..., or all", nargs="+", metavar="NAME")
-    add("--out", Path, "folder to write to; made if it is not there", required=True)
-    add("--seed", 0, "of everything random (0)")
+    add("--out", Path, "folder to write to, created if necessary", required=True)
+    add("--seed", 0, "seed of everything random (0)")
     add("--quick", bool, "fewer samples, for a first look")
     add_worker_arguments(add, "one for each core")
-    add("--gallery", Path, "then write gallery.md and images/gallery of the documentation to this folder", metavar="DOCS")  # fmt: skip
+    add("--gallery", Path, "also write gallery.md and images/gallery to this folder of the documentation", metavar="DOCS")  # fmt: skip
     add("--force", bool, "run again even if the same result is there")
 
 

@@ -35,7 +35,7 @@ NEEDS = ("zenoh",)
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("config", Path, "bridge.yaml")
-    add("--duration", float, "end by itself after S seconds", metavar="S", low=0, above=True)
+    add("--duration", float, "stop after S seconds", metavar="S", low=0, above=True)
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -48,6 +48,10 @@ def run(args: Any) -> dict[str, Any]:
         if not equals:
             raise InputError("ros launch", f"found {word!r}, expected name:=value")
         given[name] = value
+    if args.file not in own and not Path(args.file).exists():
+        raise InputError(
+            args.file, "does not exist", remedy=f"give a *.launch.xml file, or one of {', '.join(own)}"
+        )
     commands = read_launch(own.get(args.file, Path(args.file)), given)
     for words in commands:
         args.report(shlex.join(words))

@@ -32,12 +32,14 @@ __all__ = ["add_arguments", "run"]
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("name", str, "of the node, as foam", nargs="?")
-    add("--param", str, "a parameter; may be repeated", default=[], action="append", metavar="NAME:=VALUE")
-    add("--list", bool, "show the node's parameters instead")
-    add("--transport", "rclpy", None, choices=("rclpy", "zenoh", "cyclonedds"))
+    add("name", str, "name of the node, such as foam", nargs="?")
+    add(
+        "--param", str, "set a parameter; may be repeated", default=[], action="append", metavar="NAME:=VALUE"
+    )
+    add("--list", bool, "list the node's parameters")
+    add("--transport", "rclpy", "middleware (rclpy)", choices=("rclpy", "zenoh", "cyclonedds"))
     add("--domain", 0, "ROS_DOMAIN_ID; by default its own", metavar="N")
-    add("--namespace", "/", "of the node's topics", metavar="NAME")
+    add("--namespace", "/", "namespace of the node's topics", metavar="NAME")
     add(
         "--connect",
         str,
@@ -46,7 +48,7 @@ def add_arguments(add: Any) -> None:
         metavar="PLACE",
     )
     add("--managed", bool, "wait for a lifecycle manager")
-    add("--duration", float, "end by itself after S seconds", metavar="S", low=0, above=True)
+    add("--duration", float, "stop after S seconds", metavar="S", low=0, above=True)
     add("--ros-args", str, "as for any node of ROS", default=[], nargs=argparse.REMAINDER, metavar="...")
 
 

@@ -35,7 +35,13 @@ MAX_USEFUL_WORKERS = 4
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("packages", str, "only these, as navigation or sensing.foam", nargs="*", metavar="PACKAGE")
+    add(
+        "packages",
+        str,
+        "packages to compile, such as navigation or sensing.foam (all)",
+        nargs="*",
+        metavar="PACKAGE",
+    )
     add_worker_arguments(add, f"one per core, at most {MAX_USEFUL_WORKERS}")
 
 
