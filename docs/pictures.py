@@ -2,8 +2,8 @@
 
 python docs/pictures.py mission    src/visuohaptic/demo/mission.zip: the whole demo of seed 2, some minutes
 python docs/pictures.py push       docs/images/push.webp: a push, its force and pressure, from that recording
-python docs/pictures.py force      docs/images/force.png: the README's five lines beside the truth
-python docs/pictures.py glass      docs/images/glass.webp: a bottle of glass found, touched and completed
+python docs/pictures.py force      docs/images/force.png: the README's five lines compared with the truth
+python docs/pictures.py glass      docs/images/glass.webp: a glass bottle detected, touched and completed
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def _glass_frames(mission: Any, touches_m: np.ndarray) -> Iterable[np.ndarray]:
             scene.set_facecolor("black")
             scene.set(xticks=[], yticks=[], xlim=(40, 200), ylim=(150, 30))
             scene.set_title(
-                "depth: what the camera sees" if not found else "the part that contradicts itself: glass"
+                "depth: what the camera sees" if not found else "the views contradict each other: glass"
             )
             T_camera_world = pose.inverse()
             if found:
@@ -167,7 +167,7 @@ def _glass_frames(mission: Any, touches_m: np.ndarray) -> Iterable[np.ndarray]:
                 if count > len(touches_m):
                     side.plot(sign * outline_mm[:, 0], outline_mm[:, 1], color=COLOURS["blue"], lw=2.5)
             side.plot(*radial_mm[:count].T, "o", color=COLOURS["orange"])
-            side.set(aspect="equal", xlim=(-75, 75), ylim=(-5, 210), xlabel="[mm]", ylabel="height [mm]")
+            side.set(aspect="equal", xlim=(-75, 75), ylim=(-5, 210), xlabel="distance from the axis [mm]", ylabel="height [mm]")
             side.set_title(
                 "completed"
                 if count > len(touches_m)

@@ -11,18 +11,32 @@ import yaml
 from pydantic import BaseModel
 
 from visuohaptic.cli.main import main
+from visuohaptic.core.camera._camera_info import CameraInfoFile
 from visuohaptic.core.files import load_yaml_model
+from visuohaptic.deformation.maps.build_plan import BuildPlan
+from visuohaptic.deformation.shapes.container import ContainerDescription
+from visuohaptic.deformation.shapes.wall_properties import _PlyFile
+from visuohaptic.io.depth.depth_sequence import SequenceFile
+from visuohaptic.io.maps._map_server import MapFile
 from visuohaptic.navigation.problem import RobotModel, load_robot
 from visuohaptic.ros.bridge_config import BridgeConfig
 from visuohaptic.sensing.beam.config import BeamSensorConfig
 from visuohaptic.sensing.foam.strip import FoamSensorConfig
 from visuohaptic.sensing.scene.scene_file import SceneConfig
+from visuohaptic.tracking.templates._template_file import TemplateFolderFile
 
 MODELS: dict[str, type[BaseModel]] = {
     "foam": FoamSensorConfig,
     "beam": BeamSensorConfig,
     "scene": SceneConfig,
     "bridge": BridgeConfig,
+    "build": BuildPlan,
+    "camera": CameraInfoFile,
+    "container": ContainerDescription,
+    "map": MapFile,
+    "plies": _PlyFile,
+    "sequence": SequenceFile,
+    "templates": TemplateFolderFile,
 }
 
 
@@ -51,7 +65,8 @@ def test_every_setting_is_there_with_its_default(tmp_path, kind):
     for name, field in model.model_fields.items():
         if not field.is_required() and not (kind == "beam" and name in ("camera", "templates_folder")):
             expected = field.get_default(call_default_factory=True)
-            if kind != "scene" or name not in ("camera", "T_camera_foam"):
+            example = {"scene": ("camera", "T_camera_foam"), "templates": ("tags", "widths_m")}
+            if name not in example.get(kind, ()):
                 assert getattr(found, name) == expected, name
     assert all(value not in (None, "?") for value in given.values())
     without = [line for line in text.splitlines() if not re.search(r"#|: .*kind|name", line)]
@@ -91,11 +106,26 @@ def test_values_of_a_file_are_kept_and_a_wrong_file_is_named(tmp_path, capsys):
     assert "did you mean max_gap_s?" in capsys.readouterr().err
 
 
+def test_the_kinds_are_listed_and_are_all_tested(capsys):
+    assert main(["defaults", "--json"]) == 0
+    kinds = json.loads(capsys.readouterr().out)["kinds"]
+    assert set(kinds) == {*MODELS, "robot"}
+    assert kinds["beam"] == {"file": "sensor.yaml", "verb": "sense beam"}
+
+
+def test_commented_entries_of_a_list_are_accepted(tmp_path):
+    path = written(tmp_path, "container")
+    path.write_text(re.sub(r"^# {0,1}", "", path.read_text().replace(": []", ":"), flags=re.MULTILINE))
+    found = load_yaml_model(path, ContainerDescription)
+    assert found.rim is not None
+    assert len(found.rings) == len(found.dents) == 1
+
+
 def test_a_robot_and_a_file_that_is_there(tmp_path, capsys):
     path = written(tmp_path, "robot")
     assert load_robot(path) == RobotModel(load_robot(path).radius_m)
     assert main(["defaults", "robot", "--out", str(path)]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     path.write_text("radius_m: 0.31\nv_push_m_s: 0.02\n")
     assert main(["defaults", "robot", "--config", str(path), "--json"]) == 0
     settings = json.loads(capsys.readouterr().out)["settings"]

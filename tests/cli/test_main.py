@@ -162,7 +162,7 @@ def test_interruption_is_code_130(verbs, capsys):
         (["toch", "box"], "unknown verb 'toch box'; did you mean 'touch box'?"),
         (["xyz"], "unknown verb 'xyz'; see visuohaptic --help"),
         (["touch", "bx"], "unknown verb 'touch bx'; did you mean 'touch box'?"),
-        (["touch"], "touch: which one? expected 'touch box'"),
+        (["touch"], "touch: incomplete verb, expected 'touch box'"),
         (["touch", "box", "--force", "much"], "touch box: argument --force: invalid float value: 'much'"),
         (["touch", "box", "--forc", "1"], "touch box: unrecognized arguments: --forc 1"),
         (["--loud", "stand"], "unknown option --loud before the verb"),

@@ -79,7 +79,7 @@ def test_a_drive_towards_a_box(folder, capsys, wheels) -> None:
     assert float(rows[-1]["x_m"]) == pytest.approx(result["pose"]["x_m"])
     assert rows[-1]["object_reason"] == "not_zeroed"
     drawn = (folder / "run.svg").read_text()  # matplotlib writes each text as a comment beside its outlines
-    for text in ("position [cm]", "heading [deg]", "obstacle ahead [cm]", "not valid: not_zeroed"):
+    for text in ("position [cm]", "heading [deg]", "obstacle ahead [cm]", "invalid: not_zeroed"):
         assert f"<!-- {text} -->" in drawn
     assert "object [deg]" not in drawn  # nothing touches
     told = [m.ros_msg for m in read_ros2_messages(str(folder / "run.mcap"), topics=["/scene/pose"])]

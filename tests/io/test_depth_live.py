@@ -97,7 +97,14 @@ def orbbec():
     driver.get_camera_param = lambda: Box(rgb_intrinsic=lens)
     module = Box(
         Pipeline=lambda *_: driver,
-        Context=lambda: Box(query_devices=lambda: Box(get_device_by_serial_number=driver.chosen.append)),
+        Context=lambda: Box(
+            query_devices=lambda: Box(
+                get_count=lambda: 1,
+                get_device_by_serial_number=driver.chosen.append,
+                get_device_name_by_index=["Femto Bolt"].__getitem__,
+                get_device_serial_number_by_index=["CL8"].__getitem__,
+            )
+        ),
         Config=lambda: Box(enable_stream=lambda _: None, set_frame_aggregate_output_mode=lambda _: None),
         OBSensorType=Box(DEPTH_SENSOR=1, COLOR_SENSOR=2),
         OBFormat=Box(Y16=1, RGB=2),
@@ -187,15 +194,23 @@ def test_every_source_takes_a_depth_camera_by_its_maker(maker):
     assert driver.stopped == 2
 
 
-def test_a_connected_realsense_is_listed_by_the_command_line(monkeypatch, capsys):
-    _, name, module, _ = realsense()
-    monkeypatch.setitem(sys.modules, name, module)
+def test_connected_depth_cameras_are_listed_by_the_command_line(monkeypatch, capsys):
+    for make in (realsense, orbbec):
+        _, name, module, _ = make()
+        monkeypatch.setitem(sys.modules, name, module)
     assert main(["cameras"]) == 0
-    assert "realsense:0123" in capsys.readouterr().out
+    listed = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert ["realsense:0123", "D435"] in listed
+    assert ["orbbec:CL8", "Femto Bolt"] in listed
 
 
-def test_a_verb_names_the_makers_package_before_it_reads_anything(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+@pytest.mark.parametrize("source", ["realsense:", "realsense", "realsense:0123", "orbbec:", "orbbec"])
+@pytest.mark.parametrize(
+    "verb",
+    ["sense foam --config none.yaml", "sense beam --config none.yaml", "sense scene --config none.yaml",
+     "track --templates none --camera none.yaml", "start"],
+)  # fmt: skip
+def test_a_verb_names_the_makers_package_before_it_reads_anything(verb, source, monkeypatch, capsys):
     monkeypatch.setattr("visuohaptic.cli._extras._is_there", lambda module: False)
-    assert main(["sense", "foam", "--config", "none.yaml", "--source", "realsense:"]) == 2
-    assert "visuohaptic[realsense]" in capsys.readouterr().err
+    assert main([*verb.split(), "--source", source]) == 2
+    assert f"visuohaptic[{source.partition(':')[0]}]" in capsys.readouterr().err

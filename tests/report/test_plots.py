@@ -83,7 +83,7 @@ def test_force_over_time_marks_events_and_reasons():
         reasons=reasons,
         events=[Event(EventKind.CONTACT, 1.0)],
     )
-    assert "not valid: occluded" in labels(figure.axes[0])
+    assert "invalid: occluded" in labels(figure.axes[0])
     assert texts(figure) == ["contact"]
     measured = next(line for line in figure.axes[0].lines if line.get_label() == "measured")
     np.testing.assert_array_equal(np.isnan(measured.get_ydata()), ~valid)
@@ -101,7 +101,7 @@ def test_traces_have_a_panel_for_each_unit_and_crosses_where_a_sample_is_not_val
     )  # fmt: skip
     upper, lower = figure.axes
     assert (upper.get_ylabel(), lower.get_ylabel()) == ("force [N]", "moment [mNm]")
-    assert labels(upper) == ["x", "± 2 sigma, declared", "not valid: lost"]
+    assert labels(upper) == ["x", "± 2 sigma, declared", "invalid: lost"]
     assert labels(lower) == ["x", "z"]
     assert texts(figure) == ["slip"]
     np.testing.assert_array_equal(lower.lines[1].get_ydata(), known)

@@ -1,4 +1,4 @@
-"""What a verb may say, and where it goes: results to stdout, everything else to stderr."""
+"""Output of the verbs: results to stdout, everything else to stderr."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ PLAIN_SHARE = 0.1
 
 
 class OutputClosedError(Exception):
-    """The reader of our output has gone (``visuohaptic ... | head``)."""
+    """The reader of the output has closed it (``visuohaptic ... | head``)."""
 
 
 class Arguments(argparse.Namespace):
-    """Arguments of a verb, and the console that it talks through."""
+    """Arguments of a verb, and its console."""
 
     json: bool  #: the result goes to stdout as JSON, every report to stderr
     verbose: bool
     quiet: bool
     console: Console
-    exit_code: int = 0  #: a verb whose work was done in part sets another
+    exit_code: int = 0  #: a verb sets another when only part of its work was done
 
     def report(self, text: str = "") -> None:
-        """Print a line for people.
+        """Print a line of text.
 
         Parameters
         ----------
@@ -44,7 +44,7 @@ class Arguments(argparse.Namespace):
         self.console.report(text)
 
     def progress(self, work: Iterable[Item] | int, description: str) -> Progress[Item]:
-        """Show how far a long work is; iterate over it, or call its ``advance``.
+        """Show the progress of a long task; iterate over it, or call its ``advance``.
 
         Parameters
         ----------
@@ -57,7 +57,7 @@ class Arguments(argparse.Namespace):
 
 
 class Console:
-    """Lines for people, JSON for machines, progress for the patient.
+    """Text, JSON, progress and errors of a command.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Console:
         self._reported = False
 
     def report(self, text: str = "") -> None:
-        """Print a line for people: on stdout, or on stderr when stdout carries JSON.
+        """Print a line of text: on stdout, or on stderr when stdout carries JSON.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class Console:
             _write(sys.stderr if self.json else sys.stdout, text)
 
     def result(self, value: Any) -> None:
-        """Print the result as JSON when that was asked for, else as lines if the verb said nothing.
+        """Print the result as JSON where requested, otherwise as lines if the verb printed nothing.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class Console:
                 _write(sys.stdout, line)
 
     def error(self, text: str) -> None:
-        """Print the one line that says what went wrong.
+        """Print an error on one line.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Console:
         return Progress(work, description, quiet=self.quiet)
 
     def line(self) -> LiveLine:
-        """One line that shows the newest state, to be used as a context."""
+        """One line that shows the current state, used as a context manager."""
         return LiveLine(quiet=self.quiet)
 
     def start_logging(self) -> None:
@@ -136,27 +136,48 @@ class Console:
         logger.handlers[:] = [handler]
         logger.setLevel(level)
         logger.propagate = False
+        # Its only message of that level: why the first run takes longer.
+        logging.getLogger("visuohaptic.core.kernels").setLevel(
+            level if self.quiet else min(level, logging.INFO)
+        )
 
 
 class _LogLine(logging.Formatter):
-    """``visuohaptic: warning: text``, as the errors look."""
+    """``visuohaptic: warning: text``, in the format of the errors; information without its level."""
 
     def format(self, record: logging.LogRecord) -> str:
-        text = f"visuohaptic: {record.levelname.lower()}: {record.getMessage()}"
+        level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
+        text = f"visuohaptic: {level}{record.getMessage()}"
         return f"{text}\n{self.formatException(record.exc_info)}" if record.exc_info else text
 
 
 def _lines(value: Any, indent: str = "") -> Iterator[str]:
-    """A plain result for people: one field per line, what is inside another is indented."""
+    """A plain result as text: one field per line, nested fields are indented."""
     pairs = (
         value.items() if isinstance(value, dict) else ((f"{i + 1}.", item) for i, item in enumerate(value))
     )
     for name, item in pairs:
+        label = _label(str(name))
         if isinstance(item, (dict, list)) and item and not _is_flat(item):
-            yield f"{indent}{name}"
+            yield f"{indent}{label}"
             yield from _lines(item, indent + "  ")
         else:
-            yield f"{indent}{name}: {_flat_text(item)}"
+            yield f"{indent}{label}: {_flat_text(item)}"
+
+
+#: Units that end the names of fields.
+_UNITS = {
+    unit.replace("/", "_per_"): unit
+    for unit in ("m", "s", "N", "Pa", "kg", "rad", "px", "Hz", "N/m", "rad/m", "s/m", "m/s")
+} | {"m2": "m²", "m3": "m³"}
+
+
+def _label(name: str) -> str:
+    """``narrowest_width_m`` as ``narrowest width [m]``."""
+    for end, unit in sorted(_UNITS.items(), key=lambda pair: -len(pair[0])):
+        if name.endswith(f"_{end}"):
+            return f"{name[: -len(end) - 1].replace('_', ' ')} [{unit}]"
+    return name.replace("_", " ")
 
 
 def _is_flat(value: Any) -> bool:
@@ -168,7 +189,7 @@ def _flat_text(value: Any) -> str:
         return ", ".join(_flat_text(item) for item in value) if value else "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return "unknown" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+    return "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _write(stream: TextIO, text: str) -> None:
@@ -180,7 +201,7 @@ def _write(stream: TextIO, text: str) -> None:
 
 
 class LiveLine:
-    """The newest state: on a terminal one line that is written over, elsewhere a line per second.
+    """The current state: on a terminal one line that is overwritten, elsewhere one line per second.
 
     Parameters
     ----------
@@ -189,7 +210,7 @@ class LiveLine:
     stream
         Where it is shown; stderr by default.
     clock
-        Seconds of a clock that never goes back.
+        Seconds of a monotonic clock.
     """
 
     def __init__(
@@ -212,7 +233,7 @@ class LiveLine:
         self.end()
 
     def show(self, text: str) -> None:
-        """Show a state; those that come faster than they can be read are left out.
+        """Show a state; states that change faster than they can be read are skipped.
 
         Parameters
         ----------
@@ -231,14 +252,14 @@ class LiveLine:
             _write(self._stream, text)
 
     def end(self) -> None:
-        """Leave the last state where it is; what follows begins a new line."""
+        """Keep the last state; further output starts on a new line."""
         if self._open:
             _write(self._stream, "")
         self._open = False
 
 
 class Progress(Generic[Item]):
-    """A bar on a terminal, a line now and then in a log file.
+    """A progress bar on a terminal, occasional lines in a log file.
 
     Use it in one of two ways::
 
@@ -250,7 +271,8 @@ class Progress(Generic[Item]):
     Parameters
     ----------
     work
-        What to iterate over, or the number of steps (0 when it is not known).
+        What to iterate over, or the number of steps (0 when unknown). The length of an iterable is that of
+        ``len`` or ``frame_count``.
     description
         What is being done, one or two words.
     quiet, stream, clock
@@ -267,7 +289,13 @@ class Progress(Generic[Item]):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._items: Iterable[Item] = () if isinstance(work, int) else work
-        self.total = work if isinstance(work, int) else len(work) if isinstance(work, Sized) else 0
+        self.total: int = (
+            work
+            if isinstance(work, int)
+            else len(work)
+            if isinstance(work, Sized)
+            else getattr(work, "frame_count", None) or 0
+        )
         self.done = 0
         self._description = description
         self._quiet = quiet
@@ -301,14 +329,14 @@ class Progress(Generic[Item]):
             self._print_line()
 
     def advance(self, steps: int = 1, text: str = "") -> None:
-        """Say that ``steps`` more are done; ``text`` is shown behind the numbers.
+        """Count ``steps`` more as done; ``text`` is shown after the numbers.
 
         Parameters
         ----------
         steps
             How many more.
         text
-            Shown behind the numbers.
+            Shown after the numbers.
         """
         self.done += steps
         self._text = text

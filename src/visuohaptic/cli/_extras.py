@@ -110,9 +110,9 @@ BY_MAKER: Mapping[str, str] = {"realsense": "pyrealsense2", "orbbec": "pyorbbecs
 def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
     """Optional modules that a verb imports on its way with these arguments.
 
-    They are the verb's own ``NEEDS``, what its function ``needs(args)`` adds, and
-    what arguments of all verbs need by their name, by the maker of a camera or, where they name files, by their ending. Meshes are not among them: they
-    are the first thing that is read, and say themselves what is missing.
+    These are the verb's own ``NEEDS``, what its function ``needs(args)`` adds, and what arguments of all verbs need
+    by their name, by the maker of a camera or, for files, by their suffix. Meshes are not among them: they are read
+    first, and their reader reports what is missing.
 
     Parameters
     ----------
@@ -128,8 +128,8 @@ def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
         if value:
             found.update(BY_ARGUMENT.get(name, ()))
         for text in map(str, value if isinstance(value, list) else [value]):
-            if name == "source" and text.partition(":")[0] in BY_MAKER and ":" in text:
-                found.add(BY_MAKER[text.partition(":")[0]])
+            if name == "source" and (module_of_maker := BY_MAKER.get(text.partition(":")[0])):
+                found.add(module_of_maker)
             # A topic may follow the file, as in run.mcap:/camera.
             found.update(*(modules for ending, modules in BY_ENDING.items() if _ends(text, ending)))
     return frozenset(found)
@@ -140,7 +140,7 @@ def _ends(text: str, ending: str) -> bool:
 
 
 def check_needs(verb: str, module: ModuleType, args: argparse.Namespace) -> None:
-    """Say what is missing before anything is computed.
+    """Check that all required extras are installed, before anything is computed.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def library_of(module: str) -> Library | None:
 
 
 def missing_library_error(error: ImportError, verb: str) -> VisuohapticError:
-    """Say what to install when an import failed, of a verb or on its way.
+    """The error for a failed import, with the command that installs what is missing.
 
     Parameters
     ----------

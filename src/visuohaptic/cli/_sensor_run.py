@@ -1,4 +1,4 @@
-"""The one loop of every verb that reads frames: source, sensor, sinks."""
+"""The loop of every verb that reads frames: source, sensor, sinks."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _BAR = 40
 
 
 def add_run_arguments(add: Any, *, parquet: str = "", zero_frames: str = "") -> None:
-    """What a run writes, which part of a recording it reads, and which frames make its zero.
+    """Options of a run: outputs, the part of a recording to read, and the frames of the zero reference.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def add_run_arguments(add: Any, *, parquet: str = "", zero_frames: str = "") -> 
         Help of ``--parquet`` and ``--zero-frames``, for verbs that have them.
     """
     add("--out", Path, "MCAP recording to write")
-    add("--csv", Path, "table to write")
+    add("--csv", Path, "CSV table to write")
     add("--plot", Path, "plot over time to write: .png, .pdf or .svg")
     if parquet:
         add("--parquet", Path, parquet)
@@ -57,11 +57,11 @@ def add_run_arguments(add: Any, *, parquet: str = "", zero_frames: str = "") -> 
         add("--zero-frames", 0, zero_frames, metavar="N", low=0)
     add("--start", 0.0, "skip the first S seconds", metavar="S")
     add("--stop", float("inf"), "stop after S seconds", metavar="S")
-    add("--rate-Hz", float, "rate of an image folder without times")
+    add("--rate-Hz", float, "frame rate of an image folder without time stamps")
 
 
 def is_live(source: str) -> bool:
-    """Whether ``--source`` names a camera: it never ends, and must not wait for slow work.
+    """Whether ``--source`` names a camera, which has no end and must not be delayed.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> Fr
 
 
 def shown_frames(args: Any, source: FrameSource, doing: str) -> Iterator[Frame]:
-    """Frames of a recording with their progress; of a camera, which has no end, as they come.
+    """Frames of a recording with a progress display, or of a camera.
 
     Parameters
     ----------
@@ -102,14 +102,14 @@ def shown_frames(args: Any, source: FrameSource, doing: str) -> Iterator[Frame]:
     source
         From :func:`opened_frames`.
     doing
-        What is done with them, one word.
+        The activity, in one word.
     """
     return iter(source if is_live(str(args.source)) else args.progress(source, doing))
 
 
 @dataclass(frozen=True, slots=True)
 class Outputs(Generic[Measured]):
-    """How a verb shows what it measures; a recording needs nothing of it."""
+    """How a verb displays and tabulates its measurements."""
 
     open_table: Callable[[Path], AbstractContextManager[Any]]  #: of --csv and --parquet; has ``write(row)``
     rows: Callable[[Measured], tuple[Any, ...]]  #: what a measurement is in the table
@@ -124,7 +124,7 @@ class Outputs(Generic[Measured]):
 
 @dataclass(slots=True)
 class SensorRun:
-    """What became of the frames of a run."""
+    """Result of a run over frames."""
 
     reasons: Counter[str] = field(default_factory=Counter)
     events: list[dict[str, Any]] = field(default_factory=list)
@@ -136,12 +136,12 @@ class SensorRun:
         return sum(self.reasons.values())
 
     def text(self, also: str = "") -> str:
-        """One line: frames, how many are valid, and why others are not.
+        """One line: number of frames, valid frames, and reasons of invalid ones.
 
         Parameters
         ----------
         also
-            What else is said behind the number of valid frames.
+            Text after the number of valid frames.
         """
         others = "".join(f", {count} {reason}" for reason, count in self.reasons.items() if reason != "ok")
         return f"{self.frames} frames, {self.reasons['ok']} valid{also}{others}"
@@ -156,7 +156,7 @@ def run_sensor(
     *,
     live: bool = False,
 ) -> SensorRun:
-    """Read every frame, record it, write its rows, show it and say its events.
+    """Read every frame, record it, write its rows, display it and print its events.
 
     Parameters
     ----------
@@ -169,10 +169,10 @@ def run_sensor(
     outputs
         Table, rows and page of the verb.
     on_reading
-        Told of every reading, for the verb's own summary.
+        Called with every reading, for the verb's own summary.
     live
-        Show every reading on one line of the terminal, and let Ctrl-C end the run as the end of a recording does;
-        so it is with a camera anyway.
+        Show every reading on one line of the terminal, and let Ctrl-C end the run like the end of a recording.
+        Implied for a camera.
 
     Raises
     ------

@@ -12,8 +12,8 @@ A verb is a line of ``VERBS`` (what it does) and a module with
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
-Exit codes: 0 done, 2 bad input or usage, 3 sound input without a solution (no plan), 1 internal error,
-130 interrupted, 141 the reader of our output has gone.
+Exit codes: 0 done, 1 internal error, 2 bad input or usage, 3 valid input without a solution (no plan),
+130 interrupted, 141 the reader of the output has closed it.
 """
 
 from __future__ import annotations
@@ -34,65 +34,100 @@ from ._console import Arguments, Console, OutputClosedError
 
 __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 
-#: Room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports no verb.
-_TABLE = (
-    ("system", "demo", "run the end-to-end demo: a simulated robot looks, touches and remembers"),
-    ("system", "start", "set up a foam sensor step by step, from a camera to live newtons"),
-    ("system", "cameras", "list the cameras that are connected"),
-    ("system", "defaults", "write a configuration file with every setting, its default and what it means"),
-    ("sensing", "sense foam", "measure force and shape with a strip of foam that a camera watches"),
-    ("sensing", "compare", "hold a measured force against a scale, or against another run"),
-    ("sensing", "sense scene", "track obstacles ahead, the motion of the floor and the pushed object"),
-    ("sensing", "track", "track printed templates and AprilTags, and estimate their 6D poses"),
-    ("sensing", "template check", "predict how well an image can be detected and tracked as a template"),
-    ("sensing", "template sheet", "write a print-ready sheet of AprilTags 36h11"),
-    ("sensing", "sense beam", "measure force and moment, six axes, with templates on a bending rod"),
-    ("sensing", "calibrate foam", "fit a foam's stress-strain curve, or say why the data are unsuitable"),
-    ("sensing", "calibrate beam", "fit a beam sensor's compliance from known loads"),
-    ("sensing", "calibrate camera", "estimate a camera's intrinsics and lens distortion"),
-    ("sensing", "calibrate stripe", "learn the colours of a stripe on the foam from one image"),
-    ("examples", "example foam", "write a small simulated recording to try the foam sensor on"),
-    ("examples", "example beam", "write a small simulated recording to try the beam sensor on"),
-    ("examples", "example gripper", "write a small simulated recording to try the sensor of a finger on"),
-    ("examples", "example glass", "write a small simulated sequence of clear bottles to find and complete"),
-    ("examples", "example office", "write a map with tagged objects to plan on"),
-    ("examples", "example task", "run a task in its simulated world and write its trace"),
-    ("planning", "map inspect", "summarise a map, and where a robot can drive on it"),
-    ("planning", "map build", "build an occupancy map from laser scans and odometry"),
-    ("planning", "map graph", "compute distance, cost, skeleton graph and regions of a map"),
-    ("planning", "plan", "plan navigation among movable obstacles: where to drive, what to push"),
-    ("planning", "stiffness", "compute the stiffness of a container at every surface point"),
-    ("planning", "squeeze", "compute force against deformation of one pinch on a container"),
-    ("planning", "grasp", "plan grasps on deformable containers"),
-    ("geometry", "reconstruct", "fuse a depth sequence into a surface, and detect transparent parts"),
-    ("geometry", "complete", "complete a surface by touch where it was not seen, and plan the next touch"),
-    ("knowledge", "objects list", "list the objects of a database"),
-    ("knowledge", "objects show", "show all that is known of one object"),
-    ("knowledge", "objects add", "add an object, or new evidence of a known one"),
-    ("knowledge", "objects import", "import objects from folders with cards"),
-    ("knowledge", "objects export", "export objects as folders with cards"),
-    ("knowledge", "objects sync", "synchronise with a shared database"),
-    ("knowledge", "objects search", "find the objects with the most similar features"),
-    ("knowledge", "objects recognise", "rank what a seen object may be, with probabilities"),
-    ("knowledge", "objects build", "compute stiffness maps and features of whole container classes"),
-    ("system", "reproduce", "reproduce figures and tables of the dissertation, beside its numbers"),
-    ("knowledge", "classify train", "train a classification tree and a touch planner, or a model of states"),
-    ("knowledge", "classify plan", "show the planned touches in their order"),
-    ("knowledge", "classify run", "classify an object from touches, and plan the next touch"),
-    ("geometry", "recording info", "summarise a recording: topics, frames, duration, damage"),
-    ("geometry", "recording import", "convert depth images and poses of another layout into a sequence"),
-    ("geometry", "recording recover", "make what a killed run has left of a recording whole"),
-    ("system", "ros bridge", "run the sensors as a ROS 2 node: image topics in, forces out"),
-    ("system", "ros node", "run one lifecycle node of ROS 2: sensors, tracking, planning, recognition"),
-    ("system", "ros launch", "run several nodes from a launch file, with or without ROS"),
-    ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
-    ("system", "warmup", "compile all kernels now, so that later starts are fast"),
-    ("system", "doctor", "check every library, and say what to install"),
-)
+#: Heading of the overview -> room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports
+#: no verb.
+_TABLE: Mapping[str, tuple[tuple[str, str, str], ...]] = {
+    "first steps": (
+        ("system", "demo", "run the end-to-end demo on a simulated robot; --quick shows a recorded one"),
+        ("system", "start", "set up a foam sensor step by step, from a camera to live newtons"),
+        ("examples", "example foam", "write a small simulated recording of a foam sensor"),
+        ("examples", "example beam", "write a small simulated recording of a beam sensor"),
+        ("examples", "example gripper", "write a small simulated recording of a gripper's finger"),
+        ("examples", "example glass", "write a small simulated depth sequence of clear bottles"),
+        ("examples", "example office", "write a map with tagged objects to plan on"),
+        ("examples", "example task", "run a task in its simulated world and write its trace"),
+        ("system", "doctor", "check every library, and show what to install"),
+    ),
+    "force and motion from a camera": (
+        ("sensing", "sense foam", "measure force and shape with a strip of foam that a camera watches"),
+        ("sensing", "sense beam", "measure force and moment, six axes, with templates on a bending rod"),
+        ("sensing", "sense scene", "track obstacles ahead, the motion of the floor and the pushed object"),
+        ("sensing", "track", "track printed templates and AprilTags, and estimate their 6D poses"),
+        ("sensing", "compare", "compare a measured force with a scale or with another run"),
+    ),
+    "set-up and calibration": (
+        ("system", "cameras", "list the cameras that are connected"),
+        (
+            "system",
+            "defaults",
+            "write a configuration file with every setting, its default and what it means",
+        ),
+        (
+            "sensing",
+            "calibrate foam",
+            "fit a foam's stress-strain curve, or report why the data are unsuitable",
+        ),
+        ("sensing", "calibrate beam", "fit a beam sensor's compliance from known loads"),
+        ("sensing", "calibrate camera", "estimate a camera's intrinsics and lens distortion"),
+        ("sensing", "calibrate stripe", "learn the colours of a stripe on the foam from one image"),
+        ("sensing", "template sheet", "write a print-ready sheet of AprilTags 36h11"),
+        ("sensing", "template check", "predict how well an image can be detected and tracked as a template"),
+    ),
+    "maps and navigation": (
+        ("planning", "map inspect", "summarise a map, and where a robot can drive on it"),
+        ("planning", "map build", "build an occupancy map from laser scans and odometry"),
+        ("planning", "map graph", "compute distance, cost, skeleton graph and regions of a map"),
+        ("planning", "plan", "plan navigation among movable obstacles: where to drive, what to push"),
+    ),
+    "surfaces and transparent objects": (
+        ("geometry", "reconstruct", "fuse a depth sequence into a surface, and detect transparent parts"),
+        (
+            "geometry",
+            "complete",
+            "complete a surface by touch where it was not seen, and plan the next touch",
+        ),
+        ("geometry", "recording info", "summarise a recording: topics, frames, duration, damage"),
+        ("geometry", "recording import", "convert depth images and poses of another layout into a sequence"),
+        ("geometry", "recording recover", "restore the recording of a run that was interrupted"),
+    ),
+    "containers and grasps": (
+        ("planning", "stiffness", "compute the stiffness of a container at every surface point"),
+        ("planning", "squeeze", "compute force against deformation of one pinch on a container"),
+        ("planning", "grasp", "plan grasps on deformable containers"),
+    ),
+    "objects and recognition": (
+        (
+            "knowledge",
+            "classify train",
+            "train a classification tree and a touch planner, or a model of states",
+        ),
+        ("knowledge", "classify plan", "show the planned touches in their order"),
+        ("knowledge", "classify run", "classify an object from touches, and plan the next touch"),
+        ("knowledge", "objects list", "list the objects of a database"),
+        ("knowledge", "objects show", "show all that is known of one object"),
+        ("knowledge", "objects add", "add an object, or new evidence of a known one"),
+        ("knowledge", "objects import", "import objects from folders with cards"),
+        ("knowledge", "objects export", "export objects as folders with cards"),
+        ("knowledge", "objects sync", "synchronise with a shared database"),
+        ("knowledge", "objects search", "find the objects with the most similar features"),
+        ("knowledge", "objects recognise", "rank what a seen object may be, with probabilities"),
+        ("knowledge", "objects build", "compute stiffness maps and features of whole container classes"),
+    ),
+    "robots, display and reproduction": (
+        ("system", "ros bridge", "run the sensors as a ROS 2 node: image topics in, forces out"),
+        ("system", "ros node", "run one lifecycle node of ROS 2: sensors, tracking, planning, recognition"),
+        ("system", "ros launch", "run several nodes from a launch file, with or without ROS"),
+        ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
+        ("system", "reproduce", "reproduce figures and tables of the dissertation and compare the values"),
+        ("system", "warmup", "compile all kernels now, so that later starts are fast"),
+    ),
+}
 
 #: Verb -> module and one line of help.
 VERBS: Mapping[str, tuple[str, str]] = {
-    verb: (f"visuohaptic.cli.verbs.{room}.{verb.replace(' ', '_')}", text) for room, verb, text in _TABLE
+    verb: (f"visuohaptic.cli.verbs.{room}.{verb.replace(' ', '_')}", text)
+    for entries in _TABLE.values()
+    for room, verb, text in entries
 }
 
 _GLOBAL_FLAGS = {"--json", "--verbose", "-v", "--quiet", "-q"}
@@ -102,21 +137,20 @@ visuohaptic {version}: force and shape from a camera, and what a robot does with
 
 usage: visuohaptic VERB [options]
 
-verbs:
 {verbs}
 
-options, with every verb:
-  -h, --help         what the verb reads and writes, with an example
-  --json             the result as JSON on stdout, everything else on stderr
-  -v, --verbose      say more, and show where an unexpected error came from
-  -q, --quiet        say nothing but errors
+options of every verb:
+  -h, --help         show what the verb reads and writes, with an example
+  --json             print the result as JSON on stdout, everything else on stderr
+  -v, --verbose      print more, with a traceback for an unexpected error
+  -q, --quiet        print errors only
   --version          print the version
 
-first: visuohaptic demo --quick, and with a camera of yours: visuohaptic start"""
+Start with: visuohaptic demo --quick, or, with your own camera: visuohaptic start"""
 
 
 class UsageError(VisuohapticError):
-    """A command line that cannot be understood."""
+    """A command line that cannot be parsed."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -140,6 +174,7 @@ def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]]
         The registry; tests hand over their own.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # errors of cameras are reported by this library
     for stream in (sys.stdout, sys.stderr):
         if callable(reconfigure := getattr(stream, "reconfigure", None)):
             reconfigure(errors="replace")  # a sigma on an ASCII terminal is no reason to fail
@@ -173,7 +208,11 @@ def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]]
 
 
 def _advice(verbose: bool) -> str:
-    return "please report it with what follows" if verbose else "run it again with --verbose to see where"
+    return (
+        "please report it with the traceback below"
+        if verbose
+        else "run again with --verbose for the traceback"
+    )
 
 
 def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]]) -> int:
@@ -188,7 +227,7 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
         return 0
     if words_of_group := _group(verb, verbs):
         if not {"-h", "--help"} & set(rest):
-            raise UsageError(f"{verb}: which one? expected {_listed(words_of_group)}")
+            raise UsageError(f"{verb}: incomplete verb, expected {_listed(words_of_group)}")
         console.report(_overview({name: verbs[name] for name in words_of_group}))
         return 0
     module = _load(verb, verbs)
@@ -246,11 +285,11 @@ def verb_parser(
         allow_abbrev=False,
         conflict_handler="resolve",  # an option of the verb's own wins
     )
-    common = parser.add_argument_group("with every verb")
+    common = parser.add_argument_group("options of every verb")
     for flags, text in (
-        (("--json",), "the result as JSON on stdout, everything else on stderr"),
-        (("-v", "--verbose"), "say more, and show where an unexpected error came from"),
-        (("-q", "--quiet"), "say nothing but errors"),
+        (("--json",), "print the result as JSON on stdout, everything else on stderr"),
+        (("-v", "--verbose"), "print more, with a traceback for an unexpected error"),
+        (("-q", "--quiet"), "print errors only"),
     ):
         common.add_argument(*flags, action="store_true", help=text)
     module.add_arguments(Add(parser))
@@ -322,7 +361,13 @@ def _load(verb: str, verbs: Mapping[str, tuple[str, str]]) -> ModuleType:
 
 def _overview(verbs: Mapping[str, tuple[str, str]]) -> str:
     width = max(len(verb) for verb in verbs) + 2
-    lines = "\n".join(f"  {verb:<{width}}{text}" for verb, (_, text) in verbs.items())
+    blocks = {heading: [verb for _, verb, _ in entries] for heading, entries in _TABLE.items()}
+    if verbs is not VERBS:
+        blocks = {"verbs": list(verbs)}
+    lines = "\n\n".join(
+        "\n".join([f"{heading}:", *(f"  {verb:<{width}}{verbs[verb][1]}" for verb in names)])
+        for heading, names in blocks.items()
+    )
     return _OVERVIEW.format(version=__version__, verbs=lines)
 
 

@@ -30,6 +30,7 @@ import pickle
 import platform
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -51,7 +52,7 @@ from numba.core.types.misc import NoneType, unliteral
 from .kernel_code import code_digest, kernel_name, text_digest
 
 __all__ = [
-    "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "kernel", "remove_stale", "shipped_name",
+    "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "compiled_s", "kernel", "remove_stale", "shipped_name",
 ]  # fmt: skip
 
 _log = logging.getLogger(__name__)
@@ -158,7 +159,41 @@ class _RestingCollector:
             gc.enable()
 
 
+@Listener.register
+class _CompileNotice:
+    """Measures the time spent on compilation, and logs once per process that the first run compiles.
+
+    A process that finds its kernels in the cache compiles nothing and logs nothing.
+    """
+
+    #: A delay of more than one second interrupts a person's flow of thought (Miller 1968); twice that is explained.
+    WAIT_S = 2.0
+
+    def __init__(self) -> None:
+        self._depth, self._since_s, self.total_s = 0, 0.0, 0.0
+
+    def notify(self, event: Any) -> None:
+        """Add up the time of the outermost compilations."""
+        if event.is_start and self._depth == 0:
+            self._since_s = time.monotonic()
+        self._depth += 1 if event.is_start else -1
+        if self._depth == 0:
+            before_s = self.total_s
+            self.total_s += time.monotonic() - self._since_s
+            if before_s < self.WAIT_S <= self.total_s:
+                _log.info(
+                    "compiling kernels, only once on this machine; `visuohaptic warmup` compiles all of them"
+                )
+
+
 register("numba:compile", _RestingCollector())  # numba compiles in one thread at a time
+_notice = _CompileNotice()
+register("numba:compile", _notice)
+
+
+def compiled_s() -> float:
+    """Time that this process has spent on the compilation of kernels [s]."""
+    return _notice.total_s
 
 
 class KernelCache:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,24 @@ __all__ = ["measure_texts", "write_story"]
 
 _RIGHT = {True: "yes", False: "no", None: ""}
 
+#: Unit of a claim, factor from SI units, and decimals, by its kind; kinds without a number have none.
+_CLAIM_UNITS = {
+    "place": ("m", 1.0, 2),
+    "foot": ("mm", 1e3, 1),
+    "friction": ("N", 1.0, 2),
+    "shape": ("mm", 1e3, 1),
+    "height": ("mm", 1e3, 0),
+    "fill": ("%", 1e2, 0),
+    "mass": ("g", 1e3, 1),
+    "force": ("mN", 1e3, 0),
+}
+
 #: Unit of a small value -> the unit that it is shown in, and below which value.
 _SMALL = {"m": ("mm", 1e3, 0.1), "N": ("mN", 1e3, 0.1), "kg": ("g", 1e3, 1.0)}
 
 
 def write_story(story: Story, path: Path | str) -> Path:
-    """Write the report as one HTML file that needs nothing else.
+    """Write the report as one self-contained HTML file.
 
     Parameters
     ----------
@@ -33,10 +46,10 @@ def write_story(story: Story, path: Path | str) -> Path:
     report = Report(
         "A robot looks, touches and remembers" if whole else "Part of the mission",
         about=f"{story.summary()}. Seed {story.mission.seed}, {story.duration_s:.0f} s of computing. "
-        "Everything here is simulated; what stands beside a number as the truth is the simulated world's, "
+        'Everything here is simulated. The column "truth" is the state of the simulated world, '
         "which the robot never sees.",
     )
-    report.section("The story")
+    report.section("Overview")
     report.table([_row(number, one) for number, one in enumerate(story.chapters, 1)])
     if story.mission.fault is not None:
         report.text(f"A fault was switched on: {story.mission.fault.value.replace('_', ' ')}.")
@@ -68,22 +81,27 @@ def _row(number: int, one: ChapterResult) -> dict[str, Any]:
         "chapter": f"{number}. {one.title}",
         "outcome": one.outcome.value,
         "reason": one.reason,
-        "true": _RIGHT[one.right],
+        "correct": _RIGHT[one.right],
         "time [s]": f"{one.duration_s:.0f}",
     }
 
 
 def _claim_row(claim: Claim) -> dict[str, Any]:
-    said, truth = (
-        ", ".join(map(_shown, value)) if isinstance(value, tuple) else _shown(value)
-        for value in (claim.value, claim.truth)
-    )
+    unit, factor, decimals = _CLAIM_UNITS.get(claim.kind, ("", 1.0, 0))
+
+    def shown(value: Any) -> str:
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not unit or isinstance(value, (str, bool)):
+            return ", ".join(map(_shown, numbers))
+        # Adding 0 turns a rounded -0 into 0.
+        return ", ".join(f"{round(factor * number, decimals) + 0.0:.{decimals}f}" for number in numbers)
+
     return {
-        "claim": f"{claim.kind} of {claim.what}",
-        "said": said,
+        "claim": f"{claim.kind} of {claim.what}" + (f" [{unit}]" if unit else ""),
+        "reported": shown(claim.value),
         "probability": f"{claim.forecast:.3f}",
-        "truth": truth,
-        "right": _RIGHT[claim.right],
+        "truth": shown(claim.truth),
+        "correct": _RIGHT[claim.right],
     }
 
 
@@ -111,5 +129,5 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, (int, float)):
-        return f"{value:.3g}"
+        return "\u221e" if value == math.inf else f"{value:.3g}"
     return str(value)

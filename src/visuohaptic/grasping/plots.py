@@ -61,6 +61,8 @@ def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
 
 
 def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points = plan.surface.vertices_m * 1e3
@@ -82,8 +84,11 @@ def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
     axes.set_box_aspect(np.maximum(high - low + 2 * reach, 1e-3))
     axes.view_init(elev=15, azim=-60)
     axes.set_axis_off()
-    best = f"best {plan.grasps[0].score:.2f}" if plan.grasps else "no grasp"
+    best = f"best score {plan.grasps[0].score:.2f}" if plan.grasps else "no grasp"
     axes.set_title(f"{title}\n{best}")
+    axes.figure.colorbar(
+        ScalarMappable(Normalize(0, 1), "viridis"), ax=axes, label="grasp score", shrink=0.6, pad=0.02
+    )
 
 
 def _draw_profile(axes: Any, plan: GraspPlan) -> None:

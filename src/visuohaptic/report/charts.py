@@ -216,7 +216,8 @@ def traces_over_time(
         place.set(ylabel=label)
         if place is not axes[0]:
             place.legend(loc="upper left", ncols=6)
-    axes[0].fill_between([], [], [], color=COLOURS["grey"], alpha=0.3, lw=0, label="± 2 sigma, declared")
+    band = COLOURS["grey"] if any(len(traces) > 1 for traces in panels.values()) else CYCLE[0]
+    axes[0].fill_between([], [], [], color=band, alpha=0.22, lw=0, label="± 2 sigma, declared")
     _finish(figure, axes, np.asarray(t_s, dtype=np.float64), good, reasons, events, title)
     return figure
 
@@ -230,13 +231,13 @@ def _finish(
     texts = np.array([str(text) for text in reasons] if len(reasons) else [""] * len(t_s), dtype=object)
     colours = [COLOURS[name] for name in ("orange", "pink", "yellow", "grey")]
     for index, reason in enumerate(dict.fromkeys(texts[~good])):
-        chosen, said = ~good & (texts == reason), f"not valid: {reason}" if reason else "not valid"
+        chosen, said = ~good & (texts == reason), f"invalid: {reason}" if reason else "invalid"
         upper.plot(t_s[chosen], np.zeros(chosen.sum()), "x", color=colours[index % 4], ms=5, label=said)
+    if len(t_s) > 1:
+        upper.set_xlim(float(t_s[0]), float(t_s[-1]))
     _mark_events(upper, events)
     figure.suptitle(title, x=0.02, ha="left", fontsize=10.5)
     axes[-1].set(xlabel="time [s]")
-    if len(t_s) > 1:
-        upper.set_xlim(float(t_s[0]), float(t_s[-1]))
     upper.margins(y=0.16)
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), ncols=5, borderaxespad=0.0)
 
@@ -249,12 +250,14 @@ def _mark_events(axes: Axes, events: Sequence[Event]) -> None:
         level = (level + 1) % 3 if event.t_s - last_s < 0.09 * (high_s - low_s) else 0
         last_s = event.t_s
         axes.axvline(event.t_s, color=COLOURS["green"], lw=1.0, ls=(0, (4, 2)))
+        near_end = event.t_s > high_s - 0.08 * (high_s - low_s)
         axes.annotate(
             str(event.kind),
             (event.t_s, 0.985 - 0.065 * level),
             xycoords=("data", "axes fraction"),
-            xytext=(3, 0),
+            xytext=(-3 if near_end else 3, 0),
             textcoords="offset points",
+            ha="right" if near_end else "left",
             color=COLOURS["green"],
             fontsize=8.5,
             va="top",
@@ -309,7 +312,7 @@ def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
         )
     upper.margins(y=0.25)
     lower.set_xlabel("position along the strip [mm]")
-    state = "" if profile.valid else f", not valid: {profile.reason}"
+    state = "" if profile.valid else f", invalid: {profile.reason}"
     total = f"t = {profile.t_s:.2f} s, force {profile.force_N:.2f} ± {profile.force_sigma_N:.2f} N{state}"
     upper.set_title(f"{title}   {total}".strip())
     return figure

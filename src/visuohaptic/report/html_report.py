@@ -1,4 +1,4 @@
-"""One HTML file with everything in it: texts, tables, plots and pictures, readable offline and for ever."""
+"""One self-contained HTML file: texts, tables, plots and images, readable offline."""
 
 from __future__ import annotations
 
@@ -55,6 +55,8 @@ tr:last-child td { border-bottom: 0; }
 pre { overflow-x: auto; background: var(--card); border: 1px solid var(--line); border-radius: 10px;
   padding: .8rem 1rem; font-size: .87rem; line-height: 1.45; }
 footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
+@media (max-width: 40rem) { main { padding: 1.5rem .8rem 3rem; } h1 { font-size: 1.6rem; }
+  table { font-size: .8rem; } th, td { padding: .35rem .45rem; } figure { padding: .5rem; } }
 @media print { body { background: #fff; font-size: 10.5pt; } main { padding: 0; } figure, tr { break-inside: avoid; }
   h2, h2 + p { break-after: avoid; } thead { display: table-header-group; } .scroll, pre { overflow: visible; }
   figure img, figure svg { max-height: 16cm; width: auto; max-width: 100%; margin: 0 auto; } }
@@ -70,8 +72,7 @@ _LARGE_PX = 200_000
 class Report:
     """A page that is written from top to bottom, then saved.
 
-    Everything is inside the one file: no script, no font, no picture is loaded
-    from anywhere. All texts are escaped.
+    The file is self-contained: it loads no script, font or image. All texts are escaped.
 
     Parameters
     ----------
@@ -240,14 +241,14 @@ class Report:
 <main>
 <header><h1>{title}</h1>{about}{menu}</header>
 {body}
-<footer>Written by visuohaptic {__version__}. This file is complete: it loads nothing from anywhere.</footer>
+<footer>Written by visuohaptic {__version__}. This file is self-contained.</footer>
 </main>
 </body>
 </html>
 """
 
     def write(self, path: Path | str) -> Path:
-        """Save the page, whole or not at all.
+        """Save the page atomically.
 
         Parameters
         ----------

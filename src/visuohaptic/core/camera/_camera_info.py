@@ -12,9 +12,9 @@ from ..errors import InputError
 
 class _Matrix(BaseModel):
     model_config = ConfigDict(extra="forbid")
-    rows: int
-    cols: int
-    data: Annotated[list[FiniteFloat], Field(max_length=64)]
+    rows: int  #: of the matrix
+    cols: int  #: of the matrix
+    data: Annotated[list[FiniteFloat], Field(max_length=64)]  #: its elements, row by row
 
     def array(self, name: str, shape: tuple[int, int] | None = None) -> np.ndarray:
         expected = shape or (self.rows, self.cols)
@@ -32,11 +32,14 @@ class CameraInfoFile(BaseModel):
     """Fields of the file; those that this library does not use are accepted and ignored."""
 
     model_config = ConfigDict(extra="ignore")
-    image_width: Annotated[int, Field(gt=0)]
-    image_height: Annotated[int, Field(gt=0)]
-    camera_name: str = "camera"
-    camera_matrix: _Matrix
-    distortion_model: Literal["plumb_bob", "rational_polynomial"] = "plumb_bob"
-    distortion_coefficients: _Matrix | None = None
-    row_delay_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    image_width: Annotated[int, Field(gt=0)]  #: [px]
+    image_height: Annotated[int, Field(gt=0)]  #: [px]
+    camera_name: str = "camera"  #: any text
+    camera_matrix: _Matrix  #: focal lengths and principal point [px], row by row
+    distortion_model: Literal["plumb_bob", "rational_polynomial"] = "plumb_bob"  #: 5 or 8 coefficients
+    distortion_coefficients: _Matrix | None = None  #: in the order of OpenCV; none: no distortion
+    row_delay_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
+        0.0  #: rolling shutter: time from row to row [s]
+    )
+    #: how the camera encodes light as grey levels
     transfer_function: Literal["linear", "srgb", "unknown"] = "unknown"

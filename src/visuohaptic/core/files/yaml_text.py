@@ -210,7 +210,9 @@ def checked_model(where: Path | str, data: dict[str, Any], model: type[Model]) -
         return model.model_validate(data)
     except ValidationError as error:
         problems = field_problems(error, model)
-        first, text = problems[0]
+        # A file of another kind lacks most fields: only the cause is reported.
+        wrong_kind = [(place, said) for place, said in problems if place in ("kind", "format")]
+        first, text = (problems := wrong_kind or problems)[0]
         texts = [text, *(f"{place}: {said}" for place, said in problems[1:])]
         raise InputError(where, "; ".join(texts), field=first) from error
 

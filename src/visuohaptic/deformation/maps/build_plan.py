@@ -31,14 +31,14 @@ class ClassEntry(_Part):
     """One class of the plan."""
 
     source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file beside the plan
-    variants: int = Field(50, ge=1, le=100_000)
+    variants: int = Field(50, ge=1, le=100_000)  #: random members of the class
 
 
 class State(_Part):
     """What is inside."""
 
-    closed: bool = True
-    fill: float = Field(0.0, ge=0, le=1)
+    closed: bool = True  #: whether air and liquid are enclosed
+    fill: float = Field(0.0, ge=0, le=1)  #: fill level
 
 
 class Curves(_Part):
@@ -58,9 +58,9 @@ class Curves(_Part):
 class BuildPlan(_Part):
     """What is to be built; read from YAML."""
 
-    classes: list[ClassEntry] = Field(min_length=1, max_length=1000)
-    seed: int = Field(0, ge=0, lt=2**63)
-    around: int = Field(48, ge=16, le=512, multiple_of=4)
+    classes: list[ClassEntry] = Field(min_length=1, max_length=1000)  #: containers to compute
+    seed: int = Field(0, ge=0, lt=2**63)  #: of the random variants
+    around: int = Field(48, ge=16, le=512, multiple_of=4)  #: vertices round the wall; a multiple of 4
     band: bool = True  #: maps with a standard deviation; half as fast
     states: list[State] = Field(
         [State(closed=False, fill=0.0)], min_length=1, max_length=16

@@ -153,6 +153,8 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
         axes.view_init(elev=15, azim=azimuth)
         axes.set_xlabel("x [mm]")
         axes.set_ylabel("y [mm]")
+        axes.locator_params(axis="x", nbins=3)
+        axes.locator_params(axis="y", nbins=3)
     axes = figure.add_subplot(1, 3, 3)
     use = np.isfinite(found.stiffness_N_per_m)
     stiffness = 1e-3 * found.stiffness_N_per_m[use]

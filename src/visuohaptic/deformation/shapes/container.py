@@ -50,7 +50,7 @@ class Base(_Part):
 class Section(_Part):
     """A stretch of the side wall, from below upwards."""
 
-    height: Length
+    height: Length  #: of this stretch
     radius: Length | None = None  #: half-axis x at its upper end; by default as at its lower end
     radius_y: Length | None = None  #: by default in the same proportion as below
     flatness: Fraction | None = None  #: at its upper end; by default as below
@@ -62,27 +62,27 @@ class Section(_Part):
 class Ring(_Part):
     """A ring round the wall; depth > 0 stands out (reinforcement), < 0 is a groove."""
 
-    z: Length
-    depth: Length
-    width: Length
+    z: Length  #: height of its middle
+    depth: Length  #: > 0 stands out, < 0 is a groove
+    width: Length  #: along the height
     wall: Length | None = None  #: thickness inside the ring
 
 
 class Dent(_Part):
     """A hollow on one side."""
 
-    z: Length
+    z: Length  #: height of its middle
     angle: Angle = (0.0, 0.0)  #: round the height axis from x+ towards y+
-    depth: Length
-    width: Length
-    height: Length
+    depth: Length  #: at its middle
+    width: Length  #: round the wall
+    height: Length  #: along the height axis
 
 
 class Rim(_Part):
     """A thick band at the upper end."""
 
-    height: Length
-    wall: Length
+    height: Length  #: of the band
+    wall: Length  #: its thickness
 
 
 class Top(_Part):
@@ -95,17 +95,17 @@ class Top(_Part):
 class ContainerDescription(_Part):
     """One container, or a class of containers where numbers are ranges."""
 
-    name: str = Field("container", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
-    base: Base
-    sections: list[Section] = Field(min_length=1, max_length=64)
+    name: str = Field("container", pattern=r"^[A-Za-z0-9_.-]{1,64}$")  #: of the container or class
+    base: Base  #: cross-section at the foot
+    sections: list[Section] = Field(min_length=1, max_length=64)  #: of the side wall, from the foot upwards
     blend: Length = (0.0, 0.0)  #: length over which neighbouring sections are rounded into each other
-    top: Top = Top()
-    rim: Rim | None = None
-    rings: list[Ring] = Field(default=[], max_length=256)
-    dents: list[Dent] = Field(default=[], max_length=256)
+    top: Top = Top()  #: what closes the upper end
+    rim: Rim | None = None  #: thicker band at the upper end
+    rings: list[Ring] = Field(default=[], max_length=256)  #: round the wall
+    dents: list[Dent] = Field(default=[], max_length=256)  #: on one side
     wall: Length = (0.0005, 0.0005)  #: thickness
     wall_spread: Fraction = (0.1, 0.1)  #: relative standard deviation of the thickness of one piece
-    material: str = "PET"
+    material: str = "PET"  #: of the library
     youngs_modulus: Pressure | None = None  #: instead of the material's
 
     @field_validator("material")

@@ -113,14 +113,14 @@ class _PlyEntry(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    thickness: Length
-    material: str | None = None
-    along: Pressure | None = None
-    across: Pressure | None = None
-    shear: Pressure | None = None
-    poisson: float | None = None
-    angle: Angle = (0.0, 0.0)
-    density: float | None = None
+    thickness: Length  #: of the ply
+    material: str | None = None  #: of the library; or else the moduli below
+    along: Pressure | None = None  #: Young's modulus along the grain
+    across: Pressure | None = None  #: Young's modulus across the grain
+    shear: Pressure | None = None  #: in-plane shear modulus
+    poisson: float | None = None  #: Poisson's ratio of strain along the grain
+    angle: Angle = (0.0, 0.0)  #: of the grain, from the height axis
+    density: float | None = None  #: [kg/m^3]
 
     @model_validator(mode="after")
     def _single(self) -> _PlyEntry:
@@ -134,7 +134,7 @@ class _PlyEntry(BaseModel):
 class _PlyFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    plies: list[_PlyEntry] = Field(min_length=1, max_length=64)
+    plies: list[_PlyEntry] = Field(min_length=1, max_length=64)  #: from the inside outwards
 
 
 def load_laminate(path: Path | str) -> tuple[Laminate, float]:

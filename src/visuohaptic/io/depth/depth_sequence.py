@@ -73,17 +73,19 @@ class SequenceFile(BaseModel):
     """Fields of ``sequence.yaml``."""
 
     model_config = ConfigDict(extra="forbid")
-    sensor: Annotated[str, Field(max_length=200)] = "unknown"
+    sensor: Annotated[str, Field(max_length=200)] = (
+        "unknown"  #: name of the camera, which selects its noise model
+    )
     depth_scale_m: Annotated[FiniteFloat, Field(gt=0)]  #: metres of one unit
-    camera: str = "camera.yaml"
+    camera: str = "camera.yaml"  #: file of the camera model
     depth: str = "depth"  #: folder of the depth images
     color: str = "color"  #: folder of the colour images
     poses: str = "poses.txt"  #: TUM text, 4 x 4 text or MCAP
     poses_topic: str | None = None  #: of an MCAP file
     bit_rotation: Annotated[int, Field(ge=0, lt=16)] = 0  #: RealSense F200: 3
     invalid: Annotated[list[int], Field(max_length=16)] = [0, 65535]  #: values that mean "not measured"
-    min_depth_m: Annotated[FiniteFloat, Field(ge=0)] = 0.05
-    max_depth_m: Annotated[FiniteFloat, Field(gt=0)] = 20.0
+    min_depth_m: Annotated[FiniteFloat, Field(ge=0)] = 0.05  #: nearer values are ignored
+    max_depth_m: Annotated[FiniteFloat, Field(gt=0)] = 20.0  #: farther values are ignored
 
 
 class DepthSequence:

@@ -38,9 +38,23 @@ def _realsense() -> list[FoundCamera]:
     return [FoundCamera(f"realsense:{serial}", name, serial) for serial, name in found]
 
 
+def _orbbec() -> list[FoundCamera]:
+    """Orbbec cameras, where their maker's package is installed."""
+    try:
+        ob: Any = import_module("pyorbbecsdk")
+    except ImportError:
+        return []
+    devices = ob.Context().query_devices()
+    found = [
+        (devices.get_device_serial_number_by_index(index), devices.get_device_name_by_index(index))
+        for index in range(devices.get_count())
+    ]
+    return [FoundCamera(f"orbbec:{serial}", name, serial) for serial, name in found]
+
+
 def find() -> list[FoundCamera]:
     """Cameras by UVC or by the system's video devices, and depth cameras."""
-    return _video() + _realsense()
+    return _video() + _realsense() + _orbbec()
 
 
 def _video() -> list[FoundCamera]:
@@ -222,7 +236,9 @@ class OpenCvBackend:
                 raise DeviceError(
                     f"{self._name} does not answer; check the address, the network and the login"
                 )
-            raise DeviceError(f"no camera {self._name}; found: {_listed(find())}")
+            raise DeviceError(
+                f"no camera {self._name}; found: {_listed(find())}; connect one and list it with `visuohaptic cameras`"
+            )
         requested = self._settings
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         properties = [

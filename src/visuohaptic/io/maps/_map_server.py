@@ -37,13 +37,15 @@ class MapFile(BaseModel):
     """
 
     model_config = ConfigDict(extra="ignore")
-    image: Annotated[str, Field(min_length=1, max_length=4096)]
-    resolution: Annotated[_Number, Field(ge=1e-4, le=1e3)]
+    image: Annotated[str, Field(min_length=1, max_length=4096)]  #: image file, relative to this file
+    resolution: Annotated[_Number, Field(ge=1e-4, le=1e3)]  #: side of a cell [m]
+    #: x, y [m] and yaw [rad] of the lower left corner
     origin: Annotated[list[Annotated[_Number, Field(ge=-1e9, le=1e9)]], Field(min_length=3, max_length=3)]
+    #: how grey levels become cells
     mode: Literal["trinary", "scale", "raw"] = "trinary"
-    negate: bool
-    occupied_thresh: Annotated[_Number, Field(ge=0, le=1)]
-    free_thresh: Annotated[_Number, Field(ge=0, le=1)]
+    negate: bool  #: whether bright cells are occupied
+    occupied_thresh: Annotated[_Number, Field(ge=0, le=1)]  #: occupied above this darkness
+    free_thresh: Annotated[_Number, Field(ge=0, le=1)]  #: free below this darkness
 
 
 def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[float, float, float]]:

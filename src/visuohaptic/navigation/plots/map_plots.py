@@ -37,7 +37,10 @@ def plot_navigation(regions: Regions) -> Figure:
     _walls(left, layers)
     distance = np.where(layers.distance_m > 0, layers.distance_m, np.nan)
     shown = left.imshow(distance, origin="lower", cmap="Greens", vmin=0, vmax=float(np.nanpercentile(distance, 99.5)) if np.isfinite(distance).any() else 1.0)  # fmt: skip
-    figure.colorbar(shown, ax=left, label="distance to the nearest obstacle [m]", shrink=0.7)
+    # A bar inside the margin keeps both maps at the same size and place.
+    figure.colorbar(
+        shown, cax=left.inset_axes((1.02, 0.15, 0.02, 0.7)), label="distance to the nearest obstacle [m]"
+    )
     left.set_title("a  distance and skeleton", loc="left")
     _edges(left, graph, 0.8)
     _walls(right, layers)

@@ -61,7 +61,17 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     for item in problem.objects:
         colour = "tab:orange" if item.id in moved else "tab:gray" if item.known_immovable else "tan"
         axes.add_patch(Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9))
-        axes.annotate(item.id, (item.centre_m[0], item.centre_m[1]), ha="center", va="center", fontsize=7)
+        axes.annotate(
+            item.id,
+            (item.centre_m[0], item.footprint_m[:, 1].max()),
+            xytext=(0, 2),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=7,
+            bbox={"facecolor": "white", "lw": 0, "alpha": 0.75, "pad": 0.8},
+            zorder=5,
+        )
     _draw_passages(axes, problem, plan)
     colours = {"push": "tab:red", "sideward": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
     shown: set[str] = set()

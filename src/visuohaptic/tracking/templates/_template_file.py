@@ -18,7 +18,7 @@ class TagEntry(BaseModel):
     """One AprilTag 36h11."""
 
     model_config = ConfigDict(extra="forbid")
-    id: Annotated[int, Field(ge=0, lt=587)]
+    id: Annotated[int, Field(ge=0, lt=587)]  #: of the family 36h11
     size_m: Size  #: side of the black border
 
 
@@ -26,8 +26,8 @@ class TemplateFolderFile(BaseModel):
     """Tags by name, and widths of images that state no dpi."""
 
     model_config = ConfigDict(extra="forbid")
-    tags: dict[str, TagEntry] = {}
-    widths_m: dict[str, Size] = {}
+    tags: dict[str, TagEntry] = {}  #: AprilTags by name
+    widths_m: dict[str, Size] = {}  #: width of an image that states no dpi, by file name [m]
 
     @classmethod
     def read(cls, path: Path) -> TemplateFolderFile:

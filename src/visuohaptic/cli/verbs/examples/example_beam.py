@@ -3,10 +3,10 @@
 reads
   nothing
 writes, into --out
-  sensor.yaml, beam.yaml     the sensor, and its rod as its data sheet has it
+  sensor.yaml, beam.yaml     the sensor, and the rod with the values of its data sheet
   camera.yaml, templates/    the camera, and the tags on base and rod
-  rest.mp4, push.mp4         nothing touches the rod; forces along Y and Z, then a mixed load
-  truth.csv                  t_s, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm of the physics, to compare with
+  rest.mp4, push.mp4         the untouched rod; forces along Y and Z, then a combined load
+  truth.csv                  t_s, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm of the simulated physics
 
 example
   visuohaptic example beam --out try

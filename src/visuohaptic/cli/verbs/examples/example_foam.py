@@ -1,12 +1,12 @@
-"""``visuohaptic example foam``: a recording to try the sensor on.
+"""``visuohaptic example foam``: a recording to try the foam sensor on.
 
 reads
   nothing
 writes, into --out
-  strain_stress.csv          what a press recorded of the foam
+  strain_stress.csv          stress-strain data of the foam, as a press records it
   camera.yaml, sensor.yaml   the camera, and the strip in front of it
-  rest.mp4, push.mp4         the untouched strip; a cylinder pressed into it and taken back
-  truth.csv                  t_s, force_N, depth_m of the physics, to compare with
+  rest.mp4, push.mp4         the untouched strip; a cylinder pressed into it and withdrawn
+  truth.csv                  t_s, force_N, depth_m of the simulated physics
 
 example
   visuohaptic example foam --out try
@@ -17,11 +17,12 @@ example
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["NEEDS", "add_arguments", "report_files", "run", "written"]
+__all__ = ["NEEDS", "add_arguments", "report_files", "report_next", "run", "written"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("av",)
@@ -35,8 +36,8 @@ def add_arguments(add: Any) -> None:
     add
         Of the verb.
     """
-    add("--out", Path, "folder", required=True)
-    add("--seed", 1, "of the noise (1)")
+    add("--out", Path, "folder to write to", required=True)
+    add("--seed", 1, "seed of the noise (1)")
 
 
 def written(args: Any, write: Callable[..., Path], verb: str) -> dict[str, Any]:
@@ -47,29 +48,48 @@ def written(args: Any, write: Callable[..., Path], verb: str) -> dict[str, Any]:
     args
         With ``out`` and ``seed``.
     write
-        Called with the folder, the seed and where to report.
+        Called with the folder, the seed and a function that prints progress.
     verb
-        Its words.
+        Its words, such as ``example foam``.
     """
     return report_files(args, write(args.out, seed=args.seed, say=args.report), verb)
 
 
 def report_files(args: Any, folder: Path, verb: str) -> dict[str, Any]:
-    """Say what an example has written.
+    """Report what an example has written, and the commands that use it.
 
     Parameters
     ----------
     args
-        With where to report.
+        Of the verb.
     folder
         Of the files.
     verb
-        Its words.
+        Its words, such as ``example foam``.
     """
     files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     args.report(f"written to {folder}: {', '.join(files)}")
-    args.report(f"next: visuohaptic {verb} --help shows what to do with them")
+    report_next(args, folder, verb)
     return {"folder": str(folder), "files": files}
+
+
+def report_next(args: Any, folder: Path, verb: str) -> None:
+    """Print the commands of the verb's help that follow the first one, with the folder that was written.
+
+    Parameters
+    ----------
+    args
+        Of the verb.
+    folder
+        Of the files; the examples call it ``try``.
+    verb
+        Its words, such as ``example foam``.
+    """
+    text = sys.modules[f"{__package__}.{verb.replace(' ', '_')}"].__doc__ or ""
+    commands = [line.strip() for line in text.splitlines() if line.startswith("  visuohaptic ")]
+    args.report("next:")
+    for command in commands[1:]:
+        args.report(f"  {command.replace('try/', f'{folder.as_posix()}/')}")
 
 
 def run(args: Any) -> dict[str, Any]:

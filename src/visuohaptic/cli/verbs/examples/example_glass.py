@@ -1,11 +1,11 @@
-"""``visuohaptic example glass``: a depth sequence of bottles to find, and to complete by touch.
+"""``visuohaptic example glass``: a depth sequence with transparent bottles to detect and complete by touch.
 
 reads
   nothing
 writes, into --out
-  scan/                      a sequence of about 40 depth images around a table with clear, labelled bottles;
-                             --clear: of clear vessels without labels, for `visuohaptic complete --clear`
-  truth.csv                  x_m, y_m, radius_m, height_m of each bottle, to compare with
+  scan/                      about 40 depth images around a table with clear, labelled bottles; with --clear,
+                             clear vessels without labels, for `visuohaptic complete --clear`
+  truth.csv                  x_m, y_m, radius_m, height_m of each bottle
 
 example
   visuohaptic example glass --out try
@@ -26,9 +26,9 @@ _STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("--out", Path, "folder", required=True)
-    add("--clear", bool, "fully clear vessels, for `complete --clear`, without labels")
-    add("--seed", 2, "of the scene and its noise (2)")
+    add("--out", Path, "folder to write to", required=True)
+    add("--clear", bool, "clear vessels without labels, for `complete --clear`")
+    add("--seed", 2, "seed of the scene and its noise (2)")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -38,6 +38,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....core.files import write_text
     from ....simulation.tabletop.depth_camera import DepthCamera
     from ....simulation.tabletop.glass_scenes import glass_scene
+    from .example_foam import report_next
 
     scene = glass_scene(args.seed, kind="thick" if args.clear else "labelled", arc_deg=360, step_m=_STEP_M)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -55,5 +56,5 @@ def run(args: Any) -> dict[str, Any]:
         rows.append(f"{x:.4f},{y:.4f},{radius_m:.4f},{solid.height_m:.4f}")
     write_text(args.out / "truth.csv", "\n".join(rows) + "\n")
     args.report(f"{views} views of {len(scene.glass)} bottles written to {args.out}")
-    args.report("next: visuohaptic example glass --help shows what to do with them")
+    report_next(args, args.out, "example glass")
     return {"folder": str(args.out), "views": views, "bottles": len(scene.glass)}

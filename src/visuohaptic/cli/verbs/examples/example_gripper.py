@@ -1,13 +1,13 @@
-"""``visuohaptic example gripper``: a recording to try the sensor of a finger on.
+"""``visuohaptic example gripper``: a recording to try the foam sensor of a gripper's finger on.
 
 reads
   nothing
 writes, into --out
   camera.yaml, sensor.yaml   the camera above the gripper, and the foam on its finger
-  strain_stress.csv          what a press recorded of the foam
-  foam.yaml                  its calibration
+  strain_stress.csv          stress-strain data of the foam, as a press records it
+  foam.yaml                  the foam's calibration
   rest.mp4, grip.mp4         the open gripper; it closes on a bottle and opens again
-  truth.csv                  t_s, force_N, position_m of the physics, to compare with
+  truth.csv                  t_s, force_N, position_m of the simulated physics
 
 example
   visuohaptic example gripper --out try

@@ -5,7 +5,7 @@ reads
 writes, into --out
   office.yaml, office.pgm    rooms with a gap and a door (Alt 2016, Fig. 4.6)
   objects.yaml               a stool in the gap, a table before the door, a fixed tower and two bins, with haptic tags
-  robot.yaml                 radius, speeds and force of the robot
+  robot.yaml                 radius, speeds and maximum push force of the robot
 
 example
   visuohaptic example office --out try
@@ -22,7 +22,7 @@ __all__ = ["add_arguments", "run"]
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("--out", Path, "folder", required=True)
+    add("--out", Path, "folder to write to", required=True)
 
 
 def run(args: Any) -> dict[str, Any]:

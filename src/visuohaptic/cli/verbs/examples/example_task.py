@@ -1,13 +1,13 @@
-"""``visuohaptic example task``: a task at work in its simulated world, step by step.
+"""``visuohaptic example task``: run a robot task in its simulated world.
 
-cap    an arm opens a crown cap with what it sees and feels (Alt 2016, Table 3.1)
-room   a platform maps a room by touch, fixed and movable objects apart (Fig. 3.11)
+cap    an arm opens a crown cap with force feedback (Alt 2016, Table 3.1)
+room   a platform maps a room by touch and separates fixed from movable objects (Fig. 3.11)
 
 reads
   nothing
 writes, into --out
-  trace.jsonl                settings, every observation, command and change of state, and the ending
-  map.yaml, map.pgm          room: what was felt, to plan on
+  trace.jsonl                settings, every observation, command and state transition, and the result
+  map.yaml, map.pgm          room: the haptic map, to plan on
 
 example
   visuohaptic example task cap --out cap
@@ -24,10 +24,10 @@ __all__ = ["add_arguments", "run"]
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("task", str, "which", choices=("cap", "room"))
-    add("--out", Path, "folder", required=True)
-    add("--contacts", 22, "of the room, after which it ends (22)")
-    add("--seed", 0, "of the world and its noise (0)")
+    add("task", str, "task to run", choices=("cap", "room"))
+    add("--out", Path, "folder to write to", required=True)
+    add("--contacts", 22, "room: number of contacts after which it ends (22)")
+    add("--seed", 0, "seed of the world and its noise (0)")
 
 
 def run(args: Any) -> dict[str, Any]:

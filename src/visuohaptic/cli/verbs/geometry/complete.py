@@ -1,9 +1,9 @@
-"""``visuohaptic complete``: extends a visible surface into a transparent region, and says where to touch.
+"""``visuohaptic complete``: extend a visible surface into a transparent region, and plan the next touch.
 
-reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
-        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty);
-        with --clear regions.json needs the outlines that `reconstruct` writes (axis, radius, height)
-writes  the completed surface (PLY) with sigma_m of each vertex, how far it may be off [m]
+reads   a surface (PLY, metres, z up); regions.json with the transparent regions; with --touches a CSV table with
+        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m is empty);
+        --clear needs the outlines that `reconstruct` writes into regions.json (axis, radius, height)
+writes  the completed surface (PLY) with sigma_m, the standard deviation of each vertex [m]
 
 example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
 """
@@ -33,15 +33,15 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("model", Path, "visible surface, PLY")
     add("--region", Path, "regions.json", required=True)
-    add("--cluster", int, "number of the region; the nearest to the model by default")
-    add("--clear", bool, "the vessel is fully clear: complete it from its outlines, without a visible band")
-    add("--touches", Path, "CSV table of touches so far")
-    add("--register", Path, "CSV table of contacts on the visible part, to fit the frame of the touches")
+    add("--cluster", int, "number of the region (default: the one nearest to the model)")
+    add("--clear", bool, "complete a fully clear vessel from its outlines, without a visible band")
+    add("--touches", Path, "CSV file of the touches so far")
+    add("--register", Path, "CSV file of contacts on the visible part, to align the frame of the touches")
     add("--out", Path, "completed surface, PLY", required=True)
     add("--next", bool, "plan the next touch")
-    add("--bound-m", 0.001, "expected error to stop at, 1 mm", low=0, above=True)
+    add("--bound-m", 0.001, "expected error at which to stop [m] (0.001)", low=0, above=True)
     add("--plot", Path, "figure of the completed surface (.png, .pdf, .svg)")
-    add("--no-priors", bool, "do not use the shape of the visible bands")
+    add("--no-priors", bool, "do not use the cross-sections of the visible bands as priors")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -1,9 +1,9 @@
-"""``visuohaptic reconstruct``: surface and transparent regions from a depth sequence.
+"""``visuohaptic reconstruct``: fuse a depth sequence into a surface and detect transparent parts.
 
-reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
-writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
-        each transparent part, and the axis, radii and heights of the body that its outlines show, in metres in
-        the frame of the poses) in the folder --out
+reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see `visuohaptic recording import`)
+writes  into --out: surface.ply, transparency.ply (points with their score) and regions.json (hull, centroid, size and
+        score of each transparent part, and axis, radii and heights of the solid of revolution fitted to its outlines,
+        in metres in the frame of the poses)
 
 example: visuohaptic reconstruct scan --out model
 """
@@ -26,19 +26,19 @@ def add_arguments(add: Any) -> None:
     add("sequence", Path, "sequence folder")
     add("--out", Path, "folder to write", required=True)
     add("--method", "consistency", "detector (default: %(default)s)", choices=("consistency", "published"))
-    add("--sensor", str, "whose noise: kinect, kinect_axial, realsense_d435 (default: sequence.yaml)")
+    add("--sensor", str, "noise model: kinect, kinect_axial, realsense_d435 (default: by sequence.yaml)")
     add(
         "--space",
         float,
-        "corners of the space of interest [m] (default: 1 m around what the camera looks at)",
+        "corners of the space of interest [m] (default: 1 m around the point that the cameras look at)",
         nargs=6,
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
     )
     add("--voxel-m", 0.005, "edge of a voxel [m] (default: %(default)s)", low=0, high=0.5, above=True)
     add("--false-alarm-rate", 0.02, "expected false transparent parts of a search (default: %(default)s)")
-    add("--no-refine", bool, "use the poses as they are (published: as printed)")
-    add("--sparse", bool, "fuse the surface wherever it was seen, not only in the space of interest")
-    add("--plot", Path, "figure of surface and parts (.png, .pdf, .svg)")
+    add("--no-refine", bool, "do not refine the poses (published: as printed)")
+    add("--sparse", bool, "fuse the surface everywhere, not only in the space of interest")
+    add("--plot", Path, "figure of surface and transparent parts to write (.png, .pdf, .svg)")
     add("--view", bool, "show the result in the browser until interrupted")
 
 
@@ -46,11 +46,18 @@ def run(args: Arguments) -> dict[str, Any]:
     """Read, detect, fuse, write; returns what is printed."""
     from dataclasses import asdict
 
+    from ....core.errors import InputError
     from ....io.depth.depth_sequence import DepthSequence
     from ....reconstruction.fusion.depth_noise import sensor_noise
     from ....reconstruction.fusion.volume import SpaceGrid, space_of_interest
     from ....reconstruction.pipeline import reconstruct, sequence_noise
 
+    if args.sequence.is_dir() and not (args.sequence / "sequence.yaml").exists():
+        raise InputError(
+            args.sequence,
+            "has no sequence.yaml, expected a sequence folder",
+            remedy="convert depth images with `visuohaptic recording import`",
+        )
     sequence = DepthSequence(args.sequence)
     noise = sensor_noise(args.sensor) if args.sensor else sequence_noise(sequence)
     frames = list(sequence)
@@ -74,7 +81,7 @@ def run(args: Arguments) -> dict[str, Any]:
         args.report(f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}")
     parts = f"{len(found.regions)} transparent part{'s' * (len(found.regions) != 1)}"
     args.report(f"{parts}, {len(found.surface.faces)} triangles in {args.out}")
-    args.report(f"{'searched' if found.search.found else 'nothing found'}: {found.search.text}")
+    args.report(f"{'search' if found.search.found else 'nothing found'}: {found.search.text}")
     if args.plot:
         from ....reconstruction.plots import plot_reconstruction
 

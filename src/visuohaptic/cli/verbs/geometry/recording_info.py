@@ -1,6 +1,7 @@
-"""``visuohaptic recording info``: what is in a recording.
+"""``visuohaptic recording info``: summarise a recording.
 
-Reads a video, a folder of images, an MCAP file (also a cut one), or a map_server YAML file; writes nothing.
+reads   a video, a folder of images, an MCAP file (also a truncated one), or a map_server YAML file
+writes  nothing
 
 Example: visuohaptic recording info run.mcap
 """

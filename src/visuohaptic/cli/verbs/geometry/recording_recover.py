@@ -1,9 +1,9 @@
-"""``visuohaptic recording recover``: a killed run's recording made whole, or a bag another kind of bag.
+"""``visuohaptic recording recover``: restore the recording of an interrupted run, or convert a bag.
 
-reads   what a run that was killed, or met a full disk, has left: NAME.csv.part, NAME.parquet.part, NAME.mcap.part,
-        a cut MCAP file, a bag of rosbag2 (also a damaged one), or the folder of a depth sequence without sequence.yaml
-writes  all whole rows, messages or frames: NAME without .part, or the file --out; never over another file.
-        ROS 2 messages become MCAP where --out ends in .mcap, else a folder with a bag of rosbag2 in SQLite
+reads   what a killed run or a full disk left behind: NAME.csv.part, NAME.parquet.part, NAME.mcap.part,
+        a truncated MCAP file, a rosbag2 bag (also a damaged one), or the folder of a depth sequence without sequence.yaml
+writes  every complete row, message or frame to NAME without .part, or to --out; existing files are not overwritten.
+        ROS 2 messages become MCAP where --out ends in .mcap, otherwise a rosbag2 folder with SQLite
 
 example: visuohaptic recording recover run.mcap.part
 """
@@ -19,8 +19,8 @@ __all__ = ["add_arguments", "needs", "run"]
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""
-    add("path", Path, "the unfinished file, the bag, or the folder of a depth sequence")
-    add("--out", Path, "the new file (default: the name without .part)")
+    add("path", Path, "unfinished file, bag, or folder of a depth sequence")
+    add("--out", Path, "file to write (default: the name without .part)")
 
 
 def needs(args: Any) -> set[str]:

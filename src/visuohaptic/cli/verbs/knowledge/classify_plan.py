@@ -1,9 +1,9 @@
-"""``visuohaptic classify plan``: what to touch, in what order.
+"""``visuohaptic classify plan``: show the planned touches in their order.
 
-reads   a tree of classify train
-writes  the plan to stdout; with --plot a plot of the tree and the features, like figure 6.7
+reads   a tree of `classify train`
+writes  the plan to stdout; with --plot, a plot of the tree and the features, like figure 6.7
 
-x+12 is the side x+ at height 12 of 16 from below. Touching it measures x-12, too.
+x+12 is side x+ at height 12 of 16, counted from the foot. A touch there also measures x-12.
 
 example: visuohaptic classify plan tree.json --plot tree.png
 """

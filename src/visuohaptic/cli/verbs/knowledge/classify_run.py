@@ -1,11 +1,11 @@
-"""``visuohaptic classify run``: what an object is, from touches, and what to touch next.
+"""``visuohaptic classify run``: classify an object from touches, and plan the next touch.
 
-reads   a classifier of classify train, and a CSV file of curves with the columns
+reads   a classifier of `classify train`, and a CSV file of curves with the columns
           height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
-        or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
-        and perhaps the width [m], as: 5200 5150 0.071
-writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
-        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
+        or, with --ask, one line on stdin per question: stiffness of both sides [N/m]
+        and optionally the width [m], for example: 5200 5150 0.071
+writes  the class probabilities to stdout; with --view, a page that shows the tree and the planned touches
+        as they arrive, until Ctrl-C; with --steps, the steps through the tree for `visuohaptic view`
 
 example: visuohaptic classify run tree.json curves.csv --json
          visuohaptic classify run tree.json --ask --view
@@ -31,19 +31,24 @@ def add_arguments(add: Any) -> None:
     add("tree", Path, ".json of classify train")
     add("curves", Path, "CSV file of measured curves", nargs="?")
     add("--ask", bool, "ask for one touch after the other")
-    add("--confidence", 0.99, "target probability (0.99)", low=0, high=1, above=True)
-    add("--max-touches", 10, "with --ask (10)")
+    add("--confidence", 0.99, "probability at which to stop (0.99)", low=0, high=1, above=True)
+    add("--max-touches", 10, "maximum number of touches with --ask (10)")
     add("--no-width", bool, "do not use widths as evidence")
-    add("--force-noise", 0.1, "of one sample [N]", low=0, high=1e3, above=True)
-    add("--deformation-noise", 1e-4, "of one sample [m]", low=0, high=0.1)
+    add("--force-noise", 0.1, "standard deviation of one force sample [N]", low=0, high=1e3, above=True)
+    add("--deformation-noise", 1e-4, "standard deviation of one deformation sample [m]", low=0, high=0.1)
     add(
-        "--prior", str, "of vision; may be repeated", default=[], action="append", metavar="CLASS=PROBABILITY"
+        "--prior",
+        str,
+        "probability of a class from vision; may be repeated",
+        default=[],
+        action="append",
+        metavar="CLASS=PROBABILITY",
     )
     add("--state", Path, "state.json of this object: also estimate its state")
-    add("--view", bool, "show the touches on a page in the browser")
-    add("--port", 8080, "of --view on 127.0.0.1", low=0, high=65535)
-    add("--seconds", float, "close the page after this time; without, at Ctrl-C", low=0)
-    add("--steps", Path, "file for the steps of the tree, .json")
+    add("--view", bool, "show the touches in the browser")
+    add("--port", 8080, "port of --view on 127.0.0.1", low=0, high=65535)
+    add("--seconds", float, "close the page after this time [s] (default: at Ctrl-C)", low=0)
+    add("--steps", Path, "JSON file for the steps of the tree")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -123,7 +128,7 @@ def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
 
 @contextmanager
 def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
-    """What is told of each touch; with --view a page that shows it, and stays after the last."""
+    """Listener of each touch; with --view a page that shows them, and stays open after the last one."""
     if not args.view:
         yield lambda readings, wanted: None
         return

@@ -1,12 +1,12 @@
-"""``visuohaptic classify train``: a tree and a planner from features of known objects, a planner from a few curves.
+"""``visuohaptic classify train``: train a classification tree and a touch planner.
 
-reads   a folder of objects build, or the .npz file of an earlier training
+reads   a folder of `objects build`, or the .npz file of an earlier training;
         or a CSV file of measured curves: label, height (1..16) or at (0..1), side (x+, x-, y+, y-), force_N,
-        deformation_m, and perhaps object, curve, width_m; with --objects classes begin as they were simulated
-        or, with --states, a container: a shipped class or a .yaml file
-writes  the tree as JSON, and beside it the training objects as NPZ; with --plot figure 6.7
-        or, with --states, what the container feels like open, closed and filled, for classify run --state;
-        large deformations are simulated, which takes about a second for each variant, state and place
+        deformation_m, and optionally object, curve, width_m; with --objects the simulated classes are the prior;
+        or, with --states, a container: a built-in class or a .yaml file
+writes  the tree as JSON, and the training objects as NPZ next to it; with --plot, figure 6.7;
+        or, with --states, a model of the container open, closed and filled, for `classify run --state`.
+        Large deformations are simulated for it, about one second per variant, state and place
 
 example: visuohaptic classify train --objects objects --classes bottle,cup,elliptic --out tree.json
          visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json
@@ -32,29 +32,31 @@ __all__ = ["add_arguments", "run"]
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("curves", Path, "curves of known objects, .csv", nargs="?")
+    add("curves", Path, "CSV file of curves of known objects", nargs="?")
     add("--objects", Path, "folder of objects build, or .npz")
     add("--states", str, "learn the states of this container instead", metavar="CONTAINER")
     add("--out", Path, "tree or states to write, .json", required=True)
-    add("--classes", str, "candidates, with commas; all by default")
+    add("--classes", str, "classes to use, separated by commas (all)")
     add(
         "--group",
         str,
-        "classes that are answered by one name; may be repeated",
+        "classes to report under one name; may be repeated",
         default=[],
         action="append",
         metavar="NAME=CLASS,CLASS",
     )
-    add("--scheme", "centre", "of scaling", choices=("norm", "centre", "point"))
-    add("--reuse", 0.1, "how much to prefer what was touched already, 0..1")
+    add("--scheme", "centre", "scaling of the features", choices=("norm", "centre", "point"))
+    add("--reuse", 0.1, "preference for features that are already measured, 0..1")
     add("--tune", bool, "choose --scheme and --reuse by cross-validation (with --objects)")
     add_worker_arguments(add)
-    add("--seed", 0, "of folds and calibration")
-    add("--plot", Path, "plot of the tree and the features")
+    add("--seed", 0, "seed of folds and calibration")
+    add("--plot", Path, "plot of the tree and the features to write")
     states = add.group("with --states")
-    states("--fill", float, "a state closed and so full, 0..1; repeatable", default=[], action="append")
-    states("--places", "y+4,y+6,y+8,y+10", "candidates, side and height (y+4,y+6,y+8,y+10)")
-    states("--variants", 8, "draws of wall and modulus, each 10 %% (8)", low=3, high=1000)
+    states(
+        "--fill", float, "fill level of a closed state, 0..1; may be repeated", default=[], action="append"
+    )
+    states("--places", "y+4,y+6,y+8,y+10", "places to consider, side and height (y+4,y+6,y+8,y+10)")
+    states("--variants", 8, "random variants of wall and modulus, each with 10 %% (8)", low=3, high=1000)
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -62,7 +64,10 @@ def run(args: Any) -> dict[str, Any]:
     if args.out.suffix != ".json":
         raise InputError("--out", f"found {args.out.name!r}, expected a name with .json")
     if (args.objects is None and args.curves is None) == (args.states is None):
-        raise InputError("classify train", "expected curves, --objects, both, or --states")
+        raise InputError(
+            "classify train",
+            "found no training data, expected a CSV file of curves, --objects or both, or --states",
+        )
     if args.tune and (args.objects is None or args.curves is not None):
         raise InputError("--tune", "expected --objects alone: curves have no tree to tune")
     if args.curves is not None:
@@ -93,7 +98,7 @@ def _states(args: Any) -> dict[str, Any]:
     model = fit_state_model(curves, np.random.default_rng(args.seed))
     save_state_model(args.out, model)
     ranked = dict(zip(model.places, model.accuracy.tolist(), strict=True))
-    args.report("\n".join(f"{place}: right {100 * fraction:.0f} %" for place, fraction in ranked.items()))
+    args.report("\n".join(f"{place}: {100 * fraction:.0f} % correct" for place, fraction in ranked.items()))
     return {"out": str(args.out), "states": list(model.states), "places": ranked}
 
 

@@ -1,9 +1,8 @@
-"""``visuohaptic objects add``: one object, or new evidence of it.
+"""``visuohaptic objects add``: add an object, or new evidence of a known one.
 
-reads   the arguments, and what is known of the object
-writes  into the database; it is on the disk when the verb returns
-        --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it;
-        SIGMA is its standard deviation, more than 0
+reads   the arguments, and the stored object if there is one
+writes  into the database; the data are on the disk when the command returns.
+        --estimate PLACE=VALUE+-SIGMA is fused with the stored estimate; SIGMA is its standard deviation, more than 0
 
 example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thickness_m=0.8e-3+-0.02e-3
 """
@@ -27,15 +26,28 @@ THICKEST_m = 0.05
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("id", str, "of the object, new or known")
-    add("--name", "", "for people")
-    add("--class", "", "what vision calls it", dest="visual_class")
-    add("--licence", "", "SPDX identifier")
-    add("--state", str, "as lid=open, fill=0.5", default=[], action="append", metavar="NAME=VALUE")
-    add("--estimate", str, "SI units", default=[], action="append", metavar="PLACE=VALUE+-SIGMA")
-    add("--source", "command line", "where the evidence comes from")
-    add("--seen", float, "where it is now, in the map [m]", nargs=3, metavar=("X", "Y", "Z"))
-    add("--context", str, "room, furniture, neighbours", default=[], action="append")
+    add("id", str, "id of the object, new or known")
+    add("--name", "", "name for display")
+    add("--class", "", "visual class", dest="visual_class")
+    add("--licence", "", "licence of the data, an SPDX identifier")
+    add(
+        "--state",
+        str,
+        "state, for example lid=open or fill=0.5",
+        default=[],
+        action="append",
+        metavar="NAME=VALUE",
+    )
+    add("--estimate", str, "estimate in SI units", default=[], action="append", metavar="PLACE=VALUE+-SIGMA")
+    add("--source", "command line", "origin of the evidence", dest="origin")
+    add("--seen", float, "current position in the map [m]", nargs=3, metavar=("X", "Y", "Z"))
+    add(
+        "--context",
+        str,
+        "word that describes its place: room, furniture, neighbours",
+        default=[],
+        action="append",
+    )
     add_database(add)
 
 
@@ -46,7 +58,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....core.objects import Provenance, Sighting, VisuoHapticObject
     from ....database.merge import add_evidence
 
-    origin = Provenance(args.source, time.time())
+    origin = Provenance(args.origin, time.time())
     evidence = [_evidence(text, origin) for text in args.estimate]
     state = dict(_state(text) for text in args.state)
     seen = None

@@ -1,6 +1,6 @@
-"""``visuohaptic objects build``: stiffness maps and features of whole classes of containers.
+"""``visuohaptic objects build``: compute stiffness maps and features of whole container classes.
 
-reads   a YAML plan:
+reads   a YAML plan (see `visuohaptic defaults build`):
           seed: 1
           around: 48
           states: [{closed: false}, {closed: true, fill: 0.5}]
@@ -10,11 +10,9 @@ reads   a YAML plan:
             - {class: mine.yaml, variants: 20}
 writes  DIR/CLASS/CLASS-00000.npz ... and DIR/manifest.json with versions and hashes
 
-Features i, I, II are of linear elasticity (I = i, II = 0) unless curves are asked for: a few
-seconds an object.
-
-Run it again after it was interrupted or killed: what is done is kept, and the content hash is that
-of an uninterrupted build.
+The features i, I, II are those of linear elasticity (I = i, II = 0) unless curves are requested; a curve takes a few
+seconds per object. After an interruption, run the same command again: finished objects are kept, and the
+content hash equals that of an uninterrupted build.
 
 example: visuohaptic objects build classes.yaml --out objects --workers 2
 """

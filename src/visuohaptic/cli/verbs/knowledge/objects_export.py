@@ -1,4 +1,4 @@
-"""``visuohaptic objects export``: a database as plain files.
+"""``visuohaptic objects export``: export objects as folders.
 
 reads   a database of objects
 writes  for each object a folder with card.yaml, arrays.parquet and mesh.glb
@@ -20,9 +20,9 @@ NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("id", str, "of the objects; by default all", nargs="*")
-    add("--out", str, "folder, made if it is not there", required=True)
-    add("--licence", "", "for objects that name none, an SPDX identifier")
+    add("id", str, "ids of the objects (all)", nargs="*")
+    add("--out", str, "folder to write to, created if necessary", required=True)
+    add("--licence", "", "licence of objects without one, an SPDX identifier")
     add_database(add)
 
 

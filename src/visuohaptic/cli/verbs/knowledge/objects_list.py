@@ -1,7 +1,7 @@
-"""``visuohaptic objects list``: what is in a database.
+"""``visuohaptic objects list``: list the objects of a database.
 
 reads   a database of objects
-writes  the answer, to stdout
+writes  the list to stdout
 
 example: visuohaptic objects list --class cup
 """
@@ -20,8 +20,8 @@ NEEDS = ("pyarrow", "sqlalchemy")
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("--class", str, "only those that vision calls so", dest="visual_class")
-    add("--name", str, "only those with this text in their name")
+    add("--class", str, "only objects of this visual class", dest="visual_class")
+    add("--name", str, "only objects with this text in their name")
     add_database(add)
 
 

@@ -1,8 +1,8 @@
-"""``visuohaptic objects recognise``: what a seen object may be.
+"""``visuohaptic objects recognise``: rank what a seen object may be.
 
-reads   a database of objects (their meshes, images of faces and last places), or a prior that was saved
-        from one; an image, or the points of one object from one side (.npy, or .ply in metres)
-writes  the candidates to stdout; with --save the prior as .npz, which is quicker to open than the database
+reads   a database of objects (their meshes, images of faces and last positions), or a prior that was saved
+        from one; an image, or the points of one object seen from one side (.npy, or .ply in metres)
+writes  the candidates to stdout; with --save the prior as .npz, which loads faster than the database
 
 example: visuohaptic objects recognise --cloud seen.ply --context kitchen
 """
@@ -21,11 +21,11 @@ __all__ = ["add_arguments", "needs", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--image", str, "image of the object and its surroundings", metavar="FILE")
-    add("--cloud", str, "points of the object alone: .npy (n, 3) or .ply, in m", metavar="FILE")
-    add("--context", "", "of the place, as kitchen,sink", metavar="WORDS")
-    add("--prior", str, ".npz of --save; the database is not read", metavar="FILE")
-    add("--save", str, "write the prior of the database (.npz)", metavar="FILE")
-    add("--min-probability", 0.01, "of a listed object (0.01)")
+    add("--cloud", str, "points of the segmented object: .npy (n, 3) or .ply, in m", metavar="FILE")
+    add("--context", "", "words that describe the place, such as kitchen,sink", metavar="WORDS")
+    add("--prior", str, "prior that --save has written; the database is not read", metavar="FILE")
+    add("--save", str, "NPZ file for the prior of the database", metavar="FILE")
+    add("--min-probability", 0.01, "minimum probability of a listed object (0.01)")
     add_database(add)
 
 
@@ -47,7 +47,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....recognition.visual.prior_file import load_prior, save_prior
 
     if not (args.image or args.cloud or args.save):
-        raise InputError("objects recognise", "found nothing to look at", remedy="give --image or --cloud")
+        raise InputError("objects recognise", "found no input", remedy="give --image or --cloud")
     if args.prior:
         prior = load_prior(args.prior)
     else:

@@ -1,7 +1,7 @@
-"""``visuohaptic objects search``: objects with similar features.
+"""``visuohaptic objects search``: find objects with similar features.
 
-reads   a database of objects, and the features of one of them or of a .npy file (NaN: not known)
-writes  the answer, to stdout
+reads   a database of objects, and the features of one of them or of a .npy file (NaN: unknown)
+writes  the result to stdout
 
 example: visuohaptic objects search --like cup-1 --count 5
 """
@@ -24,8 +24,8 @@ def add_arguments(add: Any) -> None:
     query = add.one_of(required=True)
     query("--like", str, "id of an object")
     query("--features", str, ".npy file with one vector")
-    add("--kind", "stiffness", "of features")
-    add("--count", 5, "how many")
+    add("--kind", "stiffness", "kind of features")
+    add("--count", 5, "number of results")
     add_database(add)
 
 

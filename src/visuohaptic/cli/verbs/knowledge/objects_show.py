@@ -1,7 +1,7 @@
-"""``visuohaptic objects show``: all that is known of one object.
+"""``visuohaptic objects show``: show all that is known of one object.
 
 reads   a database of objects
-writes  the answer, to stdout
+writes  the object's data to stdout
 
 example: visuohaptic objects show cup-1 --json
 """
@@ -20,7 +20,7 @@ NEEDS = ("pyarrow", "sqlalchemy")
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("id", str, "of the object")
+    add("id", str, "id of the object")
     add_database(add)
 
 

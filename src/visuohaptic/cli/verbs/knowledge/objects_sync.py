@@ -1,7 +1,7 @@
-"""``visuohaptic objects sync``: a robot's database and a shared one.
+"""``visuohaptic objects sync``: synchronise a robot's database with a shared one.
 
-reads   both databases; one of them may be new, and is made
-writes  both; where objects were seen last stays here
+reads   both databases; one that does not exist is created
+writes  both; where objects were last seen stays local
 
 example: visuohaptic objects sync postgresql://robots@server/objects
 """

@@ -1,4 +1,4 @@
-"""A container from the command line: the same words for every verb that reads one."""
+"""A container from the command line: the options of every verb that reads one."""
 
 from __future__ import annotations
 
@@ -28,44 +28,49 @@ def add_container_arguments(add: Any, *, also: str = "") -> None:
     """
     add("object", str, f"YAML description, class, mesh (STL, PLY, OBJ, GLB, DAE){also}")
     wall = add.group("wall")
-    wall("--material", str, "of the library, or a YAML file of plies; a mesh is of PET by default")
+    wall("--material", str, "material of the library, or a YAML file of plies (default of a mesh: PET)")
     wall(
         "--thickness",
         str,
-        "[m]: a number, a range LOW:HIGH, or a CSV with z_m, thickness_m or x_m, y_m, z_m, thickness_m; by default as a mesh with two surfaces measures, else 0.0005",
+        "wall thickness [m]: a number, a range LOW:HIGH, or a CSV file with z_m, thickness_m or x_m, y_m, z_m, thickness_m (default: as measured in a mesh with two surfaces, else 0.0005)",
         metavar="M",
     )
     wall(
         "--thickness-spread",
         float,
-        "its relative standard deviation (as measured in a mesh, or 0.1)",
+        "relative standard deviation of the thickness (as measured in a mesh, or 0.1)",
         dest="wall_spread",
     )
-    wall("--youngs-modulus", float, "[Pa]", dest="youngs_modulus_Pa", metavar="PA")
+    wall("--youngs-modulus", float, "Young's modulus [Pa]", dest="youngs_modulus_Pa", metavar="PA")
     wall("--poisson", float, "Poisson's ratio", dest="poisson_ratio", metavar="NU")
     shape = add.group("shape")
-    shape("--open-top", bool, "take the cap off")
+    shape("--open-top", bool, "remove the cap")
     shape(
         "--base-stiffness",
         float,
-        "of an elastic base, each direction; the base is clamped by default",
+        "stiffness of an elastic base in each direction (default: clamped)",
         dest="base_N_per_m",
         metavar="N/M",
     )
-    shape("--variant", int, "of a class; its middle by default")
-    shape("--seed", 0, "of the variants")
+    shape("--variant", int, "number of a random variant of a class (default: the middle of its ranges)")
+    shape("--seed", 0, "seed of the variants")
     shape("--around", int, "vertices round the wall (72; 96 for a mesh)")
-    shape("--unit", str, "of a mesh; guessed by default", choices=("m", "dm", "cm", "mm", "in"))
+    shape(
+        "--unit",
+        str,
+        "unit of a mesh (default: inferred from its size)",
+        choices=("m", "dm", "cm", "mm", "in"),
+    )
     shape(
         "--up",
         "z",
-        "axis of a mesh that points up; maps and places have it turned to z",
+        "axis of a mesh that points up; in maps and positions it is z",
         choices=("x", "y", "z", "-x", "-y", "-z"),
     )
     shape(
         "--remesh",
         "auto",
-        "of a mesh: repair its triangles on their surface (auto), sample the wall anew on rings, or neither",
+        "repair the triangles of a mesh on their surface (auto), resample the wall on rings (cast), or neither",
         choices=("auto", "cast", "never"),
     )
 
@@ -79,8 +84,8 @@ def add_contents_arguments(add: Any) -> None:
         Of the verb.
     """
     state = add.group("state")
-    state("--closed", bool, "enclosed contents; open by default")
-    state("--fill", float, "fill level of what is enclosed, 0..1; implies --closed")
+    state("--closed", bool, "the contents are enclosed (default: open)")
+    state("--fill", float, "fill level of enclosed contents, 0..1; implies --closed")
 
 
 def read_contents(args: Any) -> tuple[Contents | None, Any]:

@@ -1,12 +1,12 @@
-"""``visuohaptic grasp``: grasp planning on deformable containers.
+"""``visuohaptic grasp``: plan grasps on deformable containers.
 
-reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
-        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is
-        its height axis unless --up says otherwise), or a map that `stiffness` wrote (.npz)
+reads   a YAML description, the name of a built-in class (bottle, cup, cup-rim, elliptic, smoothie,
+        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; mid-surface of the wall or both of its sides, z is
+        its height axis unless --up is given), or a map that `stiffness` wrote (.npz)
 writes  a plot of the scores and the grasps: PNG, PDF or SVG
 
-Each grasp is two fingers that push towards each other. Without --force each place gets the force
-that its load needs. Lengths are metres, forces newtons of one finger.
+A grasp is two fingers that press towards each other. Without --force, each grasp gets the force that lifting the
+container needs there. Lengths are metres, forces newtons of one finger.
 
 example: visuohaptic grasp cup-rim --force 20 --plot grasps.png
 """
@@ -31,18 +31,18 @@ __all__ = ["add_arguments", "grasp_json", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add_container_arguments(add, also=", or map.npz")
-    add("--force", float, "of each finger; what is needed by default", metavar="N")
-    add("--state", "open", "open by default", choices=("open", "closed"))
+    add("--force", float, "force of each finger (default: as required by the weight)", metavar="N")
+    add("--state", "open", "state of the container (open)", choices=("open", "closed"))
     add("--fill", 0.0, "fill level of liquid, 0..1")
     add("--plot", Path, "plot to write: .png, .pdf or .svg")
-    add("--count", 5, "of grasps, at most")
+    add("--count", 5, "maximum number of grasps (5)")
     add(
         "--confirm",
         str,
-        "check each by nonlinear simulation, seconds for each; by default those that bend the wall by more than its thickness",
+        "check grasps by nonlinear simulation, which takes seconds each (default: those that deform the wall by more than its thickness)",
         action=argparse.BooleanOptionalAction,
     )
-    add("--several", int, "also distribute the force over the M best, acting at once", metavar="M")
+    add("--several", int, "also distribute the force over the M best grasps, acting at once", metavar="M")
     hand = add.group("hand")
     for flag, default, text in (
         ("friction", 0.6, "coefficient of the fingers"),
@@ -211,7 +211,7 @@ def _report(args: Any, result: dict[str, Any]) -> None:
 
     mass = "" if result["mass_kg"] is None else f", {1e3 * result['mass_kg']:.0f} g"
     args.report(
-        f"{result['name']}, {result['state']}{mass}: {100 * result['feasible_share']:.0f} % of it is feasible"
+        f"{result['name']}, {result['state']}{mass}: {100 * result['feasible_share']:.0f} % of the surface can be grasped"
     )
     for rank, grasp in enumerate(result["grasps"], 1):
         x, y, z = (1e3 * value for value in grasp["first_m"])
@@ -222,19 +222,21 @@ def _report(args: Any, result: dict[str, Any]) -> None:
                 if grasp["rim"]
                 else f"{1e3 * grasp['width_m']:.0f} mm wide: "
             )
-            + f"{grasp['force_N']:.1f} N, needs {grasp['needed_N']:.1f} N, deforms by {1e3 * grasp['deformation_m']:.1f} "
+            + f"{grasp['force_N']:.1f} N, required {grasp['needed_N']:.1f} N, deformation {1e3 * grasp['deformation_m']:.1f} "
             f"± {1e3 * grasp['deformation_sigma_m']:.1f} mm"
         )
         if grasp["pose"]:
-            line += f", from {np.degrees(grasp['approach_elevation_rad']):.0f} degrees above level"
+            line += f", approach {np.degrees(grasp['approach_elevation_rad']):.0f} degrees above horizontal"
         if grasp["success"] is not None:
-            line += f", holds with {100 * grasp['success']:.0f} %"
+            line += f", success {100 * grasp['success']:.0f} %"
         if grasp["confirmed"]:
             line += f", {1e3 * grasp['confirmed']['deformation_m']:.1f} mm in the nonlinear simulation"
         args.report(line)
     for grasp in result["rejected"]:
         z = 1e3 * grasp["first_m"][2]
-        args.report(f"not at {z:.0f} mm height (score {grasp['score']:.2f}): {grasp['confirmed']['reason']}")
+        args.report(
+            f"rejected at {z:.0f} mm height (score {grasp['score']:.2f}): {grasp['confirmed']['reason']}"
+        )
     if "several" in result:
         max_mm = 1e3 * max(result["several"]["deformation_m"])
         args.report(

@@ -1,12 +1,12 @@
-"""``visuohaptic map build``: a map from laser scans and odometry.
+"""``visuohaptic map build``: build a map from laser scans and odometry.
 
-Reads an MCAP file with sensor_msgs/LaserScan and nav_msgs/Odometry, or a CSV
-file (t_s, x_m, y_m, yaw_rad, angle_min_rad, angle_step_rad, range_min_m,
-range_max_m, r0, r1, ...); writes a map_server YAML file with its PGM image.
-Every scan is laid on the map so far; scans that do not fit are left out and counted.
+reads   an MCAP file with sensor_msgs/LaserScan and nav_msgs/Odometry, or a CSV file (t_s, x_m, y_m, yaw_rad,
+        angle_min_rad, angle_step_rad, range_min_m, range_max_m, r0, r1, ...)
+writes  a map_server YAML file with its PGM image
 
-Several files are several floors: --out is then a folder, which has a map of the
-name of each. With --workers or --cluster the floors are built side by side.
+Every scan is matched with the map built so far; scans that do not match are left out and counted.
+Several files are mapped as separate floors: --out is then a folder with one map per file. With --workers or
+--cluster, the floors are built in parallel.
 
 Example: visuohaptic map build run.mcap --out map.yaml
          visuohaptic map build floor-1.mcap floor-2.mcap --out maps

@@ -1,10 +1,10 @@
-"""``visuohaptic map graph``: layers, graph and regions of a map as files.
+"""``visuohaptic map graph``: compute costmap layers, graph and regions of a map.
 
 reads   a map_server YAML file with its image
 writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
         graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
-        edges are split until every straight line between nodes keeps the radius off the walls), with --objects
-        joint_graph.geojson (the same with nodes of objects, doors and elevators), and with --plot navigation.png
+        edges are split until every straight segment keeps the radius away from the walls), with --objects
+        joint_graph.geojson (adds nodes for objects, doors and elevators), and with --plot navigation.png
 
 example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
 """
@@ -26,19 +26,23 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("map", Path, "map_server YAML file")
-    add("--radius", float, "of the robot [m]", required=True, dest="radius_m")
-    add("--out", Path, "folder to write into, made if it is not there", required=True)
+    add("--radius", float, "radius of the robot [m]", required=True, dest="radius_m")
+    add("--out", Path, "folder to write to, created if necessary", required=True)
     add("--v-max", 0.3, "speed far from obstacles [m/s]", dest="v_max_m_s")
     add("--v-min", 0.05, "speed at obstacles [m/s]", dest="v_min_m_s")
     add("--spacing", float, "keep connection nodes at this spacing [m]", dest="spacing_m")
     add("--stub", float, "remove dead ends shorter than this [m]", dest="stub_length_m")
-    add("--objects", Path, "objects.yaml: what is pushed, waited for or kept clear of")
+    add("--objects", Path, "objects.yaml: movable objects, passages and glass")
     add(
-        "--route", float, "also the path from one point to another [m]", nargs=4, metavar=("X", "Y", "X", "Y")
+        "--route",
+        float,
+        "also compute the path from one point to another [m]",
+        nargs=4,
+        metavar=("X", "Y", "X", "Y"),
     )
     add("--frame", "map", "name of the map frame in the files")
-    add("--plot", bool, "draw it, as figure 4.1")
-    add("--unknown-is-free", bool, "the robot may enter what was never seen")
+    add("--plot", bool, "also write a plot like figure 4.1")
+    add("--unknown-is-free", bool, "treat unknown cells as free")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -60,7 +64,7 @@ def run(args: Any) -> dict[str, Any]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(folder, f"cannot be made ({error.strerror})") from error
+        raise InputError(folder, f"cannot be created ({error.strerror})") from error
     written = []
     for name, values, unit in (
         ("distance_m", layers.distance_m, "m"),

@@ -1,4 +1,4 @@
-"""``visuohaptic map inspect``: what a map holds, and where a robot of some radius gets on it.
+"""``visuohaptic map inspect``: summarise a map, and where a robot of a given radius can drive.
 
 reads   a map_server YAML file with its image
 writes  nothing
@@ -23,9 +23,9 @@ _NARROWEST = 5
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("map", Path, "map_server YAML file")
-    add("--radius", 0.17, "of the robot [m], 0.17 by default", dest="radius_m")
-    add("--doors", bool, "also the doors, and what stands alone and may be movable")
-    add("--unknown-is-free", bool, "the robot may enter what was never seen")
+    add("--radius", 0.17, "radius of the robot [m] (0.17)", dest="radius_m")
+    add("--doors", bool, "also list doors, and isolated objects that may be movable")
+    add("--unknown-is-free", bool, "treat unknown cells as free")
 
 
 def run(args: Any) -> dict[str, Any]:

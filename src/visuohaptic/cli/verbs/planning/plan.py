@@ -1,16 +1,17 @@
-"""``visuohaptic plan``: from a map with tagged objects to driving and pushing.
+"""``visuohaptic plan``: plan driving and pushing on a map with tagged objects.
 
 reads
   MAP.yaml     a map_server map (YAML with PGM or PNG); the objects are occupied cells in it
   --objects    objects: [{id, footprint_m: [[x, y], ...], haptic_tag: {static_friction_N: 8.1, ...}}];
-               a field that is missing or null was not observed, no haptic_tag at all is an unknown object
+               a missing or null field was not observed; an object without haptic_tag is unknown
   --robot      {radius_m, v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
+               (see `visuohaptic defaults robot`)
 writes
   --plot       the map with objects, path and pushes
 
-An object with fixed or falls is never pushed. The tasks' seconds add up to cost_s.
-The answer is optimal, within so many per cent of the best, no plan (proved), or no plan found (not proved);
-without a plan the exit code is 3. contact_m is where the robot touches the outline, goal_m where the object's centre goes.
+The result is one of: optimal; within N % of the optimum; no plan (proved); no plan found (not proved). Without a
+plan the exit code is 3. cost_s is the sum of the times of all actions. An object tagged as fixed, or as likely to
+topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's centre ends.
 
 example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml --start 0.8 0.8 --goal 3 1 --json
 """
@@ -39,8 +40,8 @@ def add_arguments(add: Any) -> None:
     for name in ("start", "goal"):
         add(f"--{name}", float, f"{name} in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
     add("--plot", Path, "plot to write (PNG)")
-    add("--compare", bool, "with plans under other side conditions")
-    add("--budget", 2.0, "wall time of the search [s] (default %(default)s)", metavar="S")
+    add("--compare", bool, "also plan with other objectives: most reliable, no pushing, most information")
+    add("--budget", 2.0, "CPU time of the search [s] (default %(default)s)", metavar="S")
     add("--memory", 500.0, "memory of the search [MB]", metavar="MB")
     add(
         "--prove",
@@ -53,6 +54,7 @@ def run(args: Any) -> dict[str, Any]:
     """Plan; the mapping is what ``--json`` prints."""
     import numpy as np
 
+    from ....core.kernels import compiled_s
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.planning.policies import alternatives, make_plan
     from ....navigation.planning.search.push_states import SearchLimits
@@ -67,12 +69,12 @@ def run(args: Any) -> dict[str, Any]:
     )
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
     limits = SearchLimits(budget_s, 0.0 if args.prove else SearchLimits().gap, int(args.memory * 1e6))
-    if args.compare:
-        plans = alternatives(problem, limits=limits)
-        found = plans["cheapest"]
-    else:
+    before_s = compiled_s()
+    found = make_plan(problem, limits=limits)
+    if compiled_s() > before_s:  # the first run on a machine: compilation has used a part of the budget
         found = make_plan(problem, limits=limits)
-        plans = {found.name: found}
+    plans = alternatives(problem, limits=limits) if args.compare else {found.name: found}
+    found = plans.get("cheapest", found)
     result = found.to_json()
     args.exit_code = 0 if found.reachable else NO_PLAN
     _report(args, found)
@@ -93,9 +95,9 @@ def _line(plan: Plan) -> str:
     if not plan.reachable:
         return f"{plan.answer}: {plan.reason}"
     return (
-        f"{plan.answer:<12}{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  "
+        f"{plan.answer}: {plan.cost_s:.1f} s, {plan.length_m:.2f} m, "
         f"{len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}, "
-        f"fails with {plan.failure_probability:.2f}"
+        f"failure probability {plan.failure_probability:.2f}"
     )
 
 
@@ -103,7 +105,7 @@ def _report(args: Any, plan: Plan) -> None:
     args.report(_line(plan))
     for task in plan.tasks:
         what = f" {task.object}" if task.object else ""
-        risk = f", fails with {task.failure_probability:.2f}" if task.kind != "navigate" else ""
+        risk = f", failure probability {task.failure_probability:.2f}" if task.kind != "navigate" else ""
         where = f" to ({task.goal_m[0]:.2f}, {task.goal_m[1]:.2f})" if task.goal_m else ""
         args.report(f"  {task.kind}{what}{where}: {task.cost_s:.1f} s, {task.length_m:.2f} m{risk}")
     for note in plan.notes:

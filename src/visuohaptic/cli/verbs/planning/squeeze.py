@@ -1,10 +1,10 @@
-"""``visuohaptic squeeze``: force against deformation of one pinch on a container.
+"""``visuohaptic squeeze``: compute force against deformation of one pinch on a container.
 
-reads   a YAML description, the name of a shipped class, or a mesh, as `stiffness` does
+reads   a YAML description, the name of a built-in class, or a mesh, as `stiffness` does
 writes  the curve: CSV (deformation_m, force_N, first_m, second_m, gauge_Pa, stress_Pa), and a plot
 
-Large deformation is followed, with air and liquid that are enclosed. The answer says to which force the container
-is linear, at which it gives way (buckles), and at which it yields. Forces are newtons of one tip.
+Large deformations are simulated, with enclosed air and liquid. The result states up to which force the container
+is linear, at which force it buckles, and at which it yields. Forces are those of one fingertip [N].
 
 example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv --plot curve.png
 """
@@ -29,13 +29,13 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add_container_arguments(add)
-    add("--at", float, "where the first tip is [m]", nargs=3, metavar=("X", "Y", "Z"))
+    add("--at", float, "position of the first fingertip [m]", nargs=3, metavar=("X", "Y", "Z"))
     add("--side", "x+", "instead of --at: side of the container (x+)", choices=("x+", "x-", "y+", "y-"))
-    add("--height", float, "instead of --at: above the foot [m]; half the height by default")
+    add("--height", float, "instead of --at: height above the foot [m] (half of the container's)")
     limit = add.one_of()
-    limit("--force", float, "largest, of one tip [N]", metavar="N")
-    limit("--deformation", float, "largest, of one side [m]; 0.005 by default", metavar="M")
-    add("--points", 8, "of the curve (8)")
+    limit("--force", float, "maximum force of one fingertip [N]", metavar="N")
+    limit("--deformation", float, "maximum deformation of one side [m] (0.005)", metavar="M")
+    add("--points", 8, "points of the curve (8)")
     add("--out", Path, "curve to write: .csv")
     add("--plot", Path, "plot to write: .png, .pdf or .svg")
     add_contents_arguments(add)
@@ -51,7 +51,7 @@ def run(args: Any) -> dict[str, Any]:
     if args.out and args.out.suffix.lower() != ".csv":
         raise InputError(args.out, f"found suffix {args.out.suffix!r}, expected .csv")
     if args.at and args.height is not None:
-        raise InputError("--height", "found with --at, expected one of them")
+        raise InputError("--height", "found with --at, expected only one of them")
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)

@@ -1,13 +1,13 @@
-"""``visuohaptic stiffness``: how stiff a container is at every point of its surface.
+"""``visuohaptic stiffness``: compute the stiffness of a container at every surface point.
 
-reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
-        cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
-        of the wall or its two sides, z is its height axis unless --up says otherwise. The base is clamped, or
-        stands on springs with --base-stiffness.
+reads   a YAML description (see `visuohaptic defaults container`), the name of a built-in class (bottle, cup, cup-rim,
+        elliptic, smoothie, cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the
+        mid-surface of the wall or both of its sides; z is its height axis unless --up is given. The base is clamped, or
+        elastic with --base-stiffness.
 writes  the map: NPZ (vertices_m, faces, stiffness_N_per_m, stiffness_sigma_N_per_m), VTU or GLB
 
-The stiffness is the force of one tip by the mean deformation of both [N/m]; it is infinite where
-the wall is held, NaN where nothing is opposite.
+Stiffness is the force of one fingertip divided by the mean deformation of both sides [N/m]. It is infinite where the
+wall is clamped, and NaN where there is no opposite point.
 
 example: visuohaptic stiffness bottle --material PET --thickness 0.0005 --out map.npz --plot map.png
 """
@@ -41,13 +41,13 @@ def add_arguments(add: Any) -> None:
     add(
         "--at",
         float,
-        "also say the stiffness at the surface point nearest to this one, between vertices by interpolation, and its distance from it [m]; z up from the foot and x, y from the axis (as the map is written); may be repeated",
+        "also print the stiffness at the nearest surface point, interpolated between vertices, and its distance [m]; z is measured from the foot, x and y from the axis; may be repeated",
         nargs=3,
         action="append",
         metavar=("X", "Y", "Z"),
     )
     add_contents_arguments(add)
-    add("--no-sigma", bool, "leave the standard deviation out; half the time")
+    add("--no-sigma", bool, "do not compute the standard deviation; halves the time")
 
 
 def run(args: Any) -> dict[str, Any]:

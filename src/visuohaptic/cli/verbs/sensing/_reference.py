@@ -1,4 +1,4 @@
-"""What a measured force is held against: options, file and page, for the verbs that do."""
+"""The reference that a measured force is compared with: options, file and page of the verbs that compare."""
 
 from __future__ import annotations
 
@@ -27,9 +27,11 @@ def add_reference(add: Any, reference: str) -> None:
     """
     text = "what a scale or another sensor recorded: CSV with t_s and force_N, mass_g or mass_kg"
     add(reference, Path, text, metavar="REFERENCE")
-    add("--page", Path, "page of both to write (HTML)")
-    add("--offset", float, "time of the reference at time 0 of the run [s]; estimated", metavar="S")
-    add("--max-offset", 2.0, "how far apart the clocks may be [s] (2)", metavar="S")
+    add("--page", Path, "page with the comparison to write (HTML)")
+    add(
+        "--offset", float, "time of the reference at time 0 of the run [s]; estimated by default", metavar="S"
+    )
+    add("--max-offset", 2.0, "maximum offset between the clocks [s] (2)", metavar="S")
 
 
 def checked_reference(args: Any, path: Path) -> ForceRecord:

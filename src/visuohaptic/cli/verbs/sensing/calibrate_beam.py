@@ -1,12 +1,14 @@
-"""``visuohaptic calibrate beam``: from known loads to beam.yaml, or a refusal.
+"""``visuohaptic calibrate beam``: fit the compliance of a beam sensor to known loads.
 
 reads
-  loads.csv  known loads on the tip: fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm, and what was observed:
+  loads.csv  known loads on the tip: fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm, and the observation:
              read_fx_N ... read_mz_Nm (the uncalibrated sensor's reading), or the motion of the tip:
              x_m, y_m, z_m with rx_rad, ry_rad, rz_rad (rotation vector) or roll_deg, pitch_deg, yaw_deg
   --beam     beam.yaml with length_m, diameter_m, youngs_Pa, ... and their tolerances
 writes
   --out      beam.yaml with the calibration
+
+Data that cannot give a valid calibration are refused, with the reason.
 
 example
   visuohaptic calibrate beam loads.csv --beam beam.yaml --out beam.yaml

@@ -1,8 +1,10 @@
-"""``visuohaptic calibrate camera``: intrinsics from images of a board.
+"""``visuohaptic calibrate camera``: estimate intrinsics and distortion from images of a board.
 
-Reads a folder of images, a video or an MCAP file; writes a ROS camera_info
-YAML file. Prints every parameter with its standard deviation, and refuses a
-session that would give a bad camera, with the reason.
+reads   a folder of images, a video or an MCAP file
+writes  a ROS camera_info YAML file
+
+Prints every parameter with its standard deviation. Images that cannot give a good calibration are refused, with
+the reason.
 
 Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --marker-mm 18 --out camera.yaml
 """
@@ -27,11 +29,11 @@ def add_arguments(add: Any) -> None:
     add("--marker-mm", float, "edge of a ChArUco marker [mm]; without it the board is a chessboard")
     add("--dictionary", "DICT_4X4_250", "ArUco dictionary (default: %(default)s)")
     add("--every", 0.0, "use one frame per S seconds of a video", metavar="S")
-    add("--max-rms-px", 0.6, "refuse above this (default: %(default)s)")
+    add("--max-rms-px", 0.6, "maximum residual [px]; a larger one is an error (default: %(default)s)")
     add(
         "--transfer-function",
         "unknown",
-        "from light to grey levels, if you know it: srgb is any gamma of about 2.2 (default: %(default)s)",
+        "encoding of light as grey levels, if known; srgb is any gamma of about 2.2 (default: %(default)s)",
         choices=("linear", "srgb", "unknown"),
     )
     add("--name", "camera", "name of the camera (default: %(default)s)")
@@ -46,7 +48,7 @@ def run(args: Namespace) -> dict[str, Any]:
 
     words = args.squares.lower().split("x")
     if len(words) != 2 or not all(word.isdigit() for word in words):
-        raise InputError("--squares", f"found {args.squares!r}, expected COLUMNSxROWS as 9x6")
+        raise InputError("--squares", f"found {args.squares!r}, expected COLUMNSxROWS, such as 9x6")
     marker = None if args.marker_mm is None else args.marker_mm * 1e-3
     board = Board(int(words[0]), int(words[1]), args.square_mm * 1e-3, marker, args.dictionary)
     views = []

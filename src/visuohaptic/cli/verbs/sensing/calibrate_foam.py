@@ -1,8 +1,10 @@
-"""``visuohaptic calibrate foam``: from a press log to foam.yaml, or a refusal.
+"""``visuohaptic calibrate foam``: fit the stress-strain curve of a foam.
 
 reads   data.csv with columns strain, stress_Pa, direction (loading or unloading);
         --plate: depth_m, force_N, s_m, delta_m of a plate narrower than the strip
-writes  foam.yaml (curve, covariance, working range, tension) and, on request, a plot
+writes  foam.yaml (curve, covariance, working range, tension) and, with --plot, a figure
+
+Data that cannot give a valid curve are refused, with the reason.
 
 example visuohaptic calibrate foam press.csv --width 0.02 --height 0.01 --out foam.yaml --plate plate.csv --plot foam.png
 """
@@ -20,20 +22,20 @@ __all__ = ["add_arguments", "run"]
 
 def add_arguments(add: Any) -> None:
     """Declare what the command reads and writes."""
-    add("data", Path, "CSV of strain and stress")
+    add("data", Path, "CSV file of strain and stress")
     add("--out", Path("foam.yaml"), "file to write (foam.yaml)")
-    add("--plate", Path, "CSV of contours under a narrow plate: calibrates tension and expansion")
+    add("--plate", Path, "CSV file of contours under a narrow plate: calibrates tension and expansion")
     add(
         "--width",
         float,
-        "w, thickness of the strip along the compression [m]; zeroing checks it",
+        "w, thickness of the strip in the direction of compression [m], such as 0.04; checked when zeroing",
         required=True,
         metavar="M",
     )
     add(
         "--height",
         float,
-        "h, height of the strip across the contour [m]; forces are proportional to it, no camera sees it",
+        "h, height of the strip across the contour [m]; forces are proportional to it",
         required=True,
         metavar="M",
     )
@@ -41,21 +43,30 @@ def add_arguments(add: Any) -> None:
     add(
         "--section",
         "rectangle",
-        "cross section of the rod that the sensor will use; the data are of a rectangle (rectangle)",
+        "cross-section of the sensor's rod; the data are those of a rectangle (rectangle)",
         choices=("rectangle", "triangle", "trapezoid"),
     )
-    add("--plot", Path, "draw the curve and the sensitivity", metavar="PNG")
+    add("--plot", Path, "plot of the curve and the sensitivity to write", metavar="PNG")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate, write the files, and return what was found (SI units)."""
     from dataclasses import replace
 
+    from ....core.errors import InputError
     from ....sensing.foam.material.boundary import calibrate_tension
     from ....sensing.foam.material.calibration import calibrate_foam
     from ....sensing.foam.material.records import read_plate, read_strain_stress
     from ....sensing.foam.material.section import section_material
 
+    for name in ("width", "height"):
+        # A strip of foam is between a millimetre and a metre thick; larger numbers are millimetres.
+        if not 1e-3 <= (size_m := getattr(args, name)) <= 1.0:
+            raise InputError(
+                f"--{name}",
+                f"found {size_m:g} m, expected 0.001 to 1 m",
+                remedy="sizes are given in metres: 20 mm is 0.02",
+            )
     data = read_strain_stress(args.data)
     found = calibrate_foam(data, width_m=args.width, height_m=args.height, curve=args.curve)
     material = found.material

@@ -1,12 +1,11 @@
-"""``visuohaptic calibrate stripe``: the colours of a stripe on the foam.
+"""``visuohaptic calibrate stripe``: learn the colours of a stripe on the foam.
 
 reads
-  IMAGE      a colour image of the sensor while nothing touches it (or the first frame of a video,
-             a folder or recording.mcap)
+  IMAGE      a colour image of the untouched sensor (or the first frame of a video, a folder or recording.mcap)
   --config   sensor.yaml with a section stripe; a finger is located by its tag
 writes
   --out      stripe.npz, to be named in sensor.yaml as stripe.model
-  --mask     the image with the stripe's pixels white and the others that were used darkened
+  --mask     the image with the stripe's pixels white and the other training pixels darkened
 
 example
   visuohaptic calibrate stripe rest.png --config sensor.yaml --out stripe.npz --mask mask.png

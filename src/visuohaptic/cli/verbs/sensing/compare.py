@@ -1,11 +1,11 @@
-"""``visuohaptic compare``: a run beside a scale, or beside another run.
+"""``visuohaptic compare``: compare a run with a scale, or with another run.
 
-reads   RUN, a table that `sense foam` wrote (CSV or Parquet), and what it is held against: a second run, or
-        what a scale recorded (CSV with t_s and mass_g, mass_kg or force_N; force_sigma_N where it is known)
-writes  with --page a page with both forces, their difference, and whether the declared sigma is true
+reads   RUN, a table that `sense foam` wrote (CSV or Parquet), and a reference: a second run, or the recording
+        of a scale (CSV with t_s and mass_g, mass_kg or force_N; force_sigma_N where it is known)
+writes  with --page, a page with both forces, their difference, and a check of the declared sigma
 
-Two clocks are laid on each other where the forces agree best; --offset 0 takes them as they are.
-How to record a scale beside a strip is in the docs (Record a reference).
+The clocks are aligned where the forces agree best; --offset 0 uses them as they are.
+How to record a scale beside a strip: docs, Record a reference.
 
 example: visuohaptic compare run.csv scale.csv --page compare.html
 """

@@ -1,18 +1,18 @@
-"""``visuohaptic sense beam``: from images, or from template poses, to six axes of force and moment.
+"""``visuohaptic sense beam``: measure force and moment from images of a bending rod, or from template poses.
 
 reads
-  --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; camera and
-             templates_folder to read from images)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
+  --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; for images also camera and
+             templates_folder)
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:, orbbec:
   --poses    instead of --source, poses.csv: t_s, name, valid, reason, x_m, y_m, z_m, qx, qy, qz, qw and
-             the covariance of each template in the camera, rows of a frame together
+             the covariance of each template in the camera frame; the rows of a frame are consecutive
 writes
-  --out      run.mcap with geometry_msgs/WrenchStamped and diagnostics; from images also the templates,
+  --out      MCAP recording with geometry_msgs/WrenchStamped and diagnostics; from images also the templates,
              geometry_msgs/PoseWithCovarianceStamped on /template/NAME
-  --csv      t_s, valid, reason, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm and their sigmas, a row a frame
+  --csv      t_s, valid, reason, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm and their sigmas, one row per frame
   --parquet  the same
-  --plot     forces and moments over time with their uncertainty, and why frames are not valid
-  --zero     the resting poses that sensor.yaml names, from frames of a sensor that nothing touches
+  --plot     forces and moments over time with their uncertainty, and why frames are invalid
+  --zero     the zero reference that sensor.yaml names, from frames of the untouched sensor
 
 examples
   visuohaptic sense beam --config sensor.yaml --source rest.mp4 --zero
@@ -63,15 +63,15 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--config", Path, "sensor.yaml", required=True)
     where = add.one_of(required=True)
-    where("--source", str, "where the frames come from")
-    where("--poses", Path, "poses of the templates, CSV")
-    add("--zero", bool, "take and store the zero, then stop")
+    where("--source", str, "video, images, recording or camera")
+    where("--poses", Path, "CSV file of template poses")
+    add("--zero", bool, "record and store the zero reference, then stop")
     add_run_arguments(
         add,
         parquet="table to write",
-        zero_frames="zero on the first N frames, then measure (nothing is stored); with --zero: from N frames",
+        zero_frames="zero with the first N frames, then measure (the zero is not stored); with --zero: use N frames",
     )
-    add("--view", bool, "show it live on a page of this machine (with --source)")
+    add("--view", bool, "show the measurement live in the browser (with --source)")
 
 
 def run(args: Any) -> dict[str, Any]:

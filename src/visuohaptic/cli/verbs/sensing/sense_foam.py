@@ -1,17 +1,17 @@
-"""``visuohaptic sense foam``: from frames to force.
+"""``visuohaptic sense foam``: measure force from images of a foam strip.
 
 reads
-  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
-  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://..., realsense:;
-             a camera's force is shown until Ctrl-C
+  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Describe the sensor)
+  --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...,
+             realsense:, orbbec:; a camera is read until Ctrl-C
 writes
-  --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
+  --out      MCAP recording with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
              section finger in sensor.yaml also the finger's pose, geometry_msgs/PoseWithCovarianceStamped
-  --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, a row a frame
+  --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, one row per frame
   --parquet  the same, with the profiles along the strip
-  --plot     force over time with its uncertainty, events, and why frames are not valid
-  --page     with --against: a page with the measured force beside that of a scale (see `compare`)
-  --zero     the zero reference that sensor.yaml names, from frames of a strip that nothing touches
+  --plot     force over time with its uncertainty, events, and why frames are invalid
+  --page     with --against: HTML page that compares the force with that of a scale (see `compare`)
+  --zero     the zero reference that sensor.yaml names, from frames of the untouched strip
 
 examples
   visuohaptic sense foam --config sensor.yaml --source rest.mp4 --zero
@@ -51,21 +51,21 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--config", Path, "sensor.yaml", required=True)
-    add("--source", str, "where the frames come from", required=True)
+    add("--source", str, "video, images, recording or camera", required=True)
     add_run_arguments(
         add,
         parquet="table with profiles to write",
-        zero_frames="zero on the first N frames of the source, then measure (nothing is stored)",
+        zero_frames="zero with the first N frames, then measure; the zero is not stored",
     )
     add_reference(add, "--against")
-    add("--zero", bool, "take and store the zero reference, then stop")
+    add("--zero", bool, "record and store the zero reference, then stop")
     add(
         "--speed",
         float,
-        "how fast the platform drives; the event 'motion' (the object starts to move) needs it",
+        "speed of the platform; needed for the event 'motion' (the object starts to move)",
         metavar="M/S",
     )
-    add("--view", bool, "show it live on a page of this machine")
+    add("--view", bool, "show the measurement live in the browser")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def run(args: Any) -> dict[str, Any]:
     from ....sensing.foam.finger import load_foam_sensor
 
     if args.page and args.against is None:
-        raise InputError("--page", "found without --against, expected what to compare with")
+        raise InputError("--page", "found without --against, expected a reference to compare with")
     reference = None if args.against is None else checked_reference(args, args.against)
     sensor = load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:

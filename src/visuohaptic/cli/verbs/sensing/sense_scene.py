@@ -1,17 +1,17 @@
-"""``visuohaptic sense scene``: what else the foam's camera sees.
+"""``visuohaptic sense scene``: obstacles, ego-motion and the pushed object from the foam sensor's camera.
 
 reads
-  --config    scene.yaml: camera, its pose, height above the floor (docs: Scene); with a field sensor the
-              foam's force is read, too, and the object that it touches is tracked
-  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
-  --odometry  t_s, speed_m_s, turn_rate_rad_s of the platform, CSV; fused with the motion of the floor
+  --config    scene.yaml: camera, its pose and height above the floor (docs: Scene); with a field sensor, the
+              foam's force is measured too, and the object in contact is tracked
+  --source    a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:, orbbec:
+  --odometry  CSV with t_s, speed_m_s, turn_rate_rad_s of the platform; fused with the motion of the floor
 writes
-  --out       run.mcap with the platform's pose and covariance (geometry_msgs/PoseWithCovarianceStamped),
-              diagnostics with all numbers, falls and slips, and with --mask the obstacle mask; with a
-              sensor its geometry_msgs/WrenchStamped, too
-  --csv       t_s, valid, reason, x_m, y_m, heading_rad and their sigmas, object turn, tilt and shift,
-              proximity_m, events; a row a frame
-  --plot      the drive, the nearest obstacle ahead and the touched object over time, with their uncertainty
+  --out       MCAP recording with the platform's pose and covariance (geometry_msgs/PoseWithCovarianceStamped),
+              diagnostics, toppling and slip events, with --mask the obstacle mask, and with a sensor
+              its geometry_msgs/WrenchStamped
+  --csv       t_s, valid, reason, x_m, y_m, heading_rad and their sigmas, rotation, tilt and translation of the object,
+              proximity_m, events; one row per frame
+  --plot      platform pose, nearest obstacle and object motion over time, with their uncertainty
 
 examples
   visuohaptic sense scene --config scene.yaml --source drive.mp4 --csv scene.csv --plot scene.png
@@ -46,13 +46,13 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--config", Path, "scene.yaml", required=True)
-    add("--source", str, "where the frames come from", required=True)
+    add("--source", str, "video, images, recording or camera", required=True)
     add("--odometry", Path, "speed and turn rate of the platform", metavar="CSV")
     add_run_arguments(
-        add, zero_frames="zero the foam sensor on the first N frames, then measure (nothing is stored)"
+        add, zero_frames="zero the foam sensor with the first N frames, then measure; the zero is not stored"
     )
-    add("--mask", bool, "write the obstacle mask to --out, too")
-    add("--seed", 0, "of the consensus search (0)")
+    add("--mask", bool, "also write the obstacle mask to --out")
+    add("--seed", 0, "seed of RANSAC (0)")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def _summary(args: Any, done: SensorRun, last: SceneReading, nearest_m: float) -
         f"heading {degrees(heading):.2f} deg +- {degrees(sigma[2]):.2f} deg"
     )
     seen = np.isfinite(nearest_m)
-    args.report(f"nearest obstacle {1e3 * nearest_m:.0f} mm ahead" if seen else "nothing ahead")
+    args.report(f"nearest obstacle {1e3 * nearest_m:.0f} mm ahead" if seen else "no obstacle ahead")
     return {
         "frames": done.frames,
         "reasons": dict(done.reasons),

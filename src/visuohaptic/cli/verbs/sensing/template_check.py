@@ -1,7 +1,7 @@
-"""``visuohaptic template check``: will this image track well?
+"""``visuohaptic template check``: predict how well an image can be tracked.
 
 reads   an image file; its printed size from --width-m or its dpi value
-writes  nothing, or with --sheet a print-ready PDF or PNG of it at its exact size
+writes  nothing; with --sheet, a PDF or PNG for printing at exact size
 
 examples
   visuohaptic template check cover.png
@@ -37,9 +37,9 @@ def run(args: Any) -> dict[str, Any]:
     quality = template_quality(template)
     width, height = template.size_m
     args.report(f"{'printed size':<24}{1e3 * width:.1f} x {1e3 * height:.1f} mm")
-    args.report(f"{'score':<24}{quality.score:.2f} (0 useless, 1 best)")
+    args.report(f"{'score':<24}{quality.score:.2f} (0 to 1)")
     args.report(f"{'corner noise':<24}{quality.corner_sigma_px:.4f} px at 200 px size and noise 5")
-    args.report(f"{'resembles itself':<24}{quality.ambiguity:.2f} when shifted")
+    args.report(f"{'self-similarity':<24}{quality.ambiguity:.2f} when shifted")
     args.report(f"{'features':<24}{quality.features}")
     for problem in quality.problems:
         args.report(f"{'problem':<24}{problem}")

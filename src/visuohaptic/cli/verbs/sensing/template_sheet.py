@@ -1,7 +1,7 @@
-"""``visuohaptic template sheet``: tags to print, at their exact size.
+"""``visuohaptic template sheet``: write AprilTags for printing at exact size.
 
 reads   nothing
-writes  --out, a PDF or PNG; beside it nothing: put the tags into tags.yaml yourself
+writes  --out, a PDF or PNG; list the tags in tags.yaml to track them (see `visuohaptic defaults templates`)
 
 example: visuohaptic template sheet --ids 0 1 2 --size-m 0.04 --out tags.pdf
 """

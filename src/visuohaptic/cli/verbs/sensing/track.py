@@ -1,11 +1,11 @@
-"""``visuohaptic track``: from frames to the poses of templates.
+"""``visuohaptic track``: estimate the poses of templates in images.
 
 reads
   --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
-  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://..., realsense:, orbbec:
   --camera     camera.yaml, a ROS camera_info file
 writes
-  --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
+  --out        MCAP recording with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
   --csv        t_s, name, valid, reason, position [m], quaternion, standard deviations, correlation
   --plot       position of each template over time with its uncertainty
 
@@ -36,10 +36,10 @@ __all__ = ["add_arguments", "run"]
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("--templates", Path, "folder of templates", required=True)
-    add("--source", str, "where the frames come from", required=True)
+    add("--source", str, "video, images, recording or camera", required=True)
     add("--camera", Path, "camera.yaml", required=True)
     add_run_arguments(add)
-    add("--view", bool, "show it live on a page of this machine")
+    add("--view", bool, "show the measurement live in the browser")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 Symbols
 -------
-F_i : load i [N], read from a scale while the strip is held against it
+F_i : load i [N], read from a scale while the strip is pressed against it
 delta_i(s) : deflection along the strip that the camera sees meanwhile [m]
 mu, alpha : modulus [Pa] and exponent of the foam's loading curve
 

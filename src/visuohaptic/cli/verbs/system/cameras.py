@@ -1,8 +1,10 @@
-"""``visuohaptic cameras``: which cameras there are.
+"""``visuohaptic cameras``: list the cameras that are connected.
 
-reads   the devices of this machine; writes nothing
-prints  an address per camera, which every --source takes; a name in its place does, too: camera:NAME.
-        --source also takes /dev/video0, rtsp://host/path, realsense:, orbbec:, and recordings
+reads   the devices of this machine; RealSense and Orbbec cameras with the extras realsense and orbbec
+writes  nothing; prints one address per camera, which every --source accepts
+
+A --source may also be part of a camera's name (camera:NAME), /dev/video0, rtsp://host/path, realsense:, orbbec:
+or a recording.
 
 example: visuohaptic cameras
 """
@@ -24,7 +26,7 @@ def run(args: Any) -> dict[str, Any]:
 
     found = find_cameras()
     for camera in found:
-        args.report(f"{camera.address:<12}{camera.name}")
+        args.report(f"{camera.address:<24}{camera.name}")
     if not found:
         args.report(
             "no camera found; check the cable, and on Linux that you may read /dev/video* (group 'video')"

@@ -1,13 +1,13 @@
 """``visuohaptic defaults``: a configuration file with every setting, its default and what it means.
 
-reads   with --config a file of that kind: its values take the place of the defaults
-writes  YAML that the verbs accept, to the terminal or to --out; what is optional stands behind #
-kinds
-  foam    sensor.yaml of `sense foam`         beam    sensor.yaml of `sense beam`
-  scene   scene.yaml of `sense scene`         robot   robot.yaml of `plan`
-  bridge  bridge.yaml of `ros bridge`
+reads   with --config, a file of that kind: its values replace the defaults
+writes  YAML that the verbs accept, to the terminal or to --out; optional settings are commented out with #
+
+Without a kind, the kinds are listed with their file and the verb that reads it. The parameters of ROS 2 nodes are
+listed by `ros node NAME --list`.
 
 examples
+  visuohaptic defaults
   visuohaptic defaults foam --out sensor.yaml
   visuohaptic defaults robot --config robot.yaml
 """
@@ -28,14 +28,38 @@ __all__ = ["add_arguments", "run"]
 
 _REQUIRED: Any = object()
 _POSE = {"translation_m": [0.0, 0.0, 0.3], "quaternion_xyzw": [0.7071, -0.7071, 0.0, 0.0]}
-#: Kind -> module and class of its fields, and values of those that have no default.
-_KINDS: Mapping[str, tuple[str, str, dict[str, Any]]] = {
-    "foam": (
+_REFERENCE = {"translation_m": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
+_MATRIX = {"rows": 3, "cols": 3, "data": [1800.0, 0.0, 799.5, 0.0, 1800.0, 447.5, 0.0, 0.0, 1.0]}
+
+
+class _Kind(NamedTuple):
+    """A kind of configuration file."""
+
+    file: str
+    verb: str  #: that reads it
+    module: str
+    model: str  #: class of its fields
+    required: dict[str, Any]  #: examples for the fields that have no default
+
+
+_KINDS: Mapping[str, _Kind] = {
+    "camera": _Kind(
+        "camera.yaml",
+        "sense",
+        "core.camera._camera_info",
+        "CameraInfoFile",
+        {"image_width": 1600, "image_height": 896, "camera_matrix": _MATRIX},
+    ),
+    "foam": _Kind(
+        "sensor.yaml",
+        "sense foam",
         "sensing.foam.strip.config",
         "FoamSensorConfig",
         {"camera": "camera.yaml", "foam": "foam.yaml", "strip": {"length_m": 0.25}, "T_camera_foam": _POSE},
     ),
-    "beam": (
+    "beam": _Kind(
+        "sensor.yaml",
+        "sense beam",
         "sensing.beam.config",
         "BeamSensorConfig",
         {
@@ -43,19 +67,79 @@ _KINDS: Mapping[str, tuple[str, str, dict[str, Any]]] = {
             "camera": "camera.yaml",
             "templates_folder": "templates",
             "templates": [{"name": "middle", "xi": 0.5}, {"name": "tip", "xi": 1.0}],
-            "T_reference_sensor": {"translation_m": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
+            "T_reference_sensor": _REFERENCE,
         },
     ),
-    "scene": ("sensing.scene.scene_file", "SceneConfig", {"camera": "camera.yaml", "T_camera_foam": _POSE}),
-    "robot": ("navigation.problem.robot_model", "RobotModel", {"radius_m": 0.2}),
-    "bridge": (
+    "scene": _Kind(
+        "scene.yaml",
+        "sense scene",
+        "sensing.scene.scene_file",
+        "SceneConfig",
+        {"camera": "camera.yaml", "T_camera_foam": _POSE},
+    ),
+    "templates": _Kind(
+        "tags.yaml",
+        "track",
+        "tracking.templates._template_file",
+        "TemplateFolderFile",
+        {"tags": {"tip": {"id": 7, "size_m": 0.03}}, "widths_m": {"poster.png": 0.4}},
+    ),
+    "sequence": _Kind(
+        "sequence.yaml", "reconstruct", "io.depth.depth_sequence", "SequenceFile", {"depth_scale_m": 0.001}
+    ),
+    "map": _Kind(
+        "map.yaml",
+        "plan",
+        "io.maps._map_server",
+        "MapFile",
+        {
+            "image": "map.pgm",
+            "resolution": 0.05,
+            "origin": [0.0, 0.0, 0.0],
+            "negate": 0,
+            "occupied_thresh": 0.65,
+            "free_thresh": 0.196,
+        },
+    ),
+    "robot": _Kind("robot.yaml", "plan", "navigation.problem.robot_model", "RobotModel", {"radius_m": 0.2}),
+    "container": _Kind(
+        "container.yaml",
+        "stiffness",
+        "deformation.shapes.container",
+        "ContainerDescription",
+        {"base": {"radius": "30 mm"}, "sections": [{"height": "150 mm"}]},
+    ),
+    "plies": _Kind(
+        "plies.yaml",
+        "stiffness --material",
+        "deformation.shapes.wall_properties",
+        "_PlyFile",
+        {"plies": [{"thickness": "0.4 mm", "material": "PET"}]},
+    ),
+    "build": _Kind(
+        "plan.yaml",
+        "objects build",
+        "deformation.maps.build_plan",
+        "BuildPlan",
+        {"classes": [{"class": "bottle"}]},
+    ),
+    "bridge": _Kind(
+        "bridge.yaml",
+        "ros bridge",
         "ros.bridge_config",
         "BridgeConfig",
         {"sensors": [{"name": "foam", "config": "sensor.yaml", "image": "/camera/image_raw"}]},
     ),
 }
 #: Values in sections that are optional, and therefore behind #.
-_SECTIONS = {"stripe": {"model": "stripe.npz", "width_m": 0.004}, "T_foam_tag": _POSE}
+_SECTIONS: Mapping[str, Any] = {
+    "stripe": {"model": "stripe.npz", "width_m": 0.004},
+    "T_foam_tag": _POSE,
+    "distortion_coefficients": {"rows": 1, "cols": 5, "data": [0.0] * 5},
+    "rim": {"height": "5 mm", "wall": "1 mm"},
+    "rings": {"z": "50 mm", "depth": "2 mm", "width": "5 mm"},
+    "dents": {"z": "80 mm", "depth": "3 mm", "width": "30 mm", "height": "40 mm"},
+}
 
 
 class _Entry(NamedTuple):
@@ -63,31 +147,36 @@ class _Entry(NamedTuple):
 
     name: str
     default: Any  #: _REQUIRED: it must be given
-    section: Any  #: class of its fields when it is a section, or a list of them; else None
+    section: Any  #: class of its fields when it is a section, or a list or mapping of them; else None
+    named: bool  #: a mapping of sections by name
     comment: str
 
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("kind", str, "what the file describes", choices=tuple(_KINDS))
+    add("kind", str, "what the file describes; without it the kinds are listed", choices=_KINDS, nargs="?")
     add("--config", Path, "file whose values are kept")
-    add("--out", Path, "file to write (YAML); shown without")
+    add("--out", Path, "YAML file to write; by default it is printed")
 
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from ....core.files import parse_yaml, write_text
 
+    if args.kind is None:
+        for name, kind in _KINDS.items():
+            args.report(f"{name:<11}{kind.file:<16}read by {kind.verb}")
+        return {"kinds": {name: {"file": kind.file, "verb": kind.verb} for name, kind in _KINDS.items()}}
     if args.out and args.out.exists() and args.config is None:
-        raise InputError(args.out, "exists already", remedy=f"keep its values with --config {args.out}")
-    module, name, values = _KINDS[args.kind]
-    model = getattr(importlib.import_module(f"visuohaptic.{module}"), name)
+        raise InputError(args.out, "already exists", remedy=f"keep its values with --config {args.out}")
+    kind = _KINDS[args.kind]
+    model, values = getattr(importlib.import_module(f"visuohaptic.{kind.module}"), kind.model), kind.required
     if args.config is not None:
         values = _values(args.config, model)
     text = "\n".join(_lines(model, values)) + "\n"
     if args.out:
         write_text(args.out, text)
-        args.report(f"every setting of {args.kind} written to {args.out}")
+        args.report(f"{args.out}: every setting of a {args.kind} file, with its default")
     else:
         args.report(text.rstrip())
     return {"kind": args.kind, "settings": parse_yaml(text, args.kind), "out": args.out and str(args.out)}
@@ -111,15 +200,20 @@ def _lines(model: Any, values: Mapping[str, Any]) -> Iterator[str]:
     for entry in _entries(model):
         value = values.get(entry.name, entry.default)
         if value is _REQUIRED:
-            value = values.get(entry.name, _SECTIONS.get(entry.name, "?"))
+            value = _SECTIONS.get(entry.name, "?")
         said = f"  # {entry.comment}" if entry.comment else ""
         if entry.section is None:
             yield f"{'# ' if value is None else ''}{entry.name}: {_flow(value)}{said}"
         elif isinstance(value, list):
-            yield f"{entry.name}:{said}"
-            for item in value:
-                first, *rest = _lines(entry.section, item)
-                yield from (f"  - {first}", *(f"    {line}" for line in rest))
+            yield f"{entry.name}:{'' if value else ' []'}{said}"
+            mark = "" if value else "# "
+            for item in value or [_SECTIONS.get(entry.name, {})]:
+                first, *rest = _lines(entry.section, item if isinstance(item, Mapping) else item.model_dump())
+                yield from (f"{mark}  - {first}", *(f"{mark}    {line}" for line in rest))
+        elif entry.named:
+            yield f"{entry.name}:{'' if value else ' {}'}{said}"
+            for name, item in value.items():
+                yield from (f"  {name}:", *(f"    {line}" for line in _lines(entry.section, item)))
         else:
             mark = "# " if value is None else ""
             inside = _SECTIONS.get(entry.name, {}) if value is None else value
@@ -132,6 +226,8 @@ def _flow(value: Any) -> str:
     """A value on one line of YAML."""
     import yaml
 
+    if isinstance(value, tuple):  # a range of numbers, often of one
+        value = value[0] if len(set(value)) == 1 else list(value)
     text: str = yaml.safe_dump(value, default_flow_style=True, width=10**6)
     return text.removesuffix("\n").removesuffix("\n...")
 
@@ -143,13 +239,15 @@ def _entries(model: Any) -> Iterator[_Entry]:
         for item in fields(model):
             default = _REQUIRED if item.default is MISSING else item.default
             bounds = [rule.text for rule in item.metadata.values()]
-            yield _Entry(item.name, default, None, _joined(comments.get(item.name), bounds, default))
+            yield _Entry(item.name, default, None, False, _joined(comments.get(item.name), bounds, default))
         return
     for name, item in model.model_fields.items():
         default = _REQUIRED if item.is_required() else item.get_default(call_default_factory=True)
         parts = list(_parts(item.annotation)) + item.metadata
         section = next((part for part in parts if hasattr(part, "model_fields")), None)
-        yield _Entry(name, default, section, _joined(comments.get(name), list(_bounds(parts)), default))
+        named = section is not None and get_origin(item.annotation) is dict
+        comment = _joined(comments.get(name), list(_bounds(parts)), default)
+        yield _Entry(item.alias or name, default, section, named, comment)
 
 
 def _parts(annotation: Any) -> Iterator[Any]:

@@ -1,21 +1,21 @@
-"""``visuohaptic demo``: the whole story in one command, or one part of it.
+"""``visuohaptic demo``: the end-to-end demo on a simulated robot, or one part of it.
 
 parts
-  foam      touch one obstacle with the camera-read foam and tag it
-  beam      zero the beam sensor and read known loads
-  navigate  map the office, find the door blocked, push something aside, arrive
-  glass     find what is transparent, and complete it with the probe
-  bottle    squeeze: class and contents; plan the grasp and lift
-  without one: all of it, from the first round with the laser to the lifted bottle
+  foam      push one obstacle with the foam sensor and store its haptic tag
+  beam      zero the beam sensor and measure known loads
+  navigate  map the office, find the door blocked, push an obstacle aside, reach the goal
+  glass     detect the transparent part of a bottle and complete it with the probe
+  bottle    squeeze a bottle: class and contents; plan the grasp and lift it
+  Without a part, all of it runs, from the laser map to the lifted bottle.
 reads
-  --world   a seed: a house, what blocks its doorway and what is on its table are drawn; the robot is told nothing
-  --memory  database (a folder, or postgresql://...): a later visit uses map, tags and containers of the earlier ones
-  --map     any map_server YAML: touch three obstacles in it (the foam part only)
+  --world   seed of a random house with its own obstacles and containers; the robot knows nothing of it
+  --memory  database (a folder, or postgresql://...): a later visit uses the map, tags and containers of earlier ones
+  --map     any map_server YAML file: push three obstacles in it (foam part only)
 writes, into --out
-  report.html   one page with every chapter, needs nothing else
+  report.html   one self-contained page with every chapter
   touch/        sensor files, run.mcap (ROS 2 messages) and run.csv of the pushes
   beam/         files of the beam sensor
-with --map, into --out: report.html, run.mcap, run.csv, sensor.yaml, foam.yaml, zero.yaml
+  With --map: report.html, run.mcap, run.csv, sensor.yaml, foam.yaml, zero.yaml.
 
 examples
   visuohaptic demo --quick
@@ -56,15 +56,15 @@ def needs(args: argparse.Namespace) -> set[str]:
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("part", str, "run this part alone", nargs="?", choices=PARTS)
-    add("--quick", bool, "replay a recorded mission: seconds, needs no extra")
-    add("--map", Path, "touch three obstacles in this map", metavar="YAML")
-    add("--out", Path("results/demo"), "folder (results/demo)")
-    add("--seed", 2, "of everything random (2)")
-    add("--world", 0, "seed of a drawn house; 0: the office (0)", low=0)
-    add("--visit", 0, "day in this world; people move things (0)", low=0)
-    add("--memory", str, "database of what is remembered between visits", metavar="FOLDER|URL")
-    add("--view", bool, "show it live on a page of this machine")
+    add("part", str, "run only this part", nargs="?", choices=PARTS)
+    add("--quick", bool, "replay a recorded mission; takes seconds and needs no extra")
+    add("--map", Path, "push three obstacles in this map", metavar="YAML")
+    add("--out", Path("results/demo"), "folder to write to (results/demo)")
+    add("--seed", 2, "seed of everything random (2)")
+    add("--world", 0, "seed of a random house; 0: the office (0)", low=0)
+    add("--visit", 0, "number of the visit to this world, between which objects are moved (0)", low=0)
+    add("--memory", str, "database that stores results between visits", metavar="FOLDER|URL")
+    add("--view", bool, "show the pushes live in the browser")
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -1,11 +1,11 @@
-"""``visuohaptic doctor``: try every library in a process of its own, or a robot against its protocols.
+"""``visuohaptic doctor``: test every library in a separate process, or a robot against its protocols.
 
-reads   nothing; with --robot the module, which is looked for in this folder, too
-writes  nothing; ends with code 2 when a library of the core does not work, or the robot breaks a rule
+reads   nothing; with --robot, a Python module, searched for in the current folder too
+writes  nothing; the exit code is 2 when a core library fails or the robot violates a protocol
 
 The function that --robot names returns the parts of the robot: base, arm, gripper, camera, localizer, depth,
 feel (a mapping, or RobotParts of visuohaptic.tasks.framework). The base drives 10 cm and turns, the arm lifts its tip by 2 cm,
-the fingers close by 1 cm: have room, and a hand on the emergency stop.
+the fingers close by 1 cm: clear the space around the robot and keep a hand on the emergency stop.
 
 examples
   visuohaptic doctor
@@ -71,9 +71,9 @@ class Finding:
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("--robot", str, "try a robot of one's own instead of the libraries", metavar="MODULE:FUNCTION")
-    add("--still", bool, "do not move the robot: signatures and readings only")
-    add("--apart", bool, "make the robot in a process of its own, and reach it by its protocols")
+    add("--robot", str, "test this robot instead of the libraries", metavar="MODULE:FUNCTION")
+    add("--still", bool, "do not move the robot; test signatures and readings only")
+    add("--apart", bool, "create the robot in a separate process, and access it by its protocols")
 
 
 def run(args: Arguments) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def run(args: Arguments) -> dict[str, Any]:
 
 
 def _robot(args: Arguments) -> dict[str, Any]:
-    """Try a robot, and say what of its protocols it keeps."""
+    """Test a robot, and report which rules of its protocols it satisfies."""
     from ....io.remote import start_robot
     from ....tasks.framework import check_robot
 

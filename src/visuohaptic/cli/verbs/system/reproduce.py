@@ -1,12 +1,12 @@
-"""``visuohaptic reproduce``: the dissertation's figures and tables, reproduced.
+"""``visuohaptic reproduce``: reproduce the dissertation's figures and tables.
 
-reads   nothing: every experiment draws its own world from a seed
-writes  a folder for each experiment with its data (CSV), plots (PNG) and result.json (our numbers
-        and those of the dissertation, seed, versions), index.md that shows them all, and experiments.csv
-        with what each of them took
+reads   nothing: every experiment generates its own world from a seed
+writes  a folder for each experiment with its data (CSV), plots (PNG) and result.json (our values
+        and those of the dissertation, seed, versions), index.md with all of them, and experiments.csv
+        with the resources that each of them used
 
-What is there and was made by the same version with the same seed is left alone. An experiment
-that fails does not stop the others; its reason is said, and the exit code is 1.
+Results of the same version and seed are kept. A failed experiment does not stop the others; its reason is
+printed, and the exit code is 1.
 
 example: visuohaptic reproduce figure-3.4 --out results/dissertation
 """
@@ -29,11 +29,11 @@ _TOLD = ("name", "seconds", "cpu_seconds", "kept", "problem")
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("names", str, "figure-3.2, 3.4, table-6.1 ..., or all", nargs="+", metavar="NAME")
-    add("--out", Path, "folder to write to; made if it is not there", required=True)
-    add("--seed", 0, "of everything random (0)")
+    add("--out", Path, "folder to write to, created if necessary", required=True)
+    add("--seed", 0, "seed of everything random (0)")
     add("--quick", bool, "fewer samples, for a first look")
     add_worker_arguments(add, "one for each core")
-    add("--gallery", Path, "then write gallery.md and images/gallery of the documentation to this folder", metavar="DOCS")  # fmt: skip
+    add("--gallery", Path, "also write gallery.md and images/gallery to this folder of the documentation", metavar="DOCS")  # fmt: skip
     add("--force", bool, "run again even if the same result is there")
 
 

@@ -1,14 +1,15 @@
-"""``visuohaptic ros bridge``: the sensors as a ROS 2 node.
+"""``visuohaptic ros bridge``: run the sensors as a ROS 2 node.
 
 reads
   bridge.yaml  node: name, namespace, domain, type_hashes (no for Humble), connect, listen, zenoh_config
                sensors: name, config (sensor.yaml or scene.yaml), image (topic), odometry, zero_frames
+               (see `visuohaptic defaults bridge`)
 writes, for each sensor NAME
-  /NAME/wrench        geometry_msgs/WrenchStamped, NaN when not valid
-  /NAME/diagnostics   diagnostic_msgs/DiagnosticArray: validity, reason, all numbers; stale without images
-  /NAME/profile, /NAME/contact, /NAME/event, /NAME/markers of a foam; /NAME/pose of a scene
+  /NAME/wrench        geometry_msgs/WrenchStamped, NaN when invalid
+  /NAME/diagnostics   diagnostic_msgs/DiagnosticArray: validity, reason, all values; stale without images
+  /NAME/profile, /NAME/contact, /NAME/event, /NAME/markers of a foam sensor; /NAME/pose of a scene
 
-Runs until Ctrl-C or SIGTERM with exit code 0. A router has to run (ros2 run rmw_zenoh_cpp rmw_zenohd)
+Runs until Ctrl-C or SIGTERM, with exit code 0. It needs a running router (ros2 run rmw_zenoh_cpp rmw_zenohd)
 unless connect is empty.
 
 example: visuohaptic ros bridge bridge.yaml
@@ -34,7 +35,7 @@ NEEDS = ("zenoh",)
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("config", Path, "bridge.yaml")
-    add("--duration", float, "end by itself after S seconds", metavar="S", low=0, above=True)
+    add("--duration", float, "stop after S seconds", metavar="S", low=0, above=True)
 
 
 def run(args: Any) -> dict[str, Any]:

@@ -1,13 +1,13 @@
-"""``visuohaptic ros launch``: several nodes from a launch file, with or without ROS.
+"""``visuohaptic ros launch``: run several nodes from a launch file, with or without ROS.
 
 reads
   robot.launch.xml   <launch> with <arg name="..." default="..."/> and <executable cmd="..."/>, $(var name) in the
-                     latter: the same file runs with plain ros2 launch
+                     latter: `ros2 launch` runs the same file
 writes
-  nothing itself; what its nodes publish
+  nothing itself; its nodes publish
 
-Runs until Ctrl-C or SIGTERM with exit code 0; where one process ends with an error, all end with exit code 3.
-Without a name the launch files of this library are listed.
+Runs until Ctrl-C or SIGTERM, with exit code 0; when one process fails, all are stopped and the exit code is 3.
+Without a name, the launch files of this library are listed.
 
 example: visuohaptic ros launch
 """
@@ -48,6 +48,10 @@ def run(args: Any) -> dict[str, Any]:
         if not equals:
             raise InputError("ros launch", f"found {word!r}, expected name:=value")
         given[name] = value
+    if args.file not in own and not Path(args.file).exists():
+        raise InputError(
+            args.file, "does not exist", remedy=f"give a *.launch.xml file, or one of {', '.join(own)}"
+        )
     commands = read_launch(own.get(args.file, Path(args.file)), given)
     for words in commands:
         args.report(shlex.join(words))

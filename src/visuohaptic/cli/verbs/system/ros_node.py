@@ -1,20 +1,20 @@
-"""``visuohaptic ros node``: one node of a robot, with parameters, a life cycle and diagnostics.
+"""``visuohaptic ros node``: run one ROS 2 node with parameters, a life cycle and diagnostics.
 
 reads   topics, and the files that its parameters name (sensor.yaml, objects.yaml, ...)
 writes  topics, services and /diagnostics; no file
 
-Without a name the nodes are listed, with a name and --list the parameters of one.
+Without a name, the nodes are listed; with a name and --list, the parameters of that node.
 
-A node reads its parameters from --param name:=value, or as any node of ROS from --ros-args -p name:=value,
---params-file and -r (remapping). It configures and activates itself; with --managed it waits for a lifecycle
+Parameters are given with --param name:=value, or as for any ROS node with --ros-args -p name:=value,
+--params-file and -r (remapping). The node configures and activates itself; with --managed it waits for a lifecycle
 manager (ros2 lifecycle set /foam configure). Its diagnostics are on /diagnostics.
 
 over
   --transport rclpy       ROS 2 itself: sourced, or pip install 'visuohaptic[ros-jazzy]'
-  --transport zenoh       robots with rmw_zenoh_cpp, without ROS here; topics only
-  --transport cyclonedds  DDS without ROS here: pip install 'visuohaptic[dds]'; topics only
+  --transport zenoh       robots with rmw_zenoh_cpp, without a local ROS; topics only
+  --transport cyclonedds  DDS without a local ROS: pip install 'visuohaptic[dds]'; topics only
 
-Runs until Ctrl-C or SIGTERM with exit code 0.
+Runs until Ctrl-C or SIGTERM, with exit code 0.
 
 example: visuohaptic ros node
 """
@@ -32,12 +32,14 @@ __all__ = ["add_arguments", "run"]
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("name", str, "of the node, as foam", nargs="?")
-    add("--param", str, "a parameter; may be repeated", default=[], action="append", metavar="NAME:=VALUE")
-    add("--list", bool, "show the node's parameters instead")
-    add("--transport", "rclpy", None, choices=("rclpy", "zenoh", "cyclonedds"))
+    add("name", str, "name of the node, such as foam", nargs="?")
+    add(
+        "--param", str, "set a parameter; may be repeated", default=[], action="append", metavar="NAME:=VALUE"
+    )
+    add("--list", bool, "list the node's parameters")
+    add("--transport", "rclpy", "middleware (rclpy)", choices=("rclpy", "zenoh", "cyclonedds"))
     add("--domain", 0, "ROS_DOMAIN_ID; by default its own", metavar="N")
-    add("--namespace", "/", "of the node's topics", metavar="NAME")
+    add("--namespace", "/", "namespace of the node's topics", metavar="NAME")
     add(
         "--connect",
         str,
@@ -46,7 +48,7 @@ def add_arguments(add: Any) -> None:
         metavar="PLACE",
     )
     add("--managed", bool, "wait for a lifecycle manager")
-    add("--duration", float, "end by itself after S seconds", metavar="S", low=0, above=True)
+    add("--duration", float, "stop after S seconds", metavar="S", low=0, above=True)
     add("--ros-args", str, "as for any node of ROS", default=[], nargs=argparse.REMAINDER, metavar="...")
 
 

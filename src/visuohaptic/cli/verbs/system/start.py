@@ -1,14 +1,17 @@
-"""``visuohaptic start``: from a camera and a strip of foam to live newtons, without a file written by hand.
+"""``visuohaptic start``: set up a foam sensor step by step; every file is written for you.
 
-asks for what it does not know: the camera, the size of the strip, and known loads from a kitchen scale
+Asks for what is not given: the camera, the size of the strip, and known loads from a kitchen scale.
+
 reads
-  --source   a camera (0, /dev/video0, rtsp://..., realsense:), or a recording of the same steps
+  --source   a camera (0, /dev/video0, rtsp://..., realsense:, orbbec:), or a recording of the same steps
 writes, into --out
   tag.pdf        to print: the tag that shows the camera where the strip is
-  camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; later: visuohaptic sense foam --config sensor.yaml
+  camera.yaml, sensor.yaml, foam.yaml, zero.yaml   the sensor; used later by: visuohaptic sense foam --config sensor.yaml
 steps
-  1  the tag lies on the strip: where is it?       2  nothing touches the strip: zero, and is the size right?
-  3  the strip is pressed against a scale: how stiff is the foam?              4  newtons, until Ctrl-C
+  1  lay the tag on the strip: gives the pose of the strip
+  2  remove the tag: gives the zero reference, and checks the declared width
+  3  press the strip against a kitchen scale: gives the stiffness of the foam
+  4  measure until Ctrl-C
 
 example
   visuohaptic start --source 0 --length 250 --width 40 --height 50 --out bumper
@@ -53,22 +56,22 @@ _NEW_LOAD = 0.2
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("--source", str, "camera or recording; asked for when there are several cameras")
-    add("--camera", Path, "camera.yaml of calibrate camera; a usual webcam without it")
+    add("--source", str, "camera or recording (default: the connected camera, or a question)")
+    add("--camera", Path, "camera.yaml of `calibrate camera` (default: a typical webcam)")
     for name, text in (
         ("length", "of the back contour, along the robot"),
         ("width", "w, thickness of the foam in the direction of pushing"),
-        ("height", "h, extent of the foam across, which no camera sees"),
+        ("height", "h, extent of the foam across, which the camera cannot see"),
     ):
         add(f"--{name}", float, f"{text} [mm]", metavar="MM")
-    add("--foam", Path, "foam.yaml of the same foam: no known loads are needed")
+    add("--foam", Path, "foam.yaml of the same foam; replaces the known loads")
     add("--tag", 30.0, "side of the printed tag [mm] (30)", metavar="MM")
-    add("--out", Path("sensor"), "folder (sensor)")
-    add("--csv", Path, "table of the forces to write")
+    add("--out", Path("sensor"), "folder to write to (sensor)")
+    add("--csv", Path, "CSV table of the forces to write")
     add(
         "--view",
         str,
-        "page in the browser; by default where viser is installed",
+        "show the force in the browser (default: if viser is installed)",
         action=argparse.BooleanOptionalAction,
     )
 
@@ -89,27 +92,27 @@ def run(args: Any) -> dict[str, Any]:
         _print_tag(args, folder / "tag.pdf")
         _step(
             args,
-            "1/4  Lay the tag flat on the strip: in its middle, lower edge of the black border on the back edge.",
+            "1/4  Lay the tag flat on the middle of the strip, the lower edge of its black border on the back edge.",
         )
         seen = _take(frames, TAG_FRAMES, args.source)
         camera = _camera(args, source, seen[0])
         pose = _pose_of_foam(seen, camera, 1e-3 * args.tag)
         config = _write_sensor(folder, camera, size_m["length"], pose)
         material.save(folder / "foam.yaml")
-        _step(args, "2/4  Take the tag away. Nothing may touch the strip now.")
+        _step(args, "2/4  Remove the tag. Nothing may touch the strip.")
         sensor, zero = _zeroed(config, _take(frames, ZERO_FRAMES, args.source))
         measured_mm = 1e3 * float(zero.width_m.mean())
-        args.report(f"     the camera measures a strip {measured_mm:.1f} mm wide, you said {args.width:g} mm")
+        args.report(f"     measured width of the strip: {measured_mm:.1f} mm, given: {args.width:g} mm")
         loads = [] if args.foam else _known_loads(args, sensor, frames)
         if loads:
             _fit(args, loads, size_m).save(folder / "foam.yaml")
             sensor = FoamSensor.load(config)
         args.report(
-            f"4/4  {'Press' if is_live(args.source) else 'The rest of the recording'}; end with Ctrl-C"
+            f"4/4  {'Press the strip' if is_live(args.source) else 'The rest of the recording'}; stop with Ctrl-C"
         )
         done, max_N = _measure(args, FoamReader(sensor), frames)
     args.report(
-        f"the sensor is in {folder}; again: visuohaptic sense foam --config {config} --source {args.source}"
+        f"the sensor is in {folder}; to use it again: visuohaptic sense foam --config {config} --source {args.source}"
     )
     return {
         "config": str(config),
@@ -160,7 +163,7 @@ def _choose_camera(args: Any) -> str:
     if not found:
         raise DeviceError("no camera found; connect one, or give --source a file or the address of a stream")
     for camera in found:
-        args.report(f"     {camera.address:<12}{camera.name}")
+        args.report(f"     {camera.address:<24}{camera.name}")
     return found[0].address if len(found) == 1 else _ask(args, "which camera", "--source")
 
 
@@ -205,8 +208,8 @@ def _camera(args: Any, source: FrameSource, frame: Frame) -> Camera:
         return source.camera
     rows, columns = frame.image.shape[:2]
     args.report(
-        "     no --camera: a view of 53 degrees is assumed. The tag sets the scale in its own plane; with a "
-        "calibrated camera forces under a tilted view are some per cent better"
+        "     no --camera: a field of view of 53 degrees is assumed; a calibrated camera improves forces by some "
+        "per cent if it views the strip obliquely"
     )
     return Camera.simple(columns, rows, focal_px=float(columns))
 
@@ -226,8 +229,8 @@ def _pose_of_foam(frames: list[Frame], camera: Camera, side_m: float) -> Pose:
     if not seen[-1].valid or seen[-1].T_camera_template is None:
         raise CalibrationError(
             "tag",
-            f"the tag {TAG_ID} of tag.pdf is not seen ({seen[-1].reason}{seen[-1].detail and ': '}{seen[-1].detail})",
-            remedy="lay it where the camera sees all of it with its white border, in even light",
+            f"the tag {TAG_ID} of tag.pdf was not detected ({seen[-1].reason}{seen[-1].detail and ': '}{seen[-1].detail})",
+            remedy="place it where the whole tag with its white border is visible, in even light",
         )
     return seen[-1].T_camera_template @ tag_from_foam
 
@@ -264,7 +267,7 @@ def _zeroed(config: Path, frames: list[Frame]) -> tuple[FoamSensor, ZeroReferenc
         raise CalibrationError(
             "the strip",
             error.problem,
-            remedy="measure strip and printed tag with a ruler (--length, --width, --tag), and lay the tag again",
+            remedy="measure strip and printed tag with a ruler (--length, --width, --tag), and place the tag again",
         ) from error
     zero.save(sensor.setup.zero_path)
     return sensor, zero
@@ -302,7 +305,7 @@ def _known_loads(args: Any, sensor: FoamSensor, frames: Iterator[Frame]) -> list
         profile = _held(sensor, frames, held_N)
         if profile is None:
             if not loads:
-                raise InputError(args.source, "no load was held still", remedy="hold each for a second")
+                raise InputError(args.source, "no load was held still", remedy="hold each load for a second")
             return loads
         answer = _ask(args, f"load {len(loads) + 1}: the scale shows [g] (Enter: enough loads)", "")
         if not answer:
@@ -340,6 +343,6 @@ def _fit(args: Any, loads: list[PlateRecord], size_m: dict[str, float]) -> FoamM
     deepest = np.array([max(load.delta_m.max() for load in loads) / material.width_m])
     sigma = float(material.stress_sigma(deepest)[0] / material.stress(deepest)[0])
     args.report(
-        f"     {len(loads)} known loads: the foam's curve is known to {100 * sigma:.0f} % where you pressed"
+        f"     {len(loads)} known loads: uncertainty of the foam's curve {100 * sigma:.0f} % at the maximum deflection"
     )
     return material

@@ -1,8 +1,8 @@
-"""``visuohaptic view``: a page in the browser for objects, maps, plans, surfaces and classifications.
+"""``visuohaptic view``: show objects, maps, plans, surfaces and classifications in the browser.
 
-reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a shipped
-        class), surfaces (.ply; coloured by any number of their vertices, as sigma_m), maps of
-        map_server (.yaml), plans (.json, drawn on the map before them), steps of a classification
+reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a built-in
+        class), surfaces (.ply; coloured by any scalar of their vertices, such as sigma_m), maps of
+        map_server (.yaml), plans (.json, drawn on the map given before them), steps of a classification
         (.json with "steps": [[question, answer], ...] and "result")
 writes  nothing; the page is served on 127.0.0.1 until Ctrl-C
 
@@ -22,10 +22,10 @@ NEEDS = ("trimesh", "viser")
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("files", str, "what to show", nargs="+", metavar="FILE")
-    add("--port", 8080, "on 127.0.0.1; the next free one if in use", low=0, high=65535)
-    add("--force", 10.0, "of a finger, at the start (10)", metavar="N")
-    add("--state", "open", "of containers", choices=("open", "closed"))
+    add("files", str, "files or classes to show", nargs="+", metavar="FILE")
+    add("--port", 8080, "port on 127.0.0.1; the next free one if it is in use", low=0, high=65535)
+    add("--force", 10.0, "initial force of a finger (10)", metavar="N")
+    add("--state", "open", "state of containers", choices=("open", "closed"))
     add("--fill", 0.0, "fill level in containers, 0..1")
     add("--seconds", float, "stop after this time", low=0)
 

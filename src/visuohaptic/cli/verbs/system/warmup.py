@@ -1,8 +1,8 @@
-"""``visuohaptic warmup``: compile every kernel once, here or on all machines of a cluster, and say how long it took.
+"""``visuohaptic warmup``: compile every kernel once, on this machine or on all machines of a cluster.
 
 reads   nothing
-writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes what other
-        sources of this library left there; with --cluster on every machine that has a worker now
+writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes the code of other
+        versions of this library; with --cluster, on every machine that has a worker now
 
 examples
   visuohaptic warmup
@@ -35,7 +35,13 @@ MAX_USEFUL_WORKERS = 4
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("packages", str, "only these, as navigation or sensing.foam", nargs="*", metavar="PACKAGE")
+    add(
+        "packages",
+        str,
+        "packages to compile, such as navigation or sensing.foam (all)",
+        nargs="*",
+        metavar="PACKAGE",
+    )
     add_worker_arguments(add, f"one per core, at most {MAX_USEFUL_WORKERS}")
 
 

@@ -1,0 +1,120 @@
+"""Documentation, help texts and messages use the terms of the field: phrases that were replaced do not come back."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = ROOT / "src" / "visuohaptic"
+
+#: Phrase as a regular expression -> what to write instead.
+PHRASES = {
+    r"\banew\b": "again",
+    r"\baskew\b": "oblique",
+    r"\bat home\b": "locally",
+    r"\bbeside (?:the|its) (?:truth|numbers)\b": "compared with the truth",
+    r"\bby the clock\b": "wall time",
+    r"\bcame of it\b": "the result",
+    r"\bcomes down to\b": "the effective settings",
+    r"\bdear(?:er)?\b": "expensive",
+    r"\b(?:in|without|no) doubt\b": "uncertain",
+    r"\beverybody\b": "everyone",
+    r"\bfor (?:eyes|people)\b": "for display",
+    r"\bfore(?:told|seen?|tells?|sight)\b": "predict",
+    r"\bforgiv": "reset the failure counter",
+    r"\bgives? way\b": "deforms, buckles, moves",
+    r"\bgreed": "heuristic weight",
+    r"\bgo(?:es)? on (?:after|by|where|with|from)\b": "continue, resume",
+    r"\bhalf-made\b": "incomplete",
+    r"\bheld against\b": "compared with",
+    r"\bhold (?:a|an) \w+ (?:force )?against\b": "compare with",
+    r"\bhonest (?:uncertainty|,)": "calibrated",
+    r"\bit ends with\b": "press Ctrl-C to stop",
+    r"\bjudged?\b": "evaluate, test",
+    r"\bkindred\b": "similar",
+    r"\blaid on (?:each other|the map|its own map)\b": "matched, aligned",
+    r"\bmade (?:again|anew|up|whole)\b": "reproduced, invented, restored",
+    r"\bmistakes? of ours\b": "internal error",
+    r"\bnothing was (?:tuned|chosen) on\b": "not used for tuning",
+    r"\b(?:meshes|scenes|problems|people|pictures) of others\b": "third-party",
+    r"\bof (?:yours|ours)\b": "your own, our",
+    r"\bpage of this machine\b": "page served on this machine",
+    r"\bput out\b": "print",
+    r"\bsay(?:s|ing)? (?:what|where)\b": "state, report",
+    r"\bso many\b": "n, how many",
+    r"\bspoilt\b": "corrupted",
+    r"\bstands? (?:for itself|in the log)\b": "is logged",
+    r"\bstrangers?\b": "unknown class, new user",
+    r"\bthe answer says\b": "the result states",
+    r"\bthe whole story\b": "the end-to-end demo",
+    r"\btold (?:by|apart|nothing|of|the|to)\b": "given, distinguished, estimated",
+    r"\btells? (?:apart|most|the|them|what|where|which|how|nothing)\b": "determine, distinguish, state",
+    r"\bwanted\b": "requested, target",
+    r"\bway round\b(?!,)": "detour",
+    r"\bwhat came\b": "the result",
+    r"\bwithout reserve\b": "with probability 1",
+}
+
+#: Pages whose text comes from the code of a package.
+GENERATED = {"gallery.md", "reliability.md"}
+PAGES = sorted(
+    [ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")]
+    + [p for p in (ROOT / "docs").rglob("*.md") if p.parent.name != "api" and p.name not in GENERATED]
+)
+
+
+def found(text: str) -> list[str]:
+    """The phrases in a text, with what to write instead."""
+    flat = " ".join(text.split())
+    return [
+        f"...{flat[max(0, hit.start() - 30) : hit.end() + 20]}...: write {instead}"
+        for phrase, instead in PHRASES.items()
+        for hit in re.finditer(phrase, flat, re.IGNORECASE)
+    ]
+
+
+def prose(text: str) -> str:
+    """A page without its code and the generated tables of rooms."""
+    text = re.sub(r"^ *```.*?^ *```", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"`[^`]+`", "`code`", text)
+    return re.sub(r"<!-- (rooms|floors) -->.*?<!-- end of \1 -->", "", text, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_has_none_of_the_replaced_phrases(page: Path) -> None:
+    assert found(prose(page.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "docs/notebooks").glob("*.ipynb")), ids=lambda path: path.stem
+)
+def test_a_notebook_has_none_of_the_replaced_phrases(path: Path) -> None:
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    assert found(text) == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted((SOURCE / "cli").rglob("*.py")),
+    ids=lambda path: path.relative_to(SOURCE / "cli").as_posix(),
+)
+def test_help_and_messages_of_the_command_line_have_none_of_the_replaced_phrases(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    texts = [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    assert [hit for text in texts for hit in found(text)] == []
+
+
+def test_the_search_ignores_line_breaks_and_case() -> None:
+    (hit,) = found("What the foam\nForeTells is read")
+    assert "predict" in hit
+    assert found("the container buckles, and the result states why") == []
