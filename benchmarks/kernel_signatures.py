@@ -127,18 +127,13 @@ def run_mapper() -> None:
 
 
 def run_pushing() -> None:
-    """Plan a direct push of a box in a small room."""
-    from visuohaptic.io.maps import OccupancyMap
-    from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
-    from visuohaptic.reproduce.pushes import DirectPushSettings, PushedObject, plan_direct_push
+    """Push a box with a round platform."""
+    from visuohaptic.navigation.pushing import PushModel, line_path, sampled_pushes, simulate_push
 
-    cells = np.zeros((60, 60), np.int8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 100
-    map = OccupancyMap(cells, 0.05)
-    box = np.array([[1.4, 1.4], [1.6, 1.4], [1.6, 1.6], [1.4, 1.6]])
-    plan_direct_push(map, PushedObject(box), settings=DirectPushSettings(samples=1))
-    model = PushModel.patch(box - 1.5)
-    simulate_push(model, (0.4, 0.0, 0.0), line_path(np.zeros(2), np.array([0.2, 0.0])), 0.17)
+    model = PushModel.patch(np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]))
+    push = model, (0.4, 0.0, 0.0), line_path(np.zeros(2), np.array([0.2, 0.0])), 0.17
+    simulate_push(*push)
+    sampled_pushes(*push, np.random.default_rng(0), samples=1)
 
 
 def run_planning() -> None:

@@ -14,7 +14,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def pack(tmp_path, folder):
-    """A package of three modules, one below the other; called in processes of their own."""
+    """A package of three modules, one below the other."""
     for name, text in PACK.items():
         write_module(tmp_path, name, text)
     return tmp_path

@@ -35,7 +35,6 @@ from visuohaptic.navigation.problem import (
     manipulability,
     objects_from_data,
 )
-from visuohaptic.reproduce.pushes import PushLimits
 from visuohaptic.tasks.framework import Machine, Rule
 from visuohaptic.tasks.mobile import (
     ExploreSettings,
@@ -154,7 +153,7 @@ def test_the_planner_believes_the_bound_and_files_keep_it():
     tag = HapticTag(explored=1, min_static_friction_N=20.0)
     assert not manipulability(tag, ROBOT).possible
     assert "more than 20.0 N" in manipulability(tag, ROBOT).reason
-    assert failure_probability(tag, 0.1, PushLimits(0.17)) == 1.0
+    assert failure_probability(tag, 0.1, ROBOT) == 1.0
     assert from_dict(HapticTag, to_dict(tag)).min_static_friction_N == 20.0
     read = objects_from_data(
         {"objects": [{"id": "a", "footprint_m": box(0, 0, 1).tolist(), "haptic_tag": to_dict(tag)}]}

@@ -88,29 +88,3 @@ def advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
             contacts[k, 4] = np.sqrt(bx * bx + by * by) - reach
         least = min(least, contacts[k, 4])
     return least
-
-
-@kernel
-def touch_along(outline, round_m, px, py, dx, dy, radius, far, contacts):
-    """Distance before (px, py) at which a disc that comes along (dx, dy) touches an outline in its own frame.
-
-    Steps by the gap, which is never more than the distance that is left. Negative
-    when the disc passes; otherwise row 0 of ``contacts`` is where it touches.
-    """
-    away = far
-    for _ in range(200):
-        count, gap = features(
-            outline, round_m, 0.0, 0.0, 0.0, px - away * dx, py - away * dy, radius, 1e-4, contacts
-        )
-        if gap < 1e-5 and count > 0:
-            best = 0
-            for k in range(1, count):
-                if contacts[k, 4] < contacts[best, 4]:
-                    best = k
-            for a in range(6):
-                contacts[0, a] = contacts[best, a]
-            return away
-        away -= max(gap, 5e-6)
-        if away < -far:
-            break
-    return -1.0

@@ -15,10 +15,8 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, draw_map, outline, with_all
 from ..output import Output
-from ..pushes.direct_push import DirectPushSettings, plan_direct_push
 from ..pushes.goal_maps import GoalMap, blocked_parts, goal_map
 from ..pushes.local_costmap import FootprintSamples, LocalCostmap
-from ..pushes.push_scene import PushedObject
 
 __all__ = ["run"]
 
@@ -52,15 +50,10 @@ def run(out: Output) -> None:
     out.table("goals", {"x_m": places[:, 0], "y_m": places[:, 1]})
     out.picture("push_goals", draw_axes(1, 1, lambda axes: _draw(axes, costmap, goals, footprint, spots, path),
                                         size=(7.0, 6.4)))  # fmt: skip
-    plans = plan_direct_push(
-        with_all(), PushedObject(item.footprint_m), robot_m=(float(centre[0]), 1.2), blocked_path_m=path,
-        settings=DirectPushSettings(reach_m=REACH_m, samples=0),
-    )  # fmt: skip
     out.compare("candidates with two occupied parts", sum(n >= 2 for n in parts), f"of {len(spots)}",
                 dissertation=1, note="the one in the door frame")  # fmt: skip
     out.compare("occupied parts in the door frame", parts[-1], dissertation=2)
     out.compare("goals that open the path", float(goals.goal.sum()) * costmap.map.resolution_m**2, "m^2")
-    out.compare("direct push plans to them", len(plans))
 
 
 def _value(costmap: LocalCostmap, goals: GoalMap, spot: np.ndarray) -> bool:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from ...core.errors import InputError
 from ...navigation.grid.footprints import find_footprints
 from ...navigation.planning.joint_builder import extend_graph
 from ...navigation.planning.joint_graph import JointGraph
@@ -24,8 +23,6 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of
 from ..output import Output
-from ..pushes.direct_push import DirectPush, DirectPushSettings, plan_direct_push
-from ..pushes.push_scene import PushedObject
 
 __all__ = ["run"]
 
@@ -47,7 +44,7 @@ def run(out: Output) -> None:
         regions.graph, regions, ROBOT, [ManipulationNode(item, 0.15) for item in problem.objects]
     )
     candidates = find_footprints(problem.map)
-    direct = _direct(out, problem, detour)
+    direct = [*push.pushes, *detached.pushes]
     out.table(
         "tasks",
         {
@@ -68,8 +65,8 @@ def run(out: Output) -> None:
             draw_map(axis, problem.map)
         for candidate in candidates:
             axes[0].fill(*candidate.outline_m.T, color=COLOURS["orange"], alpha=0.75, lw=0)
-        for plan in direct:
-            axes[0].plot(*plan.path_m[:, :2].T, color="red", lw=2)
+        for one in direct:
+            axes[0].plot(*np.array(one.path_m)[:, :2].T, color="red", lw=2)
         axes[0].set_title("a  candidates and direct pushes")
         _graph(axes[1], joint, False)
         _way(axes[1], detour)
@@ -93,27 +90,6 @@ def run(out: Output) -> None:
     out.compare("time, with manipulation", push.cost_s, "s")
     out.compare("detached nodes in the top right can be reached by a push", float(detached.reachable),
                 dissertation=1)  # fmt: skip
-
-
-def _direct(out: Output, problem: Any, detour: Plan) -> list[DirectPush]:
-    """Plans of the direct push planner for what stands in a way."""
-    ways = {
-        "stool": np.array([[1.5, 0.85], [2.7, 0.9], [2.9, 1.4]]),
-        "table": np.array([[5.25, 1.8], [5.25, 3.4]]),
-    }
-    found = []
-    for item in problem.objects:
-        if item.id in ways:
-            start = (float(ways[item.id][0][0]), float(ways[item.id][0][1]))
-            try:
-                plans = plan_direct_push(
-                    problem.map, PushedObject(item.footprint_m, item.tag), robot_m=start,
-                    blocked_path_m=ways[item.id], settings=DirectPushSettings(reach_m=1.0), rng=out.rng(1),
-                )  # fmt: skip
-            except InputError:
-                continue
-            found += list(plans[:3])
-    return found
 
 
 def _graph(axis: Any, joint: JointGraph, added: bool) -> None:

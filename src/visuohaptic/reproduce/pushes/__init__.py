@@ -1,4 +1,4 @@
-"""The local planner of direct pushes on a costmap around the object (Alt 2016, Sec. 4.3.1)."""
+"""Where a pushed object may go, on a costmap around it (Alt 2016, Sec. 4.3.1), and where it goes in MuJoCo."""
 
 from ...core.front_door import attach
 

@@ -1,8 +1,3 @@
-from .direct_push import ContactPoint as ContactPoint
-from .direct_push import DirectPush as DirectPush
-from .direct_push import DirectPushSettings as DirectPushSettings
-from .direct_push import contact_points as contact_points
-from .direct_push import plan_direct_push as plan_direct_push
 from .floor_push import FloorBody as FloorBody
 from .floor_push import FloorPush as FloorPush
 from .floor_push import FloorTrace as FloorTrace
@@ -10,8 +5,3 @@ from .goal_maps import GoalMap as GoalMap
 from .goal_maps import goal_map as goal_map
 from .local_costmap import FootprintSamples as FootprintSamples
 from .local_costmap import LocalCostmap as LocalCostmap
-from .push_failure import centre_from_tag as centre_from_tag
-from .push_failure import simulated_failure as simulated_failure
-from .push_scene import PushedObject as PushedObject
-from .push_scene import PushLimits as PushLimits
-from .push_scene import PushScene as PushScene

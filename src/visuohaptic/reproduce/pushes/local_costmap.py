@@ -169,40 +169,6 @@ class LocalCostmap:
         values = self.distance_m[np.where(inside, cells[..., 0], 0), np.where(inside, cells[..., 1], 0)]
         return np.where(inside, values, 0.0).astype(np.float64)
 
-    def reachable(
-        self, robot_m: Float[np.ndarray, "2"], footprint_m: Float[np.ndarray, "p 2"], radius_m: float
-    ) -> Bool[np.ndarray, "rows columns"]:
-        """Cells that the platform can drive to in the window from ``robot_m`` while the object stands.
-
-        From outside the window it may come in over every part of its border.
-
-        Parameters
-        ----------
-        robot_m
-            Where the platform is: x, y [m], map frame.
-        footprint_m
-            Outline of the object, map frame.
-        radius_m
-            Of the platform [m].
-        """
-        from scipy import ndimage
-
-        free = (self.distance_m >= radius_m) & (
-            distance_from(self.map, _covered_cells(self.map, footprint_m)) >= radius_m
-        )
-        labels, _ = ndimage.label(free, structure=np.ones((3, 3), dtype=int))
-        cell = self.map.cell_from_world(np.asarray(robot_m, dtype=np.float64))
-        if bool(self.map.inside(cell)):
-            near = np.zeros(self.map.shape, dtype=bool)
-            near[cell[0], cell[1]] = True
-            # It may stand a little nearer to the object than it would drive.
-            near = ndimage.binary_dilation(near, iterations=max(1, round(radius_m / self.map.resolution_m)))
-            found = np.unique(labels[near])
-        else:
-            border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-            found = np.unique(border)
-        return np.isin(labels, found[found > 0])
-
 
 def _along(line: object, spacing_m: float) -> Float[np.ndarray, "n 2"]:
     """Points on a closed line, at most ``spacing_m`` apart, its corners among them."""
