@@ -99,20 +99,14 @@ def run_graph() -> None:
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.files import route_pieces
     from visuohaptic.navigation.graph import assign_regions, build_graph
-    from visuohaptic.navigation.graph._region_kernels import spread
-    from visuohaptic.navigation.graph.regions import SQUARE, step_bounds
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
     cells = np.zeros((60, 60), np.int8)
     cells[20:30, 20:30] = 100
     layers = grid_layers(OccupancyMap(cells, 0.1), SpeedLimits(0.2))
     graph = build_graph(layers, spacing_m=1.0)
-    regions = assign_regions(layers, graph)
+    assign_regions(layers, graph)
     route_pieces(graph, layers)
-    # Only where paths turn back is anything left to spread.
-    queued = np.zeros(layers.step.size, np.uint8)
-    nothing = np.empty(0, np.int32)
-    spread(layers.step, regions.potential, regions.seed, nothing, *step_bounds(layers), SQUARE, queued)
 
 
 def run_mapper() -> None:

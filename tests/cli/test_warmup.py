@@ -64,7 +64,7 @@ def test_it_removes_what_no_kernel_can_load(one_line, tmp_path, capsys):
 
 def test_a_line_without_its_kernel_is_said(monkeypatch, tmp_path, capsys):
     path = tmp_path / "signatures.txt"
-    path.write_text("visuohaptic.navigation.graph._region_kernels:no_such_kernel (int64,)\n")
+    path.write_text("visuohaptic.navigation.graph._sweep_kernels:no_such_kernel (int64,)\n")
     monkeypatch.setattr(warmup, "SIGNATURES", path)
     assert command.main(["warmup"]) == 1
     assert "no_such_kernel" in capsys.readouterr().err

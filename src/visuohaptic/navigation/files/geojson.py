@@ -21,6 +21,7 @@ from ...core.errors import InputError
 from ...core.files import load_json, write_text
 from ...io.maps.occupancy_map import OccupancyMap
 from ..graph.navigation_graph import NavigationGraph
+from ..graph.tracing._prune_kernels import label_components
 from ..grid.cost_grid import GridLayers
 from .route_edges import route_pieces
 
@@ -196,7 +197,6 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     InputError
         As of :func:`load_route_graph`; or it has no grid.
     """
-    from ..graph.tracing._prune_kernels import label_components
 
     nodes, edges, data = _read(path)
     grid: Any = data.get("grid")

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from ..graph.navigation_graph import NavigationGraph
 from ..grid.cost_grid import GridLayers
+from ._route_kernels import chord_measures, split_path
 
 __all__ = ["RoutePieces", "route_pieces"]
 
@@ -35,7 +36,6 @@ def route_pieces(graph: NavigationGraph, layers: GridLayers) -> RoutePieces:
     graph, layers
         The graph and the layers that it was built from.
     """
-    from ._route_kernels import chord_measures, split_path
 
     resolution_m = layers.map.resolution_m
     distance = layers.distance_m / np.float32(resolution_m)

@@ -1,9 +1,10 @@
-"""Potentials and nearest nodes by passes over rows: most paths from a node are straight enough for two.
+"""Potentials and nearest nodes by passes over rows (fast sweeping): most paths from a node are straight enough for two.
 
-The pair (potential, seed) of ``_region_kernels`` is one whole number here, potential * 2^31 + seed, so that
+A cell's value is the pair (potential, seed): the smallest cost of a path from a seed, in whole units, and of equal ones
+the smallest seed. Every cell on a path costs its ``step``, times sqrt(2) where it is entered diagonally. Such pairs have
+one solution, whatever the order of the work. Each pair is one whole number, potential * 2^31 + seed, so that
 one minimum compares both and the loop over a row becomes vector code. A pass downwards and one
-upwards follow every path that does not turn back twice; a third looks for cells that are not
-final yet. From those ``_region_kernels.spread`` goes on.
+upwards follow every path that does not turn back twice.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
-from ._region_kernels import UNREACHED
-from .tracing._path_kernels import longer, longer_rows
+from .tracing._path_kernels import longer_rows
 
-__all__ = ["sweep"]
+__all__ = ["UNREACHED", "sweep"]
 
+#: Potential of cells that no node is reached from.
+UNREACHED = np.int32(2**31 - 1)
 _SHIFT = 31
 _SEED = np.int64(2**31 - 1)
 #: Pair of a cell that no node is reached from.
@@ -70,7 +72,7 @@ def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: i
 
 @kernel(error_model="numpy", boundscheck=False)
 def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndarray) -> None:
-    """Ways onto a run of cells from the row beside it; fills ``cost`` of straight steps."""
+    """Paths onto a run of cells from the row beside it; fills ``cost`` of straight steps."""
     own, left, middle, right = here[1:], beside, beside[1:], beside[2:]
     for k in range(len(line)):
         step = np.int64(line[k])
@@ -82,8 +84,8 @@ def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndar
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
-    """Ways along a run of cells, to the right and to the left; the result goes back to the map."""
+def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> int:
+    """Paths along a run of cells, to the right and to the left; the result goes back to the map. Returns cells improved."""
     count = len(potential)
     value = here[0]
     own = here[1:]
@@ -95,74 +97,44 @@ def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.n
         place = np.uint32(count - 1 - k)
         value = min(own[place], value + cost[place])
         own[place] = value
+    improved = 0
     for k in range(count):
-        potential[k] = np.int32(own[k] >> _SHIFT)
         # Where there is no node the seed's bits are all ones: -1 once the sign is put back.
         origin = own[k] & _SEED
-        seed[k] = np.int32(origin) if origin != _SEED else np.int32(-1)
+        nearest = np.int32(origin) if origin != _SEED else np.int32(-1)
+        reached = np.int32(own[k] >> _SHIFT)
+        improved += (reached != potential[k]) | (nearest != seed[k])
+        potential[k], seed[k] = reached, nearest
+    return improved
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def _better(
-    line: np.ndarray, here: np.ndarray, below: np.ndarray, above: np.ndarray, best: np.ndarray
-) -> int:
-    """Best paths onto a run of cells from all eight sides; returns on how many cells that is news."""
-    own, right = here[1:], here[2:]
-    below1, below2, above1, above2 = below[1:], below[2:], above[1:], above[2:]
-    news = 0
-    for k in range(len(line)):
-        step = np.int64(line[k])
-        straight = step << _SHIFT
-        crooked = ((step * 92682 + 32768) >> 16) << _SHIFT
-        side = min(min(below1[k], above1[k]), min(here[k], right[k]))
-        corner = min(min(below[k], below2[k]), min(above[k], above2[k]))
-        value = min(side + straight, corner + crooked)
-        best[k] = value
-        news += value < own[k]
-    return news
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> np.ndarray:
-    """Improve all values from each other; returns the cells (flat) whose paths onward have to be looked at still.
+def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
+    """Improve all values from each other until none changes.
 
     Parameters
     ----------
-    step, potential, seed
-        As of :func:`~visuohaptic.navigation.graph._region_kernels.spread`.
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
     """
     rows, columns = step.shape
     here = np.empty(columns + 2, np.int64)
-    below = np.empty(columns + 2, np.int64)
-    above = np.empty(columns + 2, np.int64)
-    best = np.empty(columns + 2, np.int64)
+    beside = np.empty(columns + 2, np.int64)
+    cost = np.empty(columns + 2, np.int64)
     start, runs = _runs(step)
-    for sense in (1, -1):
-        for number in range(rows):
-            row = number if sense == 1 else rows - 1 - number
-            for run in range(start[row], start[row + 1]):
-                first, stop = runs[run, 0], runs[run, 1]
-                _load(potential, seed, row - sense, first, stop, below)
-                _load(potential, seed, row, first, stop, here)
-                _enter(step[row, first:stop], here, below, best)
-                _along(here, best, potential[row, first:stop], seed[row, first:stop])
-    found = np.empty(1024, np.int32)
-    count = 0
-    for row in range(rows):
-        for run in range(start[row], start[row + 1]):
-            first, stop = runs[run, 0], runs[run, 1]
-            _load(potential, seed, row - 1, first, stop, below)
-            _load(potential, seed, row, first, stop, here)
-            _load(potential, seed, row + 1, first, stop, above)
-            better = _better(step[row, first:stop], here, below, above, best)
-            if better == 0:
-                continue
-            while count + better > len(found):
-                found = longer(found)
-            for k in range(stop - first):
-                if best[k] < here[k + 1]:
-                    potential[row, first + k] = np.int32(best[k] >> _SHIFT)
-                    seed[row, first + k] = np.int32(best[k] & _SEED)
-                    found[count] = row * columns + first + k
-                    count += 1
-    return found[:count].copy()
+    improved = 1
+    while improved > 0:
+        improved = 0
+        for sense in (1, -1):
+            for number in range(rows):
+                row = number if sense == 1 else rows - 1 - number
+                for run in range(start[row], start[row + 1]):
+                    first, stop = runs[run, 0], runs[run, 1]
+                    _load(potential, seed, row - sense, first, stop, beside)
+                    _load(potential, seed, row, first, stop, here)
+                    _enter(step[row, first:stop], here, beside, cost)
+                    improved += _along(here, cost, potential[row, first:stop], seed[row, first:stop])

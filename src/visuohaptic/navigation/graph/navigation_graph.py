@@ -10,7 +10,9 @@ from jaxtyping import Float, Int, Int32
 
 from ...core.errors import InputError
 from ..grid.cost_grid import GridLayers
+from .tracing._junction_kernels import measure_paths
 from .tracing._lines import skeleton_lines, speeds
+from .tracing._prune_kernels import keep_edges, label_components, prune
 from .tracing.skeletonize import skeleton_marks
 
 __all__ = ["NavigationGraph", "build_graph"]
@@ -93,7 +95,6 @@ def build_graph(
     >>> graph.nodes > 0, graph.edges.shape[1]
     (True, 2)
     """
-    from .tracing._prune_kernels import keep_edges, label_components, prune
 
     for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
         if value is not None and not (np.isfinite(value) and value >= 0):
@@ -134,7 +135,6 @@ def _spaced(
     spacing_m: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
-    from .tracing._junction_kernels import measure_paths
 
     columns = layers.shape[1]
     taken = set(nodes.tolist())

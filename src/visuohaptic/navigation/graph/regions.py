@@ -8,12 +8,10 @@ import numpy as np
 from jaxtyping import Float32, Int, Int32
 
 from ..grid.cost_grid import GridLayers
+from ._sweep_kernels import UNREACHED, sweep
 from .navigation_graph import NavigationGraph
 
 __all__ = ["Regions", "assign_regions"]
-
-#: Edge of the squares that potentials are worked out in: what is at work at a time stays in the cache.
-SQUARE = 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +77,6 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     >>> bool((regions.seed[layers.reachable] >= 0).all())  # every reachable cell has its node
     True
     """
-    from ._region_kernels import UNREACHED, spread
-    from ._sweep_kernels import sweep
 
     columns = layers.shape[1]
     potential = np.full(layers.shape, UNREACHED, np.int32)
@@ -88,15 +84,5 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     cells = (graph.node_cells[:, 0].astype(np.int64) * columns + graph.node_cells[:, 1]).astype(np.int32)
     potential.ravel()[cells] = 0
     seed.ravel()[cells] = cells
-    left = sweep(layers.step, potential, seed)
-    if len(left):
-        queued = np.zeros(layers.step.size, np.uint8)
-        spread(layers.step, potential, seed, left, *step_bounds(layers), SQUARE, queued)
+    sweep(layers.step, potential, seed)
     return Regions(potential, seed, layers.unit_s, layers, graph)
-
-
-def step_bounds(layers: GridLayers) -> tuple[int, int]:
-    """Largest and smallest cost of a step on a cell that can be reached [units]."""
-    steps, _ = layers.limits.step_table(layers.map.resolution_m)
-    reachable = steps[steps > 0]
-    return int(reachable.max()), int(reachable.min())

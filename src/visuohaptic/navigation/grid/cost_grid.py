@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Float32, UInt16
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
+from ._distance_kernels import distance_rows, vertical_cells
 
 __all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
 
@@ -154,7 +155,6 @@ def grid_layers(map: OccupancyMap, limits: SpeedLimits, *, unknown_is_free: bool
         Distances are exact (Felzenszwalb and Huttenlocher 2012); infinite on a map without obstacles
         where unknown is free.
     """
-    from ._distance_kernels import distance_rows, vertical_cells
 
     steps, unit_s = limits.step_table(map.resolution_m)
     vertical = np.zeros(map.shape, np.uint16)

@@ -21,6 +21,7 @@ from ...core.geometry import compose_2d, relative_2d
 from ...core.laser_scan import LaserScan
 from ...core.measurement import Reason
 from ...io.maps.occupancy_map import FREE, OccupancyMap
+from ._mapper_kernels import add_beams
 from .scan_matching import SURELY_FREE as _SURELY_FREE
 from .scan_matching import HitGrid, MatchSettings, ScanMatch, match_scan
 
@@ -252,7 +253,6 @@ class OccupancyMapper:
         )
 
     def _cast(self, scan: LaserScan) -> None:
-        from ._mapper_kernels import add_beams
 
         s, pose = self.settings, np.array(self._pose)
         seen = scan.hits | np.isposinf(scan.ranges_m) | (scan.ranges_m >= scan.range_max_m)

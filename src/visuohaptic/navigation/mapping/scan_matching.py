@@ -18,6 +18,7 @@ from jaxtyping import Float, Float32
 from ...core.geometry import rotation_2d, wrap_angle
 from ...core.measurement import Reason
 from ...core.ranges import POSITIVE, check_ranges
+from ._mapper_kernels import correlate, nearest_lines
 
 __all__ = ["HitGrid", "MatchSettings", "ScanMatch", "match_scan"]
 
@@ -134,7 +135,6 @@ def _agreement(
     settings: MatchSettings,
 ) -> tuple[int, int]:
     """How many points lie where the map knows something, and how many of those near a hit."""
-    from ._mapper_kernels import nearest_lines
 
     _, places = _places(grid, points_m, pose)
     lines = nearest_lines(
@@ -156,7 +156,6 @@ def _search(
     settings: MatchSettings,
 ) -> tuple[float, float, float]:
     """Best of all shifts and turns in the window by how many points lie near hits, and by the odometry."""
-    from ._mapper_kernels import correlate
 
     r = grid.resolution_m
     chosen = points_m[:: max(len(points_m) // settings.points, 1)]
@@ -204,7 +203,6 @@ def _refine(
     settings: MatchSettings,
 ) -> tuple[tuple[float, float, float], Float[np.ndarray, "3 3"], float]:
     """Pose, covariance and residual [m]: Gauss-Newton on point-to-line distances with Huber weights, and on the odometry."""
-    from ._mapper_kernels import nearest_lines
 
     r = grid.resolution_m
     prior = np.linalg.inv(guess_covariance)

@@ -12,7 +12,11 @@ from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
 from ..grid.cost_grid import OBSTACLE_FROM, window_distance
 from ..problem.planning_problem import RobotModel
+from ..pushing._outline_kernels import distance_patch
+from ._joint_kernels import free_object
 from .joint_graph import JointGraph, JointNode, NodeType, costs_between
+from .search import _travel_kernels
+from .search._travel_kernels import FAR, UNITS
 from .search.search_domain import grid_from_world
 
 __all__ = ["extend_graph"]
@@ -49,7 +53,6 @@ class _Builder:
     """Arrays that all nodes of one extension use."""
 
     def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
-        from .search._travel_kernels import UNITS
 
         self.visual, self.regions, self.robot = visual, regions, robot
         self.map = regions.layers.map
@@ -64,8 +67,6 @@ class _Builder:
         if not kind.in_map:
             return self._safety(kind, number)
         import cv2
-
-        from ._joint_kernels import free_object
 
         outline = grid_from_world(self.map, kind.outline_m)
         # Cells that the object denies are within the radius of it; what slows the robot on them, three radii on.
@@ -113,13 +114,11 @@ class _Builder:
         """Steps 5 to 7: nodes of the regions beside a node's own that it is worth an edge to, and their drives [s]."""
         import cv2
 
-        from .search._travel_kernels import FAR, travel_field
-
         # The path to a neighbour leads through the node's own region and over the border, not along it.
         reach = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         begin = np.full(1, start[0] * mine.shape[1] + start[1], np.int32)
         none, seeds = np.zeros(0, np.int32), self.regions.seed[window]
-        cost = travel_field(
+        cost = _travel_kernels.travel_field(
             np.where(reach, clearance, np.float32(0.0)), self.radius, self.slow, begin, np.zeros(1, np.int32),
             np.zeros((0, 0), np.int16), none, none, 0, none,
         ).reshape(mine.shape)  # fmt: skip
@@ -142,7 +141,6 @@ class _Builder:
 
     def _safety(self, kind: NodeType, number: int) -> JointNode:
         """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""
-        from ..pushing._outline_kernels import distance_patch
 
         rows, columns = self.map.shape
         outline = grid_from_world(self.map, kind.outline_m)

@@ -10,9 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from ...core.errors import InputError
+from ..pushing._outline_kernels import disc_touches_at
 from ..pushing.contact_candidates import push_contacts
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
+from .search import _travel_kernels
+from .search._travel_kernels import FAR, UNITS, clearances_at, reach_costs
 from .search.bodies import Body, lower_clearance
 from .search.object_cells import fill_cells
 from .search.search_domain import SearchDomain
@@ -60,7 +63,6 @@ def rollouts(
     domain: SearchDomain, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], margin_m: float
 ) -> list[Rollout]:
     """Drives against every body from all sides that cause no collision."""
-    from .search._travel_kernels import UNITS, travel_field
 
     still = np.zeros((len(domain.bodies), 2))
     clearance = domain.clearance_with(still)
@@ -69,7 +71,9 @@ def rollouts(
         return []
     nothing = np.zeros((0, 0), np.int16)
     none = np.zeros(0, np.int32)
-    cost = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none)
+    cost = _travel_kernels.travel_field(
+        clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none
+    )
     found: list[Rollout] = []
     for index, body in enumerate(domain.bodies):
         if body.allowed.unknown:
@@ -126,7 +130,6 @@ def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[
     points_m
         x, y about the body's centre, along the grid's axes.
     """
-    from .search._travel_kernels import clearances_at
 
     cells = points_m / scene.domain.map.resolution_m + scene.body.centre
     room: Bool[np.ndarray, "k"] = clearances_at(scene.without, cells) >= scene.domain.radius - 0.05
@@ -137,8 +140,6 @@ def _approaches(
     scene: OffCentreScene, clearance: Float32[np.ndarray, "rows columns"], cost: np.ndarray
 ) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
     """Directions of drives, where they start, and what it costs to get there [units]."""
-    from ..pushing._outline_kernels import disc_touches_at
-    from .search._travel_kernels import FAR, reach_costs
 
     domain, body = scene.domain, scene.body
     shape = np.ascontiguousarray(body.outline - body.centre)
@@ -232,12 +233,11 @@ def _reached(
     rollout: Rollout, pose: np.ndarray
 ) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "n"]]:
     """Clearance, and the cells that the robot reaches after a push."""
-    from .search._travel_kernels import flood
 
     domain = rollout.scene.domain
     clearance = _clearance_after(rollout, pose)
     near, _ = domain.seeds(clearance, retreat(rollout), reach=2, block=1)
-    return clearance, flood(clearance, domain.radius, near)
+    return clearance, _travel_kernels.flood(clearance, domain.radius, near)
 
 
 def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:

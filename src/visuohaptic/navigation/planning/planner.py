@@ -11,7 +11,9 @@ from jaxtyping import Float
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
+from ..pushing._outline_kernels import polygon_distance
 from .drive_tasks import drive_tasks
+from .search._travel_kernels import clearances_at
 from .search.drives import pull_string
 from .search.push_lengths import end_covariance
 from .search.push_search import load_kernels, search_pushes
@@ -145,7 +147,6 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
     -------
     The start where the robot fits there or beside it; none where no free cell is within its radius.
     """
-    from .search._travel_kernels import clearances_at
 
     reach = int(np.ceil(domain.radius)) + 1
     low = np.maximum(np.floor(start).astype(int) - 2 * reach, 0)
@@ -170,7 +171,6 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
 
 def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
     """Why a robot cannot leave where it starts."""
-    from ..pushing._outline_kernels import polygon_distance
 
     outlines = [(body.obj.id, body.outline) for body in domain.bodies]
     outlines += [

@@ -46,12 +46,17 @@ def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
     if inside_polygon(px, py, polygon):
         return 0.0
     best = np.inf
-    n = len(polygon)
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        d = segment_distance(px, py, polygon[i, 0], polygon[i, 1], polygon[j, 0], polygon[j, 1])
-        best = min(best, d)
-    return best
+    j = len(polygon) - 1
+    for i in range(len(polygon)):
+        x, y = px - polygon[j, 0], py - polygon[j, 1]
+        dx, dy = polygon[i, 0] - polygon[j, 0], polygon[i, 1] - polygon[j, 1]
+        along = x * dx + y * dy
+        if along > 0.0:
+            t = min(along / (dx * dx + dy * dy), 1.0)
+            x, y = x - t * dx, y - t * dy
+        best = min(best, x * x + y * y)
+        j = i
+    return math.sqrt(best)
 
 
 @kernel

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.geometry import wrap_angle
+from ._outline_kernels import disc_touches_at
 
 __all__ = ["PushContact", "push_contacts"]
 
@@ -56,8 +57,6 @@ def push_contacts(
         Whether pushes oblique to a face, which hold by friction only, are added.
     """
     from shapely import Point, Polygon
-
-    from ._outline_kernels import disc_touches_at
 
     shape = np.ascontiguousarray(outline - centre)
     body = Polygon(shape)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ._push_kernels import GAP, YAW, X, push_object
 from .push_model import PushModel
 
 __all__ = ["PushUncertainty", "covariance_of_ends", "sampled_pushes"]
@@ -125,7 +126,6 @@ def sampled_pushes(
     Poses before, poses where the platform is at each of its own, and whether the object blocks the whole approach:
     then it stays where it was.
     """
-    from ._push_kernels import GAP, YAW, X, push_object
 
     uncertainty = uncertainty if uncertainty is not None else PushUncertainty()
     path = np.ascontiguousarray(path_m, dtype=np.float64)

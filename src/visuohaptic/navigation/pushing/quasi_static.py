@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ._push_kernels import FORCE_X, GAP, X, push_object
 from .push_model import PushModel
 
 __all__ = ["PushTrace", "arc_path", "check_path", "line_path", "simulate_push"]
@@ -79,7 +80,6 @@ def simulate_push(
     InputError
         When the platform stands in the object from the beginning.
     """
-    from ._push_kernels import FORCE_X, GAP, X, push_object
 
     start = np.asarray(object_m, dtype=np.float64)
     path = check_path("simulate_push", path_m)

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 
 from ...grid.cost_grid import GridLayers
+from ._junction_kernels import edge_paths, gather_junctions, join_lines
+from ._line_kernels import BITS, find_ends, find_lines
 
 __all__ = ["RawGraph", "skeleton_lines", "speeds"]
 
@@ -50,7 +52,6 @@ class RawGraph:
         edge_start, halves
             Half-edges of each edge in CSR form: 2 r for piece r, 2 r + 1 for it backwards.
         """
-        from ._junction_kernels import edge_paths
 
         start, cells = edge_paths(
             edge_start, halves, self.pieces, self.slot_cell, self.slot_parent, self.path
@@ -68,8 +69,6 @@ def skeleton_lines(layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"]) 
     mark
         1 on the skeleton.
     """
-    from ._junction_kernels import gather_junctions, join_lines
-    from ._line_kernels import BITS, find_ends, find_lines
 
     scale = (layers.map.resolution_m, speeds(layers))
     distance, place = layers.distance_m, np.zeros(layers.shape, np.int32)

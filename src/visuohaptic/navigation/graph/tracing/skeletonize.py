@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from ...grid.cost_grid import GridLayers
+from ._skeleton_kernels import refine, start, survey
 
 __all__ = ["skeleton", "skeleton_marks"]
 
@@ -18,7 +19,6 @@ def skeleton_marks(layers: GridLayers) -> UInt8[np.ndarray, "rows columns"]:
     layers
         Costmap: clearance and cost of each cell.
     """
-    from ._skeleton_kernels import refine, start, survey
 
     mark = np.zeros(layers.shape, np.uint8)
     survey(layers.distance_m, layers.step, mark)

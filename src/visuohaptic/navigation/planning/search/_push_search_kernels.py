@@ -12,7 +12,7 @@ import numpy as np
 
 from ....core.kernels import kernel
 from ...graph.tracing._path_kernels import longer_rows
-from ...pushing._outline_kernels import inside_polygon, polygon_distance
+from ...pushing._outline_kernels import extent, inside_polygon, polygon_distance
 from ._travel_kernels import clearance_at
 
 
@@ -52,9 +52,12 @@ def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
     rows, columns = clearance.shape
     out = np.zeros(((rows + block - 1) // block, (columns + block - 1) // block), np.float32)
     for r in range(rows):
-        for c in range(columns):
-            if clearance[r, c] > out[r // block, c // block]:
-                out[r // block, c // block] = clearance[r, c]
+        row = r // block
+        for column in range(out.shape[1]):
+            best = out[row, column]
+            for c in range(column * block, min((column + 1) * block, columns)):
+                best = max(best, clearance[r, c])
+            out[row, column] = best
     return out
 
 
@@ -68,10 +71,7 @@ def block_patch(
     """
     rows, columns = clearance.shape
     height, width = (rows + block - 1) // block, (columns + block - 1) // block
-    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
-    for i in range(len(polygon)):
-        x0, y0 = min(x0, polygon[i, 0]), min(y0, polygon[i, 1])
-        x1, y1 = max(x1, polygon[i, 0]), max(y1, polygon[i, 1])
+    x0, x1, y0, y1 = extent(polygon)
     c0 = min(width, max(0, int(math.floor((x0 - reach) / block))))
     c1 = max(c0, min(width, int(math.ceil((x1 + reach) / block)) + 1))
     r0 = min(height, max(0, int(math.floor((y0 - reach) / block))))
@@ -89,8 +89,10 @@ def block_patch(
             for step in (block - 1, 1):
                 for rr in range(r * block, min((r + 1) * block, rows), step):
                     for cc in range(c * block, min((c + 1) * block, columns), step):
-                        away = math.hypot(cc + 0.5 - (c + 0.5) * block, rr + 0.5 - (r + 0.5) * block)
-                        if clearance[rr, cc] > best and centre + away > best:
+                        if clearance[rr, cc] <= best:
+                            continue
+                        x, y = cc + 0.5 - (c + 0.5) * block, rr + 0.5 - (r + 0.5) * block
+                        if best < centre or x * x + y * y > (best - centre) ** 2:
                             own = polygon_distance(cc + 0.5, rr + 0.5, polygon)
                             best = max(best, min(clearance[rr, cc], own))
             patch[r - r0, c - c0] = best
@@ -146,13 +148,9 @@ def free_push_length(
                 begins = inside_polygon(px, py, others[other_start[o] : other_start[o + 1]])
         if begins:
             due[i] = np.inf
-    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
-    for i in range(len(polygon)):
-        x0, y0 = min(x0, polygon[i, 0]), min(y0, polygon[i, 1])
-        x1, y1 = max(x1, polygon[i, 0]), max(y1, polygon[i, 1])
-    for i in range(m):
-        x0, y0 = min(x0, around[i, 0]), min(y0, around[i, 1])
-        x1, y1 = max(x1, around[i, 0]), max(y1, around[i, 1])
+    x0, x1, y0, y1 = extent(polygon)
+    left, right, low, high = extent(around)
+    x0, x1, y0, y1 = min(x0, left), max(x1, right), min(y0, low), max(y1, high)
     moved = np.zeros_like(polygon)
     for step in range(1, int(math.ceil(2.0 * limit - 1e-6)) + 1):
         before, t = 0.5 * (step - 1), min(0.5 * step, limit)
@@ -172,10 +170,7 @@ def free_push_length(
             first, last = other_start[o], other_start[o + 1]
             if polygon_distance(x, y, others[first:last]) < radius:
                 return before
-            ox0, oy0, ox1, oy1 = np.inf, np.inf, -np.inf, -np.inf
-            for i in range(first, last):
-                ox0, oy0 = min(ox0, others[i, 0]), min(oy0, others[i, 1])
-                ox1, oy1 = max(ox1, others[i, 0]), max(oy1, others[i, 1])
+            ox0, ox1, oy0, oy1 = extent(others[first:last])
             if x0 + dx > ox1 or x1 + dx < ox0 or y0 + dy > oy1 or y1 + dy < oy0:
                 continue
             if _meets(outline, dx, dy, others, first, last):
@@ -214,10 +209,7 @@ def opening_lengths(
     object, by blocks; ``limit`` the collision-free push distance.
     """
     rows, columns = without.shape
-    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
-    for i in range(len(polygon)):
-        x0, y0 = min(x0, polygon[i, 0]), min(y0, polygon[i, 1])
-        x1, y1 = max(x1, polygon[i, 0]), max(y1, polygon[i, 1])
+    x0, x1, y0, y1 = extent(polygon)
     c0 = max(0, int(math.floor((x0 - radius) / block)) - 2)
     c1 = min(columns, int(math.ceil((x1 + radius) / block)) + 3)
     r0 = max(0, int(math.floor((y0 - radius) / block)) - 2)

@@ -195,15 +195,9 @@ def travel_field(
                 level_by = max(level_by, reached - cost[u - 1])
             if c + 1 < columns and (not charged or labels[u + 1] == own):
                 level_by = max(level_by, reached - cost[u + 1])
-            for dr in range(-1, 2):
-                rr = r + dr
-                if rr < 0 or rr >= rows:
-                    continue
-                for dc in range(-1, 2):
-                    cc = c + dc
-                    if cc < 0 or cc >= columns:
-                        continue
-                    v = rr * columns + cc
+            for rr in range(max(r - 1, 0), min(r + 2, rows)):
+                for cc in range(max(c - 1, 0), min(c + 2, columns)):
+                    v, dr, dc = rr * columns + cc, rr - r, cc - c
                     if cost[v] <= reached + MIN_STEP or cell_cost[v] < 0:
                         continue
                     if cell_cost[v] == 0:

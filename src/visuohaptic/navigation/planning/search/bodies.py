@@ -12,6 +12,7 @@ from ....core.geometry import rotation_2d
 from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.planning_problem import MovableObject
 from ...problem.push_costs import Manipulability
+from ...pushing._outline_kernels import distance_patch
 from ...pushing.contact_candidates import PushContact, push_contacts
 
 __all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "lower_window", "world_from_grid"]
@@ -87,7 +88,6 @@ def lower_clearance(
     reach
         Largest clearance that matters [cells].
     """
-    from ...pushing._outline_kernels import distance_patch
 
     lower_window(clearance, *distance_patch(outline, reach))
 

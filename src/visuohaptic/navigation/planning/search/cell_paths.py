@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int16, Int32
 
+from . import _travel_kernels
+from ._push_search_kernels import descend
+from ._travel_kernels import FAR, UNITS, segment_cost
 from .search_domain import SearchDomain
 
 __all__ = ["cheapest_cells", "resampled", "thinned", "unclear_steps"]
@@ -40,8 +43,6 @@ def cheapest_cells(
         Shifts of the bodies, and the layer's corner on the map: the path has to be clear of everything exactly from the
         start to its first cell and from its last one to the goal, too.
     """
-    from ._push_search_kernels import descend
-    from ._travel_kernels import FAR, UNITS, travel_field
 
     radius, slow = domain.radius, domain.slow
     cells, costs = domain.seeds(clearance, start, reach=1 if block > 1 else 2, block=block)
@@ -64,7 +65,9 @@ def cheapest_cells(
         region, charge = (
             (np.zeros((0, 0), np.int16), none) if labels is None else (labels, domain.charges(block))
         )
-        cost = travel_field(clearance, radius, slow, cells, costs, region, charge, none, 0, ends)
+        cost = _travel_kernels.travel_field(
+            clearance, radius, slow, cells, costs, region, charge, none, 0, ends
+        )
     else:
         cells, cost = field
     total = cost[ends].astype(np.int64) + end_costs
@@ -103,7 +106,6 @@ def thinned(
     path
         From its corner [cells].
     """
-    from ._travel_kernels import segment_cost
 
     kept = [0]
     for last in range(domain.block, len(path) - 1 + domain.block, domain.block):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float32
 
+from ...grid._distance_kernels import near_distance, vertical_cells
 from ...grid.cost_grid import OBSTACLE_FROM
 from ...problem.passages import Passage, PassageKind, is_door_wing
 from ...problem.planning_problem import MovableObject, PlanningProblem
 from ...problem.push_costs import PushCosts, manipulability
+from ._push_search_kernels import largest_in_blocks
 from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance
 from .object_cells import clear_cells
 from .push_states import needed_clearance
@@ -36,7 +38,6 @@ def build_search_domain(
     block
         Edge of a node of the lattice [cells]; by default what a robot of its radius needs.
     """
-    from ._push_search_kernels import largest_in_blocks
 
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
@@ -114,7 +115,6 @@ def _distance(
     occupied: Bool[np.ndarray, "rows columns"], reach: float
 ) -> Float32[np.ndarray, "rows columns"]:
     """Distance to the border of the nearest occupied cell, of those outside too, up to ``reach`` [cells]."""
-    from ...grid._distance_kernels import near_distance, vertical_cells
 
     vertical = np.zeros(occupied.shape, np.uint16)
     vertical_cells(occupied.view(np.int8), 1, True, vertical)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int32
 
+from ._push_search_kernels import largest_in_blocks
+from ._travel_kernels import string_pull
 from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import Deadline, PushStep
 from .search_domain import Corridor, SearchDomain
@@ -41,7 +42,7 @@ def pull_string(
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
     """Cheapest any-angle path between two points: over the lattice, along it on the map, then string pulling.
 
-    A long path is pulled piece by piece, and once more in pieces from the middle of each to the middle of the next.
+    A long path is pulled piece by piece; corners are cut from the middle of each piece to the middle of the next.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def pull_string(
     start, goal
         Grid coordinates [cells].
     deadline
-        From then on the pieces are left as they are.
+        From then on corners are left as they are.
 
     Returns
     -------
@@ -63,22 +64,17 @@ def pull_string(
     block, nodes, *_ = _drive(domain, drive)
     if not len(nodes):
         return nowhere
-    pieces = _pieces(domain, drive, nodes, block)
-    rounds = STRING_ROUNDS if len(pieces) == 1 else 0
-    pulled = [_pulled_piece(domain, shifts, piece, block, *part[1:], rounds) for piece, part in pieces]
-    if len(pulled) > 1:
-        middles = [path[len(path) // 2] for path, _ in pulled]
-        path = resampled(np.concatenate([path for path, _ in pulled]), 2 * len(nodes))
-        joints = [0, *(int(np.hypot(*(path - middle).T).argmin()) for middle in middles), len(path) - 1]
-        parts = [path[a : b + 1] for a, b in itertools.pairwise(joints) if b > a]
-        again = [
-            _pulled_piece(domain, shifts, part // block, block, part[0], part[-1], STRING_ROUNDS)
-            for part in parts
-            if deadline is None or not deadline.passed
-        ]
-        pulled = again if len(again) == len(parts) else pulled
-    if not all(len(path) for path, _ in pulled):
+    parts = [
+        _pulled_piece(domain, shifts, piece, block, *part[1:])
+        for piece, part in _pieces(domain, drive, nodes, block)
+    ]
+    if not all(len(part) for part in parts):
         return nowhere
+    if len(parts) > 1:
+        halves = [half for part in parts for half in _halved(part)]
+        joined = [np.concatenate(pair) for pair in zip(halves[1:-1:2], halves[2::2], strict=True)]
+        parts = [halves[0], *joined, halves[-1]]
+    pulled = [_without_corners(domain, shifts, part, deadline) for part in parts]
     path = np.concatenate([path for path, _ in pulled])
     distinct = np.ones(len(path), dtype=bool)
     distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
@@ -257,7 +253,6 @@ def _drive(
     A block is as clear as its clearest cell: where the map has no drive along the path over the lattice, half as
     large blocks are tried, down to the cells, if the answer has to be ``complete``.
     """
-    from ._push_search_kernels import largest_in_blocks
 
     key, (shifts, start, goal) = _key(*drive), drive
     known = domain.drives.get(key)
@@ -324,24 +319,43 @@ def _pulled_piece(
     block: int,
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
-    rounds: int,
-) -> tuple[Float[np.ndarray, "q 2"], float]:
-    """Cheapest path on the map along a path over blocks, and its cost; empty and infinite without one."""
-    from ._travel_kernels import string_pull
+) -> Float[np.ndarray, "q 2"]:
+    """Cheapest choice of points of the path on the map along a path over blocks; empty without one."""
 
     found = _cells_along(domain, _Drive(shifts, start, goal), nodes, block)
     if found is None:
-        return np.zeros((0, 2)), float("inf")
+        return np.zeros((0, 2))
     cells, clearance, low, _ = found
-    radius, slow = domain.radius, domain.slow
     path = np.concatenate([[start - low], thinned(domain, clearance, cells + 0.5), [goal - low]])
-    for _ in range(2):  # a second look joins pieces that were cut by the window
-        kept, cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
-        path = path[kept]
-    for _ in range(rounds):
-        # Chords between points along it cut its corners.
+    return path[string_pull(clearance, domain.radius, domain.slow, path, STRING_WINDOW)[0]] + low
+
+
+def _halved(path: Float[np.ndarray, "q 2"]) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 2"]]:
+    """A path up to its middle and from there on."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    after = max(int(np.searchsorted(along, 0.5 * along[-1])), 1)
+    middle = [np.interp(0.5 * along[-1], along, path[:, axis]) for axis in (0, 1)]
+    return np.vstack([path[:after], middle]), np.vstack([middle, path[after:]])
+
+
+def _without_corners(
+    domain: SearchDomain,
+    shifts: Float[np.ndarray, "bodies 2"],
+    path: Float[np.ndarray, "q 2"],
+    deadline: Deadline | None,
+) -> tuple[Float[np.ndarray, "p 2"], float]:
+    """A path on the map with its corners cut by chords between points along it, while there is time; its cost."""
+
+    low = np.maximum(np.floor(path.min(axis=0)).astype(int) - 2, 0)
+    clearance = domain.part(domain.clearance, low, np.ceil(path.max(axis=0)).astype(int) + 2, shifts, 1)
+    path = path - low
+    kept, cost = string_pull(clearance, domain.radius, domain.slow, path, STRING_WINDOW)
+    path = path[kept]
+    for _ in range(STRING_ROUNDS):
+        if deadline is not None and deadline.passed:
+            break
         dense = resampled(path, STRING_WINDOW)
-        kept, cost_now = string_pull(clearance, radius, slow, dense, STRING_WINDOW)
+        kept, cost_now = string_pull(clearance, domain.radius, domain.slow, dense, STRING_WINDOW)
         if not cost_now < cost:
             break
         gain = 1.0 - cost_now / cost

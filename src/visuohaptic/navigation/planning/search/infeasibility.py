@@ -14,6 +14,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
+from . import _travel_kernels
+from ._push_search_kernels import free_push_length
+from ._travel_kernels import FAR, reach_costs
 from .push_heuristic import PushHeuristic
 from .push_lengths import SWEEP_STEP
 from .push_states import Deadline, SearchLimits, SearchState, needed_clearance
@@ -109,10 +112,9 @@ class Infeasibility:
         self, clearance: Float32[np.ndarray, "r c"], near: Int32[np.ndarray, "k"]
     ) -> Bool[np.ndarray, "n"] | None:
         """Nodes that the robot gets to."""
-        from ._travel_kernels import flood
 
         near = near[clearance.ravel()[near] >= self.domain.radius]
-        return flood(clearance, self.domain.radius, near) if near.size else None
+        return _travel_kernels.flood(clearance, self.domain.radius, near) if near.size else None
 
     def _after_pushes(
         self,
@@ -123,8 +125,6 @@ class Infeasibility:
         pushes: tuple[Int[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]],
     ) -> Iterator[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]]]:
         """Configurations one step on, and where the robot is."""
-        from ._push_search_kernels import free_push_length
-        from ._travel_kernels import FAR, reach_costs
 
         domain, heuristic = self.domain, self.heuristic
         bodies, numbers = pushes[0].T

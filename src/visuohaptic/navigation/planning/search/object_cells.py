@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._joint_kernels import free_object
+
 __all__ = ["clear_cells", "fill_cells"]
 
 
@@ -36,7 +38,6 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
     outline
         Corners in grid coordinates [cells].
     """
-    from .._joint_kernels import free_object
 
     window = _window(occupied.shape, outline, 4.0)
     part = np.ascontiguousarray(occupied[window])

@@ -14,6 +14,8 @@ from jaxtyping import Float, Float32, Int, Int16, Int32
 
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
+from . import _travel_kernels
+from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
 from .push_states import PushStep
 from .search_domain import SearchDomain
 
@@ -61,7 +63,6 @@ class PushHeuristic:
         oblique: bool = False,
         free: PushHeuristic | None = None,
     ) -> None:
-        from ._travel_kernels import FAR, UNITS
 
         self.domain, self.goal, self.costs = domain, goal, costs
         self.active, self.oblique = sorted(active), oblique
@@ -207,14 +208,13 @@ class PushHeuristic:
         bodies
             Indices of those in question.
         """
-        from ._travel_kernels import flood
 
         domain = self.domain
         found = []
         for index in bodies:
             alone = domain.lowered(self.base, np.zeros((len(domain.bodies), 2)), [index], domain.block)
             cells, _ = self.goal_seeds(alone)
-            if not cells.size or not flood(alone, domain.radius, cells)[start].any():
+            if not cells.size or not _travel_kernels.flood(alone, domain.radius, cells)[start].any():
                 found.append(index)
         return found
 
@@ -259,7 +259,6 @@ class PushHeuristic:
         seeds: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] | None = None,
         rest: Int32[np.ndarray, "n"] | None = None,
     ) -> Int32[np.ndarray, "n"]:
-        from ._travel_kernels import travel_field
 
         domain = self.domain
         moved = [index for index in bodies if shifts[index].any()]
@@ -281,7 +280,7 @@ class PushHeuristic:
         none = near = np.zeros(0, np.int32)
         if robot is not None:
             near, _ = domain.seeds(self.base, robot)
-        cost = travel_field(
+        cost = _travel_kernels.travel_field(
             clearance, domain.radius, domain.slow, *(seeds or (self.goal_cells, self.goal_costs)),
             region, charge, none if rest is None else rest, self.limit, near,
         )  # fmt: skip
@@ -348,7 +347,6 @@ class PushHeuristic:
         self, bodies: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]
     ) -> Int16[np.ndarray, "r c"]:
         """Places of some bodies on the lattice: their index + 1, of the cheapest where places overlap."""
-        from ._travel_kernels import mark_region
 
         known = not shifts[list(bodies)].any()
         if known and bodies in self._marked:
@@ -372,7 +370,6 @@ class PushHeuristic:
         points
             Grid coordinates [cells].
         """
-        from ._travel_kernels import reach_costs
 
         domain = self.domain
         found: Int[np.ndarray, "m"] = reach_costs(

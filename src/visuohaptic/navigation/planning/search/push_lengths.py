@@ -17,6 +17,8 @@ from ....core.geometry import rotation_2d
 from ...pushing.push_failure import PushUncertainty, covariance_of_ends, sampled_pushes
 from ...pushing.push_model import PushModel
 from ...pushing.quasi_static import STEP_M, line_path
+from . import _travel_kernels
+from ._push_search_kernels import block_patch, free_push_length, opening_lengths
 from .bodies import lower_window
 from .drives import changed_drives_cost, drives_cells
 from .push_heuristic import PushHeuristic
@@ -171,7 +173,6 @@ def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float
     limit
         As far as it is looked at [cells].
     """
-    from ._push_search_kernels import free_push_length
 
     domain: SearchDomain = heuristic.domain
     body, shift = domain.bodies[step.body], step.shifts_before[step.body]
@@ -216,7 +217,6 @@ def opening_at(
     among
         Which bodies are in the way.
     """
-    from ._push_search_kernels import opening_lengths
 
     block, shift = domain.block, shifts[index]
     grow = domain.radius + 4.0 * block
@@ -333,8 +333,6 @@ def _closed(
     drive: Float[np.ndarray, "k 2"],
 ) -> Bool[np.ndarray, "n"]:
     """Whether a body at each outline [cells] cuts a drive, within a window of the lattice around all of them."""
-    from ._push_search_kernels import block_patch
-    from ._travel_kernels import flood
 
     block, radius = domain.block, domain.radius
     grow = 4.0 * radius + 4.0 * block
@@ -350,5 +348,7 @@ def _closed(
         patch, row, column = block_patch(domain.clearance, outline, radius, radius + block, block)
         lower_window(among, patch, row - int(low[1]), column - int(low[0]))
         (begin, _), (end, _) = (domain.seeds(among, drive[k] - corner, reach=2) for k in inside[[0, -1]])
-        found[number] = not (begin.size and end.size and flood(among, radius, begin)[end].any())
+        found[number] = not (
+            begin.size and end.size and _travel_kernels.flood(among, radius, begin)[end].any()
+        )
     return found

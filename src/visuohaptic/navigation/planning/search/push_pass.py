@@ -14,6 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int32
 
+from . import _travel_kernels
+from ._travel_kernels import clearances_at, reach_costs
 from .drives import drive_cost, drives_cost
 from .push_heuristic import PushHeuristic
 from .push_lengths import free_length, opening_at, push_step, stand_is_free
@@ -162,7 +164,6 @@ class PushPass:
 
     def _expand(self, state: SearchState) -> None:
         """The drive to the goal, and the contacts that the robot can reach."""
-        from ._travel_kernels import clearances_at, reach_costs, travel_field
 
         domain, heuristic, queue = self.domain, self.heuristic, self.queue
         clearance = domain.lattice_with(state.shifts)
@@ -172,7 +173,7 @@ class PushPass:
         cost = state.travel
         if cost is None:
             bounded, none = bool(np.isfinite(queue.best)), np.zeros(0, np.int32)
-            cost = travel_field(
+            cost = _travel_kernels.travel_field(
                 clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
                 heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
             )  # fmt: skip

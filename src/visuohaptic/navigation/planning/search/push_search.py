@@ -131,12 +131,17 @@ class _Search:
         if self._until(1.0).passed:
             return self._late()
         # Often the cheapest path leaves everything where it is: a plan that pushes costs a push more than none.
-        plan = PushPass(free, 1.0, self.limits, self._until(1.0)).run(self.first, 1)
-        seconds = self.domain.block / free.units
-        cheapest_push = min((free.shortest_push(k) for k in self.active), default=float("inf"))
-        pushing = (float(free.free_field[self.cells].min()) + cheapest_push) * seconds
-        if plan.found and plan.cost <= (1.0 + self.limits.gap) * pushing:
-            return replace(plan, bound=min(plan.cost, pushing))
+        seconds, lowest = self.domain.block / free.units, float(free.free_field[self.cells].min())
+        pushing = lowest + min((free.shortest_push(k) for k in self.active), default=float("inf"))
+        enough = (1.0 + self.limits.gap) * (pushing if self.active else lowest)
+        # A path that is hardly longer than without the objects crosses a small part of a large map; beside one that is
+        # just good enough there must be room for any angle.
+        for most in ((1.0 + self.limits.gap) * enough, float("inf")):
+            plan = PushPass(free, 1.0, self.limits, self._until(1.0)).run(self.first, 1, most)
+            if plan.found and (not self.active or plan.cost <= enough * seconds):
+                return replace(plan, bound=min(plan.cost, pushing * seconds))
+            if plan.found or self._until(1.0).passed:
+                break
         return self._with_pushes(free, plan)
 
     def _with_pushes(self, free: PushHeuristic, plan: SearchResult) -> SearchResult:

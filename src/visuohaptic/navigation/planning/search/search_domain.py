@@ -14,6 +14,9 @@ from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.passages import Passage
 from ...problem.planning_problem import MovableObject, RobotModel
+from ...pushing._outline_kernels import clear_straight, distance_patch
+from ._push_search_kernels import block_patch
+from ._travel_kernels import UNITS, nodes_around
 from .bodies import Body, grid_from_world, lower_window, world_from_grid
 
 __all__ = [
@@ -145,7 +148,6 @@ class SearchDomain:
         block
             Edge of a node [cells]; that of the lattice by default.
         """
-        from ._travel_kernels import nodes_around
 
         found: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] = nodes_around(
             layer, float(point[0]), float(point[1]), self.radius, self.slow, reach, block or self.block
@@ -240,8 +242,6 @@ class SearchDomain:
         block
             Edge of a block [cells].
         """
-        from ...pushing._outline_kernels import distance_patch
-        from ._push_search_kernels import block_patch
 
         key = (block, index, round(float(shift[0]), 9), round(float(shift[1]), 9))
         if key not in self.patches:
@@ -299,7 +299,6 @@ class SearchDomain:
         among
             Which bodies are in the way; all by default.
         """
-        from ...pushing._outline_kernels import clear_straight
 
         radius = (self.robot.radius_m - CLEAR_SLACK_M) / self.map.resolution_m
         lows, highs = self.extents
@@ -340,7 +339,6 @@ class SearchDomain:
         block
             As of :meth:`labels`.
         """
-        from ._travel_kernels import UNITS
 
         scale = UNITS * self.robot.v_max_m_s / (self.map.resolution_m * block)
         return np.array([0.0, *(seconds * scale for *_, seconds in self.passages)]).astype(np.int32)
