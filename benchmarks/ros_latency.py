@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +35,13 @@ TOPIC, WRENCH, KIND = "/bumper/image", "geometry_msgs/msg/WrenchStamped", "senso
 RATE_HZ = 30.0
 PATIENCE_S = 60.0
 
-#: A camera that publishes until it is killed.
+#: A camera that publishes until it is killed, and listens to what becomes of its images.
 _PEER = """
 import sys, time, numpy as np
 from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.ros.transports import RclpyNode, RosOptions
 node = RclpyNode("peer", RosOptions(domain=int(sys.argv[1])))
+node.subscribe("/foam/wrench", "geometry_msgs/msg/WrenchStamped", lambda received: None)
 camera = node.advertise(sys.argv[2], "sensor_msgs/msg/Image")
 camera.wait_until_heard(30.0)
 print("heard", flush=True)
@@ -68,13 +70,15 @@ class Node:
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     def use(self) -> dict[str, float]:
-        """Memory, handles and threads now (Linux)."""
+        """Memory, handles and threads now, and CPU time so far (Linux)."""
         place = Path(f"/proc/{self.process.pid}")
         status = dict(line.split(":", 1) for line in (place / "status").read_text().splitlines())
+        spent = (place / "stat").read_text().rpartition(")")[2].split()[11:13]  # user and system
         return {
             "memory_MB": int(status["VmRSS"].split()[0]) / 1000,
             "handles": len(list((place / "fd").iterdir())),
             "threads": int(status["Threads"]),
+            "cpu_s": sum(map(int, spent)) / os.sysconf("SC_CLK_TCK"),
         }
 
     def alive(self) -> bool:
@@ -90,23 +94,39 @@ class Node:
         return self.process.returncode
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A wrench that came back."""
+
+    at_s: float
+    valid: bool
+
+
 class Heard:
-    """Arrivals of wrenches by the stamp of their image."""
+    """Wrenches by the stamp of their image, until they are taken."""
 
     def __init__(self, node: TopicNode) -> None:
-        self.at_s: dict[int, float] = {}
-        node.subscribe("/foam/wrench", WRENCH, self._take, Qos(depth=100))
+        self._answers: dict[int, Answer] = {}
+        node.subscribe("/foam/wrench", WRENCH, self._hear, Qos(depth=100))
 
-    def _take(self, received: Any) -> None:
-        stamp = received.message.header.stamp
-        self.at_s[stamp.sec * 1_000_000_000 + stamp.nanosec] = time.perf_counter()
+    def _hear(self, received: Any) -> None:
+        stamp, force_N = received.message.header.stamp, received.message.wrench.force.x
+        self._answers[stamp.sec * 1_000_000_000 + stamp.nanosec] = Answer(
+            time.perf_counter(), bool(np.isfinite(force_N))
+        )
+
+    def take(self, stamp_ns: int) -> Answer | None:
+        """The answer to an image; what is older goes, others' and those of silence."""
+        for old in [stamp for stamp in list(self._answers) if stamp < stamp_ns]:
+            del self._answers[old]
+        return self._answers.pop(stamp_ns, None)
 
     def wait(self, count: int, timeout_s: float) -> bool:
         """Whether so many have come in time."""
         end = time.monotonic() + timeout_s
-        while len(self.at_s) < count and time.monotonic() < end:
+        while len(self._answers) < count and time.monotonic() < end:
             time.sleep(0.01)
-        return len(self.at_s) >= count
+        return len(self._answers) >= count
 
 
 def latency(node: TopicNode, heard: Heard, images: list[np.ndarray], seconds: float) -> dict[str, Any]:
@@ -129,7 +149,7 @@ def latency(node: TopicNode, heard: Heard, images: list[np.ndarray], seconds: fl
             sent[messages.stamp_ns(now_s)] = at_s
     time.sleep(2.0)
     delays_ms = np.array(
-        [1e3 * (heard.at_s[stamp] - at) for stamp, at in sent.items() if stamp in heard.at_s]
+        [1e3 * (found.at_s - at) for stamp, at in sent.items() if (found := heard.take(stamp)) is not None]
     )
     return {
         "sent": len(sent),
@@ -140,35 +160,33 @@ def latency(node: TopicNode, heard: Heard, images: list[np.ndarray], seconds: fl
     }
 
 
-def malformed(node: RclpyNode, count: int) -> int:
-    """Publish bytes that are no image: cut, spoilt, or too long; how many were sent."""
-    rng = np.random.default_rng(4)
-    publisher = node.inner.create_publisher(interface(KIND), TOPIC, 10)
-    while not publisher.get_subscription_count():
-        time.sleep(0.05)
-    good = encode(messages.image(1.0, np.zeros((9, 16), np.uint8), "bumper"), message_type(KIND))
-    for _ in range(count):
-        data = np.frombuffer(good, np.uint8).copy()
+class Malformed:
+    """Sends bytes that are no image on the images' topic: cut, spoilt, or too long."""
+
+    def __init__(self, node: RclpyNode) -> None:
+        self._rng = np.random.default_rng(4)
+        self._publisher = node.inner.create_publisher(interface(KIND), TOPIC, 10)
+        self._good = encode(messages.image(1.0, np.zeros((9, 16), np.uint8), "bumper"), message_type(KIND))
+        while not self._publisher.get_subscription_count():
+            time.sleep(0.05)
+
+    def send(self) -> None:
+        """One more."""
+        rng, data = self._rng, np.frombuffer(self._good, np.uint8).copy()
         places = rng.integers(4, len(data), rng.integers(1, 8))
         data[places] = rng.integers(0, 256, len(places))
-        publisher.publish(data.tobytes()[: rng.integers(4, len(data) + 1)])
-        time.sleep(0.002)
-    return count
+        self._publisher.publish(data.tobytes()[: rng.integers(4, len(data) + 1)])
 
 
-def killed(node: Node, domain: int, count: int) -> int:
-    """Start a camera and kill it, over and over; how often the node survived."""
-    for number in range(count):
-        command = [sys.executable, "-c", _PEER, str(domain), TOPIC]
-        peer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert peer.stdout is not None
-        peer.stdout.readline()
-        time.sleep(0.1)
-        peer.kill()
-        peer.communicate()
-        if not node.alive():
-            return number
-    return count
+def kill_a_peer(domain: int) -> None:
+    """Start a camera, and kill it while it publishes."""
+    command = [sys.executable, "-c", _PEER, str(domain), TOPIC]
+    peer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert peer.stdout is not None
+    peer.stdout.readline()
+    time.sleep(0.1)
+    peer.kill()
+    peer.communicate()
 
 
 def main() -> int:
@@ -187,9 +205,15 @@ def main() -> int:
             result: dict[str, Any] = {"latency": latency(camera, heard, images, args.seconds)}
             before = node.use()
             if args.malformed:
-                result["malformed"] = malformed(camera, args.malformed)
-            if args.kill:
-                result["killed"] = killed(node, args.domain, args.kill)
+                spoil = Malformed(camera)
+                for _ in range(args.malformed):
+                    spoil.send()
+                    time.sleep(0.002)
+            killed = 0
+            while killed < args.kill and node.alive():
+                kill_a_peer(args.domain)
+                killed += 1
+            result |= {"malformed": args.malformed, "killed": killed}
             result["alive"] = node.alive()
             result["use"] = {name: [before[name], after] for name, after in node.use().items()}
             result["after"] = latency(camera, heard, images, 5.0)

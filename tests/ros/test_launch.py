@@ -15,18 +15,30 @@ from visuohaptic.cli.main import main
 from visuohaptic.core import DeviceError, InputError
 from visuohaptic.ros import nodes
 from visuohaptic.ros.nodes import NODES, declared, node_kind, read_launch, run_launch
+from visuohaptic.ros.nodes.parameters import given as parameter_values
 
 OWN = sorted((Path(nodes.__file__).parent / "launch_files").glob("*.launch.xml"))
 
 
-def test_arguments_become_words(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        # As launch documents the text between substitutions: $(find-pkg-prefix csd)/asd bsd dsd xsd
+        ("$(var p)/asd bsd dsd xsd", ("a b/asd", "bsd", "dsd", "xsd")),
+        ("$(var p) $(var q)", ("a b", "it's 1")),
+        ("$(var p)$(var q)", ("a bit's 1",)),
+        ("exec  $(var p) ", ("exec", "a b")),
+        ("exec --to:=$(var p)x 'one word' y:=$(var none)", ("exec", "--to:=a bx", "one word", "y:=")),
+        ("exec $(var none) z", ("exec", "", "z")),
+    ],
+)
+def test_words_are_those_of_ros2_launch(tmp_path: Path, command: str, words: tuple[str, ...]) -> None:
     path = tmp_path / "a.launch.xml"
     path.write_text(
-        '<launch><!-- two --><arg name="a"/><arg name="b" default="x y"/>'
-        "<executable cmd=\"one $(var a) --to '$(var b)'\"/><executable cmd='two'/></launch>"
+        '<launch><!-- two --><arg name="p"/><arg name="q" default="no"/><arg name="none" default=""/>'
+        f'<executable cmd="{command}"/><executable cmd=\'two\' output="screen"/></launch>'
     )
-    # A value with a blank or a quote stays one word.
-    assert read_launch(path, {"a": "it's 1"}) == (("one", "it's 1", "--to", "x y"), ("two",))
+    assert read_launch(path, {"p": "a b", "q": "it's 1"}) == (words, ("two",))
 
 
 @pytest.mark.parametrize("path", OWN, ids=lambda path: path.name)
@@ -37,6 +49,9 @@ def test_those_of_the_library_name_nodes_and_their_parameters(path: Path) -> Non
         known = {parameter.name for parameter in declared(node_kind(words[3]).parameter_model)}
         named = {word.partition(":=")[0] for flag, word in itertools.pairwise(words) if flag == "--param"}
         assert named <= known
+        # What is empty by default is a value that the node takes.
+        values = [word for flag, word in itertools.pairwise(words) if flag == "--param"]
+        assert parameter_values(values, node_kind(words[3]).parameter_model, words[3])
     assert {"foam", "travel"} <= NODES.keys()
 
 
@@ -49,6 +64,25 @@ def test_those_of_the_library_name_nodes_and_their_parameters(path: Path) -> Non
         ("<launch><node pkg='x'/></launch>", {}, "found <node>, expected <arg> or <executable>"),
         ("<launch><executable cmd='$(var c)'/></launch>", {}, r"uses \$\(var c\)"),
         ("<launch/>", {}, "has no <executable>"),
+        ("<robot/>", {}, "found <robot>, expected <launch>"),
+        # Refused by ros2 launch, too: each piece of text is split on its own.
+        (
+            "<launch><arg name='a' default=''/><executable cmd=\"x '$(var a)'\"/></launch>",
+            {},
+            "quote without its end",
+        ),
+        # Understood by ros2 launch alone.
+        ("<launch><executable cmd='x $(env HOME)'/></launch>", {}, "expected no substitution but"),
+        (
+            "<launch><executable cmd='x' cwd='/'/></launch>",
+            {},
+            "found cwd in <executable>, expected cmd, name, output",
+        ),
+        (
+            "<launch><executable cmd='x'><env name='a'/></executable></launch>",
+            {},
+            "found <env> in <executable>",
+        ),
         ('<!DOCTYPE a [<!ENTITY b "c">]><launch/>', {}, "document type or entities"),
     ],
 )

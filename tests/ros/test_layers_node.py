@@ -184,7 +184,24 @@ def test_a_search_that_does_not_end_is_not_waited_for(
         goals.wait_until_heard(10.0)
         goals.publish({"header": header, "pose": there})
         assert stuck.wait(10.0)
+        # Who asks by the service has a limit of his own, and is told at once when the node is deactivated.
+        monkeypatch.setattr(plan_node, "WAIT_S", -5.9)  # with three budgets of 2 s
+        with pytest.raises(DeviceError, match=r"no plan after 0\.1 s"):
+            node.component.plan()
+        monkeypatch.setattr(plan_node, "WAIT_S", 60.0)
+        told: list[str] = []
+
+        def ask() -> None:
+            with pytest.raises(DeviceError) as found:
+                node.component.plan()
+            told.append(str(found.value))
+
+        asking = threading.Thread(target=ask)
+        asking.start()
+        assert until(lambda: len(node.component._asked) == 2, 10.0)
         node.deactivate()  # while the search is held: one that is waited for fails, and says so instead of the below
+        asking.join(10.0)
+        assert told == ["the node plan was deactivated meanwhile"]
         node.activate()
         let_go.set()
         assert until(lambda: "deactivated meanwhile" in node.component.status().reason, 20.0)

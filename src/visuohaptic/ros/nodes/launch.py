@@ -12,14 +12,15 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 
-from ...core.errors import DeviceError, InputError
+from ...core.errors import DeviceError, InputError, brief
 from ...core.files import read_text
 
 __all__ = ["read_launch", "run_launch"]
 
 _MAX_BYTES = 1_000_000
 _VARIABLE = re.compile(r"\$\(var ([\w-]+)\)")
-_MARKED = re.compile(r"\x1f([\w-]+)\x1f")
+#: Elements with the attributes that are understood: those with the same meaning for ``ros2 launch``.
+_ATTRIBUTES = {"arg": {"name", "default", "description"}, "executable": {"cmd", "name", "output"}}
 #: Time for the processes to end after Ctrl-C before they are killed [s].
 _GRACE_S = 10.0
 
@@ -27,8 +28,8 @@ _GRACE_S = 10.0
 def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, ...], ...]:
     """Commands of a launch file.
 
-    Understood are ``arg`` (``name``, ``default``), ``executable`` (``cmd``, ``output``) and ``$(var name)``, which plain
-    ``ros2 launch`` understands as well.
+    Understood are ``arg`` (``name``, ``default``), ``executable`` (``cmd``) and ``$(var name)`` in the latter, as by
+    ``ros2 launch``; what only that understands is refused, and so is what it refuses.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, 
     Raises
     ------
     InputError
-        It is not XML, has other elements, or lacks the value of an argument.
+        It is not XML, has other elements, attributes or substitutions, or lacks the value of an argument.
     """
     text = read_text(path, _MAX_BYTES)
     if "<!" in text.replace("<!--", ""):
@@ -49,21 +50,27 @@ def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, 
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise InputError(path, f"is not XML ({error})") from error
+    if root.tag != "launch":
+        raise InputError(path, f"found <{root.tag}>, expected <launch>")
     values: dict[str, str] = {}
     commands = []
     for element in root:
-        if element.tag == "arg":
-            name = element.get("name", "")
-            value = given.get(name, element.get("default"))
-            if value is None:
-                raise InputError(path, f"needs a value, give {name}:=VALUE", field=name)
-            values[name] = value
-        elif element.tag == "executable":
-            # The name of a variable must not be split, and its value neither.
-            words = shlex.split(_VARIABLE.sub("\x1f\\1\x1f", element.get("cmd", "")))
-            commands.append(tuple(_MARKED.sub(lambda m: _value(path, values, m[1]), word) for word in words))
-        else:
+        if element.tag not in _ATTRIBUTES:
             raise InputError(path, f"found <{element.tag}>, expected <arg> or <executable>")
+        if others := [
+            *sorted(element.attrib.keys() - _ATTRIBUTES[element.tag]),
+            *(f"<{each.tag}>" for each in element),
+        ]:
+            expected = ", ".join(sorted(_ATTRIBUTES[element.tag]))
+            raise InputError(path, f"found {others[0]} in <{element.tag}>, expected {expected}")
+        if element.tag == "executable":
+            commands.append(_words(path, element.get("cmd", ""), values))
+            continue
+        name = element.get("name", "")
+        value = given.get(name, element.get("default"))
+        if value is None:
+            raise InputError(path, f"needs a value, give {name}:=VALUE", field=name)
+        values[name] = value
     if unknown := sorted(given.keys() - values.keys()):
         known = ", ".join(sorted(values)) or "none"
         raise InputError(path, f"has no argument {', '.join(unknown)}; it has {known}")
@@ -72,10 +79,33 @@ def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, 
     return tuple(commands)
 
 
-def _value(path: Path | str, values: Mapping[str, str], name: str) -> str:
-    if name not in values:
-        raise InputError(path, f"uses $(var {name}), which no <arg> before it declares")
-    return values[name]
+def _words(path: Path | str, command: str, values: Mapping[str, str]) -> tuple[str, ...]:
+    """The words of a command as ``ros2 launch`` makes them: the text between two variables is split on its own.
+
+    So a value is never split, and quotes cannot reach over a variable.
+    """
+    words: list[str] = []
+    continues = False  # whether the next piece goes on with the last word
+    for number, piece in enumerate(_VARIABLE.split(command)):
+        if number % 2:
+            if piece not in values:
+                raise InputError(path, f"uses $(var {piece}), which no <arg> before it declares")
+            parts, apart = [values[piece]], False
+        elif "$(" in piece:
+            raise InputError(path, f"found {brief(piece)}, expected no substitution but $(var NAME)")
+        else:
+            try:
+                parts, apart = shlex.split(piece), piece[:1].isspace()
+            except ValueError as error:
+                remedy = "ros2 launch never splits a variable: leave out the quotes around it"
+                raise InputError(
+                    path, f"found a quote without its end in {brief(piece)}", remedy=remedy
+                ) from error
+        if parts and continues and not apart:
+            words[-1] += parts.pop(0)
+        words += parts
+        continues = number % 2 == 1 or (not piece[-1].isspace() if piece else continues)
+    return tuple(words)
 
 
 def run_launch(commands: tuple[tuple[str, ...], ...], stop: threading.Event) -> None:

@@ -65,7 +65,7 @@ def given(
     Parameters
     ----------
     words
-        As ``name:=value`` (ROS) or ``name=value``; values are YAML.
+        As ``name:=value`` (ROS) or ``name=value``; values are YAML, nothing is an empty text.
     model
         Parameters of the node.
     node
@@ -83,7 +83,7 @@ def given(
         name, equals, text = word.partition(":=" if ":=" in word else "=")
         if not equals or not name:
             raise InputError(f"node {node}", f"found {word!r}, expected name:=value")
-        values[name] = parse_yaml(text, f"parameter {name}")
+        values[name] = parse_yaml(text, f"parameter {name}") if text else ""
     missing = (
         {} if whole else {p.name: "later" for p in declared(model) if p.required and p.name not in values}
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from ..markers import arrow
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED
 from .component import Status
-from .map_nodes import MapNode, MapParameters
+from .map_nodes import WAIT_S, MapNode, MapParameters
 
 __all__ = ["PlanNode", "PlanParameters"]
 
@@ -33,7 +34,7 @@ class PlanParameters(MapParameters):
         "amcl_pose", description="topic of geometry_msgs/PoseWithCovarianceStamped in the map frame"
     )
     goal: str = Field("goal_pose", description="topic of geometry_msgs/PoseStamped, as RViz sends it")
-    budget_s: float = Field(2.0, ge=0.01, le=600.0, description="wall time of a search [s]")
+    budget_s: float = Field(2.0, ge=0.01, le=600.0, description="CPU time of a search [s]")
 
 
 class PlanNode(MapNode):
@@ -46,7 +47,7 @@ class PlanNode(MapNode):
         super().configure()
         parameters, node = self.parameters, self.host.node
         self._newest: dict[str, Any] = {}
-        self._lock = threading.Lock()
+        self._lock, self._asked = threading.Lock(), list[Future[Mapping[str, Any]]]()
         self._path = node.advertise("plan", "nav_msgs/msg/Path", LATCHED)
         self._markers = node.advertise("plan/pushes", "visualization_msgs/msg/MarkerArray", LATCHED)
         self._tasks = node.advertise("plan/tasks", "std_msgs/msg/String", LATCHED)
@@ -63,32 +64,67 @@ class PlanNode(MapNode):
 
         return take
 
-    def work(self) -> None:
-        self.plan()
-
     def plan(self) -> Mapping[str, Any]:
-        """Plan to the newest goal and publish it.
+        """Have the node's thread plan to the newest goal and publish it.
+
+        It is waited for as long as a search may take (three times its budget on the wall), or until the node is
+        deactivated.
 
         Raises
         ------
         DeviceError
-            Map, pose or goal have not come yet, or the node was deactivated meanwhile.
+            Map, pose or goal have not come yet, the node was deactivated meanwhile, or the search does not end.
         InputError
             Start or goal is not on free ground.
         """
+        answer: Future[Mapping[str, Any]] = Future()
         with self._lock:
-            end, newest = self._end, self._newest | ({} if self._map is None else {"map": self._map})
-            if missing := [name for name in ("map", "pose", "goal") if name not in newest]:
-                topics = ", ".join(self.host.node.resolve(getattr(self.parameters, name)) for name in missing)
-                raise DeviceError(f"nothing on {topics} yet; check that it is published")
-            start, goal = _place(newest["pose"].pose.pose), _place(newest["goal"].pose)
-            problem = PlanningProblem(self._grid(), self._robot, start, goal, self._objects, self._passages)
-            found = make_plan(problem, limits=SearchLimits(self.parameters.budget_s))
-            self.still(end)
-            self._publish(found, newest["map"].header.frame_id)
-            words = {"cost_s": found.cost_s if found.reachable else "none", "pushes": len(found.pushes)}
-            self._told = Status(found.reachable, found.answer if found.reachable else found.reason, words)
-            return found.to_json()
+            self._asked.append(answer)
+        self._due.set()
+        limit_s = 3.0 * self.parameters.budget_s + WAIT_S
+        try:
+            return answer.result(limit_s)
+        except TimeoutError as error:
+            raise DeviceError(f"no plan after {limit_s:g} s; lower budget_s or ask again") from error
+
+    def work(self) -> None:
+        with self._lock:
+            asked = tuple(self._asked)
+        try:
+            self._answer(asked, self._search().to_json())
+        except Exception as error:
+            self._answer(asked, error)
+            raise
+
+    def _answer(self, asked: Iterable[Future[Mapping[str, Any]]], found: Mapping[str, Any] | Exception) -> None:
+        """Answer those who still wait."""
+        with self._lock:
+            for answer in set(asked).intersection(self._asked):
+                self._asked.remove(answer)
+                if isinstance(found, Exception):
+                    answer.set_exception(found)
+                else:
+                    answer.set_result(found)
+
+    def deactivate(self) -> None:
+        self._end.set()
+        gone = DeviceError(f"the node {self.host.node.name} was deactivated meanwhile")
+        self._answer(tuple(self._asked), gone)
+        super().deactivate()
+
+    def _search(self) -> Plan:
+        end, newest = self._end, self._newest | ({} if self._map is None else {"map": self._map})
+        if missing := [name for name in ("map", "pose", "goal") if name not in newest]:
+            topics = ", ".join(self.host.node.resolve(getattr(self.parameters, name)) for name in missing)
+            raise DeviceError(f"nothing on {topics} yet; check that it is published")
+        start, goal = _place(newest["pose"].pose.pose), _place(newest["goal"].pose)
+        problem = PlanningProblem(self._grid(), self._robot, start, goal, self._objects, self._passages)
+        found = make_plan(problem, limits=SearchLimits(self.parameters.budget_s))
+        self.still(end)
+        self._publish(found, newest["map"].header.frame_id)
+        words = {"cost_s": found.cost_s if found.reachable else "none", "pushes": len(found.pushes)}
+        self._told = Status(found.reachable, found.answer if found.reachable else found.reason, words)
+        return found
 
     def _publish(self, found: Plan, frame: str) -> None:
         t_s = self.host.node.now_s()

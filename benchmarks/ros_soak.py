@@ -1,0 +1,188 @@
+"""An hour of a node over DDS: memory, handles and threads, with peers that are killed and messages that are none.
+
+    python -m benchmarks.ros_soak                                  a slice of two minutes
+    python -m benchmarks.ros_soak --minutes 60 --report hour.jsonl
+
+The node is a process of its own (``visuohaptic ros node foam``), fed with rendered raw images of 1600 x 896 at 10 Hz, which is enough
+for the foam to tell a contact from something that covers it. Killed peers and malformed messages are spread evenly over the time. A row a minute is kept, with
+the number of the node's process; a run that was stopped goes on with a new process, and growth is told of each process apart.
+The figures start after the first two minutes of a process, when its buffers and adaptive models are filled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visuohaptic.io.ros import ros_messages as messages
+from visuohaptic.ros.transports import RclpyNode, RosOptions
+from visuohaptic.ros.wire import Qos
+
+from ._journal import Journal
+from .ros_latency import KIND, PATIENCE_S, TOPIC, Heard, Malformed, Node, kill_a_peer, pictures
+from .soak import FLAT_MB
+
+__all__ = ["run"]
+
+RATE_HZ = 10.0
+#: Minutes of a process before its figures count.
+WARM = 2
+
+
+class Campaign:
+    """A node, its camera and its adversaries."""
+
+    def __init__(self, folder: Path, domain: int, camera: RclpyNode, rate_Hz: float) -> None:
+        self.rate_Hz = rate_Hz
+        self.images = pictures(folder, 30)
+        self.node = Node(folder, domain)
+        self.domain = domain
+        self.heard = Heard(camera)
+        self._camera = camera.advertise(TOPIC, KIND, Qos(reliable=False, depth=5))
+        self.heard.wait(1, PATIENCE_S)  # stale: it runs
+        self._camera.wait_until_heard(PATIENCE_S)
+        self._malformed = Malformed(camera)
+        self._rng = np.random.default_rng(3)
+        self._number = 0
+
+    def minute(self, kills: int, malformed: int) -> dict[str, Any]:
+        """A minute of images with its part of what goes wrong; what came back, and what the node has in use then."""
+        killer = threading.Thread(target=lambda: [kill_a_peer(self.domain) for _ in range(kills)])
+        killer.start()
+        order = [*range(len(self.images)), *range(len(self.images) - 2, 0, -1)]  # as a hand that presses
+        ticks, sent, spoilt = round(60.0 * self.rate_Hz), [], 0
+        begin = time.perf_counter()
+        for tick in range(ticks):
+            time.sleep(max(0.0, begin + tick / self.rate_Hz - time.perf_counter()))
+            now_s = time.time()
+            image = self.images[order[self._number % len(order)]]
+            # Noise: the very same image again would be stale.
+            image[0] ^= self._rng.integers(0, 2, image.shape[1], np.uint8)
+            self._camera.publish(messages.image(now_s, image, "bumper"))
+            sent.append(messages.stamp_ns(now_s))
+            self._number += 1
+            while spoilt < malformed * (tick + 1) // ticks:
+                self._malformed.send()
+                spoilt += 1
+        killer.join()
+        time.sleep(1.0)
+        answered = [self.heard.take(stamp) for stamp in sent]
+        alive = self.node.alive()
+        return {
+            "process": self.node.process.pid,
+            "sent": len(sent),
+            "answered": sum(found is not None for found in answered),
+            "valid": sum(found is not None and found.valid for found in answered),
+            "killed": kills,
+            "malformed": spoilt,
+            "alive": alive,
+            **(self.node.use() if alive else dict.fromkeys(("memory_MB", "handles", "threads", "cpu_s"), 0)),
+        }
+
+
+@contextmanager
+def _campaign(domain: int, rate_Hz: float) -> Iterator[Campaign]:
+    with tempfile.TemporaryDirectory() as folder, RclpyNode("camera", RosOptions(domain=domain)) as camera:
+        campaign = Campaign(Path(folder), domain, camera, rate_Hz)
+        try:
+            yield campaign
+        finally:
+            code = campaign.node.end()
+        if code:
+            raise SystemExit(f"the node has ended with exit code {code}")
+
+
+def run(
+    minutes: int = 2,
+    kills: int = 4,
+    malformed: int = 60,
+    report: Path | None = None,
+    domain: int = 101,
+    rate_Hz: float = RATE_HZ,
+) -> list[dict[str, Any]]:
+    """Rows of the table; kills and malformed messages are those of the whole time."""
+    about = {
+        "campaign": "ros soak",
+        "minutes": minutes,
+        "rate_Hz": rate_Hz,
+        "kills": kills,
+        "malformed": malformed,
+    }
+    journal = Journal(report, about)
+    missing = [number for number in range(minutes) if str(number) not in journal]
+    if missing:
+        with _campaign(domain, rate_Hz) as campaign:
+            for number in missing:
+                part = [
+                    total * (number + 1) // minutes - total * number // minutes
+                    for total in (kills, malformed)
+                ]
+                journal.put(str(number), campaign.minute(*part))
+                if not campaign.node.alive():
+                    break
+    return _rows(list(journal.rows.values()))
+
+
+def _rows(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    total = {
+        name: sum(row[name] for row in found) for name in ("sent", "answered", "valid", "killed", "malformed")
+    }
+    processes = {row["process"] for row in found}
+    rows = [
+        {"name": "crashes of the node", "ours": sum(not row["alive"] for row in found), "unit": "1", "floor": 0,
+         "higher_is_better": False,
+         "note": f"{len(found)} min in {len(processes)} process(es), {total['killed']} peers killed, "
+         f"{total['malformed']} malformed messages"},
+        {"name": "images without a wrench", "ours": total["sent"] - total["answered"], "unit": "1",
+         "note": f"of {total['sent']}; {total['valid']} wrenches valid"},
+    ]  # fmt: skip
+    for name, unit, floor in (("memory_MB", "MB", FLAT_MB), ("handles", "1", None), ("threads", "1", None)):
+        growth, ends = 0.0, []
+        for process in sorted(processes):
+            path = [row[name] for row in found if row["process"] == process][WARM:]
+            if path:
+                growth = max(growth, max(path) - path[0])
+                ends.append(f"{path[0]:.0f} -> {path[-1]:.0f}, at most {max(path):.0f}")
+        rows.append(
+            {"name": f"growth of {name.removesuffix('_MB')}", "ours": growth, "unit": unit, "floor": floor,
+             "higher_is_better": False, "note": "; ".join(ends)}
+        )  # fmt: skip
+    spent = [b["cpu_s"] - a["cpu_s"] for a, b in itertools.pairwise(found) if a["process"] == b["process"]]
+    if spent:
+        rows.append(
+            {"name": "CPU time of a minute", "ours": float(np.median(spent)), "unit": "s", "note": "median"}
+        )
+    return rows
+
+
+def main() -> int:
+    """Run it and print the figures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--minutes", type=int, default=2)
+    parser.add_argument("--kill", type=int, metavar="N", help="peers that are killed (100 an hour)")
+    parser.add_argument("--malformed", type=int, metavar="N", help="messages that are none (2000 an hour)")
+    parser.add_argument("--report", type=Path, help="JSON lines; a stopped run goes on where it was")
+    parser.add_argument("--rate", type=float, default=RATE_HZ, help="images a second")
+    parser.add_argument("--domain", type=int, default=101)
+    args = parser.parse_args()
+    kills = -(-100 * args.minutes // 60) if args.kill is None else args.kill
+    malformed = -(-2000 * args.minutes // 60) if args.malformed is None else args.malformed
+    rows = run(args.minutes, kills, malformed, args.report, args.domain, args.rate)
+    for row in rows:
+        print(f"{row['name']:30s} {row['ours']:8.1f} {row['unit']:3s} {row.get('note', '')}")
+    return int(rows[0]["ours"] > 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
