@@ -26,17 +26,17 @@ $(VENV)/.installed-%: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install -q $$pinned $(NEEDS_$*)
 	@touch $@
 
-demo: $(VENV)/.installed-demo ## The whole story: look, touch, plan, push, arrive, complete, squeeze, grasp
+demo: $(VENV)/.installed-demo ## Run the end-to-end demo
 	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --workers $(JOBS))
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
-test: $(VENV)/.installed-all ## All tests
+test: $(VENV)/.installed-all ## Run all tests
 	$(BIN)/python -m pytest -n $(JOBS)
 
-bench: $(VENV)/.installed-all ## Every benchmark, each a ratio to a named peer in the same process
+bench: $(VENV)/.installed-all ## Run every benchmark, each as a ratio to a named peer
 	$(BIN)/python -m benchmarks
 
-docs: $(VENV)/.installed-all ## The documentation site in site/, no warnings allowed
+docs: $(VENV)/.installed-all ## Build the documentation in site/, without warnings
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 lint: $(VENV)/.installed-all
@@ -52,7 +52,7 @@ layers: $(VENV)/.installed-all
 warmup: $(VENV)/.installed-all
 	$(BIN)/visuohaptic warmup --workers $(JOBS)
 
-wheel: $(VENV)/.installed-all ## What a release uploads, in dist/: the library, and its compiled kernels
+wheel: $(VENV)/.installed-all ## Build the wheels of a release in dist/: the library, and its compiled kernels
 	$(BIN)/python -m pip wheel -q --no-deps --wheel-dir dist .
 	$(BIN)/python -m benchmarks.kernel_wheel --out dist --jobs $(JOBS)
 

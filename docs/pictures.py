@@ -167,7 +167,13 @@ def _glass_frames(mission: Any, touches_m: np.ndarray) -> Iterable[np.ndarray]:
                 if count > len(touches_m):
                     side.plot(sign * outline_mm[:, 0], outline_mm[:, 1], color=COLOURS["blue"], lw=2.5)
             side.plot(*radial_mm[:count].T, "o", color=COLOURS["orange"])
-            side.set(aspect="equal", xlim=(-75, 75), ylim=(-5, 210), xlabel="distance from the axis [mm]", ylabel="height [mm]")
+            side.set(
+                aspect="equal",
+                xlim=(-75, 75),
+                ylim=(-5, 210),
+                xlabel="distance from the axis [mm]",
+                ylabel="height [mm]",
+            )
             side.set_title(
                 "completed"
                 if count > len(touches_m)

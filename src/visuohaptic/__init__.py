@@ -1,9 +1,7 @@
-"""A robot looks, touches and remembers.
+"""Force sensing with a camera and foam, and visuo-haptic perception and planning for robots.
 
-Cameras and touch become measurements, measurements become object knowledge,
-knowledge becomes plans. ``import visuohaptic as vh`` offers the names that most
-programs need, grouped in ``__init__.pyi`` by what they are for; each is imported
-when it is first used, so that the import itself costs nothing. Everything else
+``import visuohaptic as vh`` offers the names that most programs need, grouped in ``__init__.pyi`` by
+purpose; each is imported at its first use, so that the import itself costs nothing. Everything else
 is in the packages, for example ``from visuohaptic.sensing.push import fit_contact``.
 """
 

@@ -87,6 +87,7 @@ COMMANDS = (
 NO_FILE = {
     "template sheet",
     "cameras",
+    "recording capture",
     "example foam",
     "example beam",
     "example glass",

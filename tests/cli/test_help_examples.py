@@ -28,6 +28,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from tests.cli.capture_camera import connected
 from tests.cli.help_words import examples, recorded_imports, undeclared
 
 from visuohaptic.cli import main as command
@@ -716,6 +717,7 @@ STORIES: dict[str, Story] = {
     "classify run": Story(_classify_run, _curves, "classify", ("classify train",), around=_answers),
     "recording info": Story(lambda f, r: _recorded(r), _recording),
     "recording recover": Story(_said(recovered=1), _killed),
+    "recording capture": Story(_said(frames=60), around=connected),
     "recording import": Story(_said(frames=5), _robot_arm),
     "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
     "ros bridge": Story(_ros_bridge, _flatten("example foam"), around=_robot),

@@ -76,7 +76,7 @@ MISUSES = {
         ZERO, ("mm wide, expected 40.0 mm", "calibrate the foam again"),
         first=(CALIBRATE.replace("0.02", "0.04"),),
     ),
-    "size in millimetres": Misuse(CALIBRATE.replace("0.02", "20"), ("width_m", "expected 0.0001 to 1 m"), first=()),
+    "size in millimetres": Misuse(CALIBRATE.replace("0.02", "20"), ("--width", "expected 0.001 to 1 m", "20 mm is 0.02"), first=()),
     "strain in per cent": Misuse(
         CALIBRATE, ("strain_percent",), scaled(0, 100, "strain,stress_Pa,direction"), ()
     ),

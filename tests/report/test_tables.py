@@ -41,4 +41,4 @@ def test_primitives_have_a_size(kind, parameters, text):
 def test_the_short_text_of_a_tag():
     assert tag_text(HapticTag(fixed=True)) == "fixed"
     assert tag_text(HapticTag()) == "nothing observed"
-    assert tag_text(HapticTag(fixed=False, falls=True)) == "movable, falls"
+    assert tag_text(HapticTag(fixed=False, falls=True)) == "movable, topples"

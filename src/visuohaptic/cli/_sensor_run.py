@@ -217,6 +217,8 @@ def run_sensor(
                 drawn.append((frame.t_s, outputs.chart(reading.measured), reading.reason.value))
                 events.extend(reading.events)
             on_reading(reading)
+        if page is not None and not live and run.frames:
+            _hold_open(args)
     if not run.frames:
         raise InputError(
             args.source or "--poses",
@@ -226,6 +228,17 @@ def run_sensor(
     if plot is not None:
         _save_plot(plot, drawn, events, outputs.page_title)
     return run
+
+
+def _hold_open(args: Any) -> None:
+    """Keep the page of a finished recording until Ctrl-C, if a person can press it."""
+    import sys
+    import threading
+
+    if sys.stdin.isatty() and sys.stdout.isatty():
+        args.report("end of the recording; press Ctrl-C to close the page")
+        with suppress(KeyboardInterrupt):
+            threading.Event().wait()
 
 
 def _save_plot(

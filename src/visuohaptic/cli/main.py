@@ -87,6 +87,11 @@ _TABLE: Mapping[str, tuple[tuple[str, str, str], ...]] = {
             "complete a surface by touch where it was not seen, and plan the next touch",
         ),
         ("geometry", "recording info", "summarise a recording: topics, frames, duration, damage"),
+        (
+            "geometry",
+            "recording capture",
+            "record a depth sequence with a RealSense or Orbbec camera and a printed tag",
+        ),
         ("geometry", "recording import", "convert depth images and poses of another layout into a sequence"),
         ("geometry", "recording recover", "restore the recording of a run that was interrupted"),
     ),

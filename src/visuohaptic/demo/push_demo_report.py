@@ -77,7 +77,7 @@ def annotated_push(result: DemoResult, one: DemoObject) -> UInt8[np.ndarray, "ro
             contacts_px=contacts,
             primitives_px=shapes,
             lines=(
-                f"{one.name}: {profile.force_N:.2f} N +- {profile.force_sigma_N:.2f} N",
+                f"{one.name}: {profile.force_N:.2f} N ± {profile.force_sigma_N:.2f} N",
                 primitive_text(best) or "no primitive",
             ),
         ),

@@ -97,10 +97,9 @@ def annotated_frame(
     scale = grey.shape[1] / 1600
     for index, line in enumerate(notes.lines):
         corner = (round(18 * scale), round((38 + 36 * index) * scale))
-        ascii_line = line.replace("±", "+-").encode("ascii", "replace").decode()  # OpenCV's font has no more
         for colour, width in (((0, 0, 0), 4 * thickness), ((255, 255, 255), thickness)):
             cv2.putText(
-                canvas, ascii_line, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.95 * scale, colour, width, cv2.LINE_AA
+                canvas, line, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.95 * scale, colour, width, cv2.LINE_AA
             )
     return canvas
 

@@ -57,7 +57,7 @@ class ForceComparison:
         return (
             f"{self.compared} samples compared, {100 * self.read:.0f} % of the run read, {clock}",
             f"error {self.rms_N:.3f} N rms, mean {self.bias_N:+.3f} N, scale {100 * (self.gain - 1):+.1f} %",
-            f"rms of error / sigma {self.rms_over_sigma:.2f} (1 if honest), "
+            f"rms of error / sigma {self.rms_over_sigma:.2f} (1 if the declared sigma is correct), "
             f"{100 * self.coverage_90:.0f} % inside the declared 90 % interval",
         )
 
@@ -73,9 +73,9 @@ def compare_forces(
     Parameters
     ----------
     run
-        What is judged.
+        The run to evaluate.
     reference
-        What it is held against.
+        The reference to compare it with.
     offset_s
         Time of the reference at time 0 of the run [s]; estimated without it.
     max_offset_s
@@ -153,18 +153,18 @@ def write_comparison(comparison: ForceComparison, path: Path | str) -> Path:
     """
     run, reference = comparison.run, comparison.reference
     report = Report(
-        f"{run.name} beside {reference.name}", about="Force of one sensor held against another record."
+        f"{run.name} compared with {reference.name}", about="Force of a sensor compared with a reference."
     )
-    report.section("What they say").text("\n\n".join(comparison.lines()))
+    report.section("Summary").text("\n\n".join(comparison.lines()))
     report.section("Over time")
     report.figure(
         force_over_time(
             run.t_s, run.force_N, run.sigma_N,
             truth_N=comparison.expected_N, valid=run.valid, reasons=run.reasons,
         ),
-        f"{run.name} with its declared band, {reference.name} as the true force; below the difference of both",
+        f"{run.name} with its declared band, {reference.name} as the true force; below, their difference",
     )  # fmt: skip
-    report.section("One against the other")
+    report.section("Measured against reference")
     good = run.valid & np.isfinite(comparison.expected_N)
     report.figure(
         force_against_truth([ForceRun(run.name, comparison.expected_N[good], run.force_N[good])]),
@@ -221,7 +221,9 @@ def _clock_offset(
     lower, middle, upper = mean_square[best - 1 : best + 2]
     curvature = float(lower - 2 * middle + upper)
     if curvature <= 0:
-        raise InputError(name, "the force does not change: the offset of the clocks cannot be told")
+        raise InputError(
+            name, "the force does not change, so the offset of the clocks cannot be estimated; give --offset"
+        )
     shift = 0.5 * float(lower - upper) / curvature
     least = float(middle) - 0.25 * float(lower - upper) * shift
     # chi^2 = n * mean square / its least value rises by 1 one standard deviation away.

@@ -1,4 +1,4 @@
-"""Haptic tags as lines for people: value with its uncertainty, or "not observed"."""
+"""Haptic tags as text: value with its uncertainty, or "not observed"."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def primitive_text(primitive: Primitive | None) -> str | None:
 
 
 def tag_text(tag: HapticTag) -> str:
-    """The most telling property of a tag, in a few words.
+    """The most informative property of a tag, in a few words.
 
     Parameters
     ----------
@@ -69,5 +69,5 @@ def tag_text(tag: HapticTag) -> str:
     elif tag.min_static_friction_N is not None:
         parts.append(f"needs more than {tag.min_static_friction_N:.1f} N")
     if tag.falls:
-        parts.append("falls")
+        parts.append("topples")
     return ", ".join(parts) or "nothing observed"

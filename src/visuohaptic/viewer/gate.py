@@ -1,4 +1,4 @@
-"""Who may open a page of this machine: who knows its secret, and asks from the page itself."""
+"""Access to the page on this machine: only with its secret, and only from the page itself."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ class Gate:
         try:
             host, origin = headers.get("Host", ""), headers.get("Origin")
         except LookupError:
-            return "a header is there twice"
+            return "a header occurs twice"
         if not _LOCAL_HOST.fullmatch(host):
-            return "the page is asked for under the name of another machine"
+            return "the Host header names another machine"
         if origin is not None and origin != f"http://{host}":
             return "the request comes from another page"
         given = path.partition("?")[0].split("/")[1:2]
         if not given or not secrets.compare_digest(given[0].encode(), self.token.encode()):
-            return "the address lacks the secret that was printed with it"
+            return "the address lacks the printed secret"
         return ""
 
     @contextmanager
@@ -126,7 +126,7 @@ class Gate:
         level = logging.DEBUG if self._misread else logging.WARNING
         self._misread += 1
         found = type(context["exception"]).__name__ if "exception" in context else context["message"]
-        _log.log(level, "a browser sent a value that the page does not understand (%s)", found)
+        _log.log(level, "a browser sent an invalid value (%s)", found)
 
 
 def reported(callback: Callable[[Any], None]) -> Callable[[Any], None]:

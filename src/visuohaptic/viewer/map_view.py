@@ -105,7 +105,7 @@ class MapView:
         risk = self.plan.failure_probability
         lines.append(
             f"{self.plan.cost_s:.1f} s, {self.plan.length_m:.2f} m, {len(self.plan.pushes)} pushes, "
-            f"fails with {risk:.2f}"
+            f"failure probability {risk:.2f}"
         )
         table = ["", "| task | object | s | m | fails |", "|---|---|---|---|---|"]
         table += [

@@ -28,7 +28,7 @@ from .stage import Stage, hit_face
 __all__ = ["ObjectView", "Picked"]
 
 _SHADES = ("stiffness", "grasp score", "contact", "curvature", "height", "deformation")
-_PICK = "Click a point of the surface for its force-deformation curve."
+_PICK = "Click a point of the surface to see its force-deformation curve."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +172,7 @@ class ObjectView:
         )
         deep = stage.keep(
             "deep",
-            gui.add_checkbox("nonlinear (seconds)", False, order=13, disabled=self.thing is None),
+            gui.add_checkbox("nonlinear (takes seconds)", False, order=13, disabled=self.thing is None),
         )
         ranked = stage.keep("rank", gui.add_button("rank grasps", order=14))
         stage.keep("picked", gui.add_markdown(_PICK, order=15))
@@ -339,9 +339,9 @@ def _told(picked: Picked, force_N: float) -> str:
     k = picked.stiffness_N_per_m
     lines = [f"Point ({x:.0f}, {y:.0f}, {z:.0f}) mm, grasp score {picked.score:.2f}"]
     if np.isnan(k):
-        lines.append("Nothing is opposite: it can't be pinched.")
+        lines.append("There is no opposite point: it cannot be pinched.")
     elif np.isinf(k):
-        lines.append("The wall is held here: it does not deform.")
+        lines.append("The wall is clamped here and does not deform.")
     else:
         sigma = f" ± {picked.sigma_N_per_m / 1e3:.2f}" if np.isfinite(picked.sigma_N_per_m) else ""
         lines.append(

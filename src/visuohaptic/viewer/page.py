@@ -261,7 +261,7 @@ class LivePage(Page):
             uplot.Series(label="+2 sigma", stroke="rgba(0,114,178,0.25)", width=0.5),
             uplot.Series(label="-2 sigma", stroke="rgba(0,114,178,0.25)", width=0.5),
             uplot.Series(label="measured", stroke="#0072b2", width=2),
-            uplot.Series(label="not valid", stroke="rgba(213,94,0,0.3)", fill="rgba(213,94,0,0.3)", width=0),
+            uplot.Series(label="invalid", stroke="rgba(213,94,0,0.3)", fill="rgba(213,94,0,0.3)", width=0),
         ]
         if with_truth:
             series.append(uplot.Series(label="true", stroke="#1c2430", width=1.2, dash=(5, 3)))
@@ -325,7 +325,7 @@ def _status_line(t_s: float, profile: ForceProfile, truth_N: float | None, note:
     if profile.valid:
         parts.append(f"**{profile.force_N:.2f} ± {profile.force_sigma_N:.2f} N**")
     else:
-        parts.append(f"not valid: {profile.reason}")
+        parts.append(f"invalid: {profile.reason}")
     if truth_N is not None:
         parts.append(f"true {truth_N:.2f} N")
     parts.append(f"contacts {len(profile.contacts)}")

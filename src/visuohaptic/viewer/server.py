@@ -88,7 +88,7 @@ def _start(port: int, title: str, gate: Gate) -> viser.ViserServer:
     class LocalServer(viser.ViserServer):  # type: ignore[misc]
         def request_share_url(self, verbose: bool = True) -> str | None:
             """Refuse: any attached browser could ask viser to open a tunnel to the internet."""
-            _log.warning("a browser asked to share the page over the internet: refused")
+            _log.warning("rejected the request of a browser to share the page over the internet")
             return None
 
     # viser prints when it stops; stdout belongs to our results.

@@ -9,6 +9,7 @@ from .depth_live import DepthColorImage as DepthColorImage
 from .depth_live import LiveDepthSource as LiveDepthSource
 from .depth_live import OrbbecSource as OrbbecSource
 from .depth_live import RealSenseSource as RealSenseSource
+from .depth_live import open_depth_camera as open_depth_camera
 from .depth_sequence import DepthFrame as DepthFrame
 from .depth_sequence import DepthSequence as DepthSequence
 from .depth_sequence import SequenceFile as SequenceFile

@@ -22,7 +22,7 @@ from ...core.errors import DeviceError, InputError, needs
 from ...core.resources import Closing
 from .depth_sequence import DepthFrame
 
-__all__ = ["DepthColorImage", "LiveDepthSource", "OrbbecSource", "RealSenseSource"]
+__all__ = ["DepthColorImage", "LiveDepthSource", "OrbbecSource", "RealSenseSource", "open_depth_camera"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,6 +236,32 @@ class OrbbecSource(LiveDepthSource):
 
     def _stop(self) -> None:
         self._pipeline.stop()
+
+
+def open_depth_camera(which: str) -> LiveDepthSource:
+    """Open a live depth camera by its address.
+
+    Parameters
+    ----------
+    which
+        ``realsense:``, ``realsense:SERIAL``, ``orbbec:`` or ``orbbec:SERIAL``.
+
+    Raises
+    ------
+    InputError
+        The address names no depth camera.
+    MissingExtraError
+        The maker's package is not installed.
+    DeviceError
+        There is no such camera.
+    """
+    maker, _, serial = which.partition(":")
+    makers: dict[str, type[LiveDepthSource]] = {"realsense": RealSenseSource, "orbbec": OrbbecSource}
+    if maker not in makers:
+        raise InputError(
+            which, f"is not a depth camera, expected one of {', '.join(f'{m}:' for m in makers)}"
+        )
+    return makers[maker](serial=serial)
 
 
 def _pinhole(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> Camera:
