@@ -31,7 +31,7 @@ demo: $(VENV)/.installed-demo ## The whole story: look, touch, plan, push, arriv
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
 test: $(VENV)/.installed-all ## All tests
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 bench: $(VENV)/.installed-all ## Every benchmark, each a ratio to a named peer in the same process
 	$(BIN)/python -m benchmarks
