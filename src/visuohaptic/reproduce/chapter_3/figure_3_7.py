@@ -78,8 +78,7 @@ def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
                 path = press_path(DEEPEST_m, steps, unload=False)
                 for sample in press(shape, path, geometry=virtual.geometry):
                     forces = []
-                    for _ in range(FRAMES):
-                        image = renderer.render(sample.scene, rng=rng)
+                    for image in renderer.repeated(sample.scene, FRAMES, rng=rng):
                         profile = sensor.read(Frame(image, index / 30.0, index))
                         index += 1
                         forces.append(profile.force_N)
