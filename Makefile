@@ -31,7 +31,7 @@ demo: $(VENV)/.installed-demo ## Run the end-to-end demo
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
 test: $(VENV)/.installed-all ## Run all tests
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 bench: $(VENV)/.installed-all ## Run every benchmark, each as a ratio to a named peer
 	$(BIN)/python -m benchmarks

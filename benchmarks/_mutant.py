@@ -6,7 +6,9 @@ the tests start as well, as the environment variable ``CONSTANTS_RUN`` says (JSO
 - ``{"module", "name", "up", "marks"}``: when the module is imported, every number of the constant is multiplied in
   its syntax tree, so that ``from module import NAME``, default arguments and compiled functions see nothing else.
   A file in the folder ``marks`` tells whether the import went well (``loaded``) or not (``crashed``).
-- ``{"source", "marks"}``: a file in ``marks`` lists the files below ``source`` of which a function was called.
+- ``{"source", "marks"}``: a file in ``marks`` lists the files below ``source`` of which a function was called, by test,
+  with the seconds and the outcome of each test (JSON; as a plugin of pytest, ``-p sitecustomize``). What is called
+  while a test is set up may be a fixture that others share: it counts for all tests of its file.
 
 Uses the standard library alone, and no other file of this folder.
 """
@@ -21,6 +23,7 @@ import re
 import sys
 import tempfile
 import threading
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
@@ -229,19 +232,54 @@ def _mark(folder: str, text: str) -> None:
         stream.write(text)
 
 
+class _Record:
+    """What each test called, how long it took and how it ended; "" stands for all tests of this process."""
+
+    def __init__(self) -> None:
+        # A process that a test started has its name in this variable.
+        self.now = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" ")[0]
+        self.calls: dict[str, set[str]] = defaultdict(set)
+        self.seconds: dict[str, float] = {}
+        self.failed: set[str] = set()
+
+
+_RECORD = _Record()
+
+
+def pytest_runtest_logstart(nodeid: str) -> None:
+    """While a test is set up, what is called is of its file."""
+    _RECORD.now = nodeid.partition("::")[0]
+
+
+def pytest_runtest_call(item: Any) -> None:
+    """Now it is of the test."""
+    _RECORD.now = item.nodeid
+
+
+def pytest_runtest_logreport(report: Any) -> None:
+    """Time and outcome of a phase of a test."""
+    _RECORD.seconds[report.nodeid] = _RECORD.seconds.get(report.nodeid, 0.0) + report.duration
+    if report.outcome != "passed":
+        _RECORD.failed.add(report.nodeid)
+
+
 def _record_calls(source: str, marks: str) -> None:
-    """Write at the end of this process which files below ``source`` had a function called."""
-    called: set[str] = set()
+    """Write at the end of this process which files below ``source`` had a function called, by test."""
 
     def on_event(frame: FrameType, event: str, _: Any) -> None:
         if event == "call":
             code = frame.f_code
-            file = code.co_filename
+            file, called = code.co_filename, _RECORD.calls[_RECORD.now]
             # Bodies of modules and classes run at import; they lack the flag of functions.
             if file not in called and code.co_flags & 1 and file.startswith(source):
                 called.add(file)
 
-    atexit.register(lambda: _mark(marks, "\n".join(sorted(called))))
+    def finish() -> None:
+        calls = {test: sorted(files) for test, files in _RECORD.calls.items()}
+        found = {"calls": calls, "seconds": _RECORD.seconds, "failed": sorted(_RECORD.failed)}
+        _mark(marks, json.dumps(found))
+
+    atexit.register(finish)
     threading.setprofile(on_event)
     sys.setprofile(on_event)
 

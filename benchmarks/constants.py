@@ -4,6 +4,7 @@
     python -m benchmarks.constants --only 'sensing.*'     those of modules (or module:NAME) that match
     python -m benchmarks.constants --jobs 2               all of them: many hours; a stopped one goes on where it was
     python -m benchmarks.constants --near 4 --sample 12 --only '^visuohaptic.core'    a dozen, in minutes
+    python -m benchmarks.constants --near 4 --most 12    all of them, each by at most a dozen tests
 
 A constant is a name at module level that is assigned a number, a tuple, list, set or dict with numbers, an array
 made of literals, or the call of a constructor with numbers among its arguments. Arithmetic of literals and
@@ -13,11 +14,12 @@ constants: zeros, names numbered through (``A, B, C = 0, 1, 2`` or ``range(3)``)
 (``np.zeros((2, 3))``), versions of formats (``..._FORMAT``), and special names (``__all__``).
 
 One constant at a time is multiplied by 0.8 and by 1.25 when its module is imported (integers are rounded away from
-the value), and the test files that execute the module run, the quickest first, until one fails. They were found by
-running every test file once and looking which functions of the package it calls, also in processes that it starts; a
-module is executed when a function of its own, or of a module that imports it (also through packages, compiled
-modules and modules without functions), is called. Test files that fail without any change are left out and named.
-Compiled functions are compiled anew, in a cache of their own, when they can see the constant.
+the value), and the tests that execute the module run, the quickest first, until one fails. They were found by
+running every test file once and looking which functions of the package each test calls, also in processes that it
+starts; a module is executed when a function of its own, or of a module that imports it (also through packages, compiled
+modules and modules without functions), is called. Tests that fail without any change are left out, and files without
+any other are named. Compiled functions are kept in a cache of their own, which begins as that of the user: only those
+that can see the constant are compiled anew. ``--most N`` stops after the N quickest tests of a constant.
 
 - *noticed*: a test fails, or the test run crashes;
 - *crashed*: the module cannot be imported with the value;
@@ -26,7 +28,8 @@ Compiled functions are compiled anew, in a cache of their own, when they can see
 
 With ``--near N`` no test is run to see what it calls: the judges of a constant are the N test files that import its
 module, or one of its folder that imports it, the most special first (those that import the fewest modules). What
-they notice is noticed; what they do not may still be noticed by others. ``--sample`` draws constants with a seed.
+they notice is noticed; what they do not may still be noticed by others. With ``--most`` as well, only the test files
+near the constants are run to see what their tests call. ``--sample`` draws constants with a seed.
 
 A constant in the table counts by the less noticed of its two changes. Each change is a line in the report, with
 digests of its module and of its tests: when they are edited, it is done again.
@@ -54,6 +57,8 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
+
+from visuohaptic.core import cache_folder
 
 from . import _mutant
 from ._journal import Journal
@@ -147,28 +152,37 @@ class Project:
             }
             if private:
                 environment |= dict.fromkeys(("NUMBA_CACHE_DIR", "VISUOHAPTIC_CACHE_DIR"), str(cache))
-            options = ["-q", "-rfE", "-p", "no:cacheprovider"] + ["-x"] * ("source" not in order)
+                _link_kernels(cache)
+            options = ["-q", "-rfE", "-p", "no:cacheprovider"]
+            options += ["-p", "sitecustomize"] if "source" in order else ["-x"]
             started = time.monotonic()
             code, output = _finish(
                 [sys.executable, "-m", "pytest", *options, *tests], self.root, environment, self.seconds
             )
-            if code in (3, 4):
+            left = [path.read_text(encoding="utf-8") for path in marks.iterdir()]
+            if (
+                code in (3, 4) and "crashed" not in left
+            ):  # a test is not found, too, where its file cannot be imported
                 raise SystemExit(f"pytest cannot run in {self.root}:\n{output[-2000:]}")
-            return {
-                "code": code,
-                "output": output,
-                "seconds": round(time.monotonic() - started, 1),
-                "marks": [path.read_text(encoding="utf-8") for path in marks.iterdir()],
-            }
+            seconds = round(time.monotonic() - started, 1)
+            return {"code": code, "output": output, "seconds": seconds, "marks": left}
 
     def explore(self, test: str) -> dict[str, Any]:
-        """Which modules a test file calls, whether it passes, and its time in seconds."""
-        source = str(self.root / "src")
-        seen = self.run([test], {"source": source})
-        files = {Path(line) for text in seen["marks"] for line in text.splitlines()}
-        passed = seen["code"] in (0, 5) or self.run([test], {})["code"] in (0, 5)  # 5: it has no tests
-        called = sorted(name for name, module in self.modules.items() if module.path in files)
-        return {"passed": passed, "seconds": seen["seconds"], "called": called}
+        """Seconds of each test of a file that passes, the modules that it calls, and those that any of them may call."""
+        seen = self.run([test], {"source": str(self.root / "src")})
+        marks = [json.loads(text) for text in seen["marks"]]
+        names = {str(module.path): name for name, module in self.modules.items()}
+        calls: dict[str, set[str]] = defaultdict(set)
+        for mark in marks:
+            for place, files in mark["calls"].items():
+                calls[place if "::" in place else ""] |= {names[file] for file in files if file in names}
+        failed = {node for mark in marks for node in mark["failed"]}
+        tests = {
+            node: {"seconds": round(seconds, 3), "called": sorted(calls[node] - calls[""])}
+            for mark in marks for node, seconds in mark["seconds"].items() if node not in failed
+        }  # fmt: skip
+        passed = bool(tests) or seen["code"] == 5  # it has no tests
+        return {"passed": passed, "seconds": seen["seconds"], "called": sorted(calls[""]), "tests": tests}
 
     def judge(self, change: Change, tests: list[str]) -> dict[str, Any]:
         """Whether a change is noticed by test files."""
@@ -179,10 +193,8 @@ class Project:
         seen = self.run(tests, order, private=change.module in self._compiled_in)
         by = re.search(r"^(?:FAILED|ERROR) (\S+)", seen["output"], re.MULTILINE)
         red = by.group(1).partition("::")[0] if by else ""
-        if red in tests and self.run([red], {})["code"] not in (0, 5):
-            return self.judge(
-                change, [test for test in tests if test != red]
-            )  # it fails without the change, too
+        if red in tests and self.run([red], {})["code"] not in (0, 5):  # a file that was not run before
+            return self.judge(change, [test for test in tests if test != red])
         if "crashed" in seen["marks"]:
             result, why = "crashed", "import"
         elif seen["code"] is None:
@@ -195,11 +207,16 @@ class Project:
             result, why = "noticed", by.group(1) if by else f"exit code {seen['code']}"
         return row | {"result": result, "by": why, "seconds": seen["seconds"]}
 
-    def executing(self, name: str, known: dict[str, dict[str, Any]]) -> list[str]:
-        """Test files that pass and execute a module, the quickest first."""
+    def executing(self, name: str, known: dict[str, dict[str, Any]], most: int | None) -> list[str]:
+        """Tests that pass and execute a module, the quickest first, at most so many."""
         users = _closure({name}, self._importers, lambda other: other == name or other in self._passed_on)
-        found = [test for test, row in known.items() if row["passed"] and users & set(row["called"])]
-        return sorted(found, key=lambda test: known[test]["seconds"])
+        found = {
+            node: test["seconds"]
+            for row in known.values()
+            for node, test in row["tests"].items()
+            if users & {*row["called"], *test["called"]}
+        }
+        return sorted(found, key=found.__getitem__)[:most]
 
     def importing(self, name: str, count: int) -> list[str]:
         """Test files that import a module or what imports it in its folder, at most ``count``, the most special first."""
@@ -234,7 +251,8 @@ class Project:
 
     def key(self, change: Change, tests: list[str]) -> str:
         """Name of a change in the report."""
-        texts = [self.modules[change.module].text, *(self.tests[test] for test in sorted(tests))]
+        files = sorted({test.partition("::")[0] for test in tests})
+        texts = [self.modules[change.module].text, *(self.tests[file] for file in files)]
         return f"{change.title} {change.factor} {_digest(*texts)}"
 
 
@@ -247,6 +265,20 @@ def _closure(start: set[str], edges: dict[str, set[str]], followed: Callable[[st
             found.add(name)
             waiting += edges.get(name, ()) if followed(name) else ()
     return found
+
+
+def _link_kernels(cache: Path) -> None:
+    """The user's compiled functions in a cache folder: each is kept under a digest of what its code depends on."""
+    source = cache_folder()
+    if source is not None and source.is_dir():
+        shutil.copytree(source, cache / source.parent.name / source.name, copy_function=_linked)
+
+
+def _linked(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:  # another file system
+        shutil.copy2(source, target)
 
 
 def _digest(*texts: str) -> str:
@@ -293,7 +325,7 @@ def _fill(journal: Journal, work: dict[str, Callable[[], dict[str, Any]]], jobs:
 def _told(row: dict[str, Any]) -> str:
     if "result" in row:
         return f"{row['result']} {row['by']}".strip()
-    return f"{row['seconds']} s, calls {len(row['called'])} modules" + ("" if row["passed"] else ", fails")
+    return f"{row['seconds']} s, {len(row['tests'])} tests" + ("" if row["passed"] else ", fails")
 
 
 def table(rows: list[dict[str, Any]]) -> str:
@@ -330,6 +362,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=1, help="test runs at a time")
     parser.add_argument("--seconds", type=float, default=900.0, metavar="S", help="limit of one test run")
     parser.add_argument("--near", type=int, metavar="N", help="judge by N test files that import the module")
+    parser.add_argument(
+        "--most", type=int, metavar="N", help="judge by the N quickest tests that execute the module"
+    )
     parser.add_argument("--sample", type=int, metavar="N", help="so many constants, drawn with --seed")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (%(default)s)")
     parser.add_argument("--root", type=Path, default=ROOT, help="folder with src and tests")
@@ -345,10 +380,11 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{len(changes) // 2} constants")
         return
     about = {"campaign": "constants", "seconds": args.seconds}
-    if args.near is None:
-        judges = _calling(project, args, about)
-    else:
-        judges = partial(project.importing, count=args.near)
+    judges: Callable[[str], list[str]] = partial(project.importing, count=args.near)
+    if args.near is None or args.most is not None:
+        modules = sorted({change.module for change in changes})
+        near = None if args.near is None else {test for module in modules for test in judges(module)}
+        judges = _calling(project, args, about, near)
     journal = Journal(args.report, about)
     work: dict[str, Callable[[], dict[str, Any]]] = {}
     for change in changes:
@@ -358,16 +394,19 @@ def main(arguments: list[str] | None = None) -> None:
     print(table([journal.rows[key] for key in work]))
 
 
-def _calling(project: Project, args: argparse.Namespace, about: dict[str, Any]) -> Callable[[str], list[str]]:
-    """The test files that execute a module, after every one was run once."""
+def _calling(
+    project: Project, args: argparse.Namespace, about: dict[str, Any], near: set[str] | None
+) -> Callable[[str], list[str]]:
+    """The tests that execute a module, after every test file, or each of those near, was run once."""
     calls = Journal(args.report.with_suffix(".tests.jsonl"), about)
     names = _digest(*project.modules)  # when modules move, tests call others
-    keys = {test: f"{test} {_digest(text, names)}" for test, text in project.tests.items()}
+    texts = {test: text for test, text in project.tests.items() if near is None or test in near}
+    keys = {test: f"{test} {_digest(text, names)}" for test, text in texts.items()}
     _fill(calls, {key: partial(project.explore, test) for test, key in keys.items()}, args.jobs)
     known = {test: calls.rows[key] for test, key in keys.items()}
     if failing := [test for test, row in known.items() if not row["passed"]]:
         print("left out, they fail without any change:", *failing)
-    return partial(project.executing, known=known)
+    return partial(project.executing, known=known, most=args.most)
 
 
 if __name__ == "__main__":

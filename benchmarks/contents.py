@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.peers.damped_iteration import damped_iteration
 from visuohaptic.deformation.nonlinear import (
     Contents,
     closed_compliance,
     contained_curve,
-    damped_iteration,
     enclosed_gradient,
 )
 from visuohaptic.deformation.nonlinear.contents import pinch_load

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -29,6 +31,16 @@ def data() -> Path:
     if folder is None:
         pytest.skip("real recordings not found: set VISUOHAPTIC_DATA or put them into ../shared/data")
     return folder
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Folders in which the examples of the command line were run, each once in a session."""
+    from tests.cli.test_help_examples import World
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("VISUOHAPTIC_OBJECTS", raising=False)
+        yield World(tmp_path_factory.mktemp("examples"))
 
 
 def pytest_report_header() -> str:

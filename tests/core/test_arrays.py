@@ -53,7 +53,9 @@ def test_small_files_do_not_unpack_to_large_arrays(tmp_path):
     head = _header((count,), "|u1")
     # After a full flush a block is compressed as the one before it.
     packed = packer.compress(head) + packer.flush(zlib.Z_FULL_FLUSH)
-    packed += (packer.compress(block) + packer.flush(zlib.Z_FULL_FLUSH)) * (count // len(block)) + packer.flush()
+    packed += (packer.compress(block) + packer.flush(zlib.Z_FULL_FLUSH)) * (
+        count // len(block)
+    ) + packer.flush()
     with zipfile.ZipFile(path, "w") as archive:
         for name in ("a.npy", "b.npy"):
             archive.writestr(name, packed)

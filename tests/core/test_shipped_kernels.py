@@ -30,7 +30,12 @@ def test_shipped_code_is_used_where_our_own_is_absent(pack, folder, tmp_path, mo
     built["NUMBA_CPU_FEATURES"] = ""
     environment = {**os.environ, **built, "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", CALL + SHIP], cwd=pack, env=environment, check=True, capture_output=True, text=True
+        [sys.executable, "-c", CALL + SHIP],
+        cwd=pack,
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
     )
     value, compiled, made, name = done.stdout.split()
     assert (value, compiled) == ("1011", "2")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.peers.damped_iteration import damped_iteration
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,7 +13,6 @@ from visuohaptic.deformation.nonlinear import (
     Contents,
     closed_compliance,
     contained_curve,
-    damped_iteration,
     enclosed_gradient,
     liquid_level_m,
     wall_gap_m,

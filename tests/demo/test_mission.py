@@ -163,12 +163,6 @@ def test_a_lost_robot_does_not_claim_to_be_there(tmp_path: Path, fault: FaultKin
     assert story.chapters[0].reason
 
 
-def test_the_bottle_is_recognised_and_lifted(tmp_path: Path) -> None:
-    story = run_mission(tmp_path, part="bottle", seed=1)
-    assert story.complete, story.summary()
-    assert not story.wrong_claims
-
-
 @pytest.mark.parametrize("fault", [FaultKind.SLIP, FaultKind.OBJECT_FALLS])
 def test_what_slips_or_falls_is_not_lifted(tmp_path: Path, fault: FaultKind) -> None:
     # Seed 8 draws 0.4 l of water: a tenth of the friction does not carry it, as it does an empty bottle.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -33,10 +34,13 @@ def blocks(text: str, *, run: bool = True) -> list[tuple[int, str]]:
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if blocks(page.read_text())], ids=lambda page: page.name
 )
-def test_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch):
+def test_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, request):
     monkeypatch.chdir(tmp_path)
     if page.name == "README.md":  # its commands come before its block
-        for line in re.findall(r"`visuohaptic ((?:example|calibrate) [^`]+)`", page.read_text()):
+        first, *others = re.findall(r"`visuohaptic ((?:example|calibrate) [^`]+)`", page.read_text())
+        assert first == "example foam --out try"  # what it writes was written by the example of its help
+        shutil.copytree(request.getfixturevalue("world").run("example foam")[0] / "try", tmp_path / "try")
+        for line in others:
             assert main(line.split()) == 0
     names = {"__name__": f"docs_{page.stem}"}
     for line, code in blocks(page.read_text()):

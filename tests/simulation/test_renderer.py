@@ -119,6 +119,17 @@ def test_profile_of_an_edge_is_the_step_through_pixel_and_lens() -> None:
     np.testing.assert_allclose(image[rows, 300], FLOOR + (FOAM - FLOOR) * step, atol=0.01)
 
 
+def test_images_of_a_scene_at_rest_are_those_drawn_one_by_one() -> None:
+    scene = FoamScene(0.0, *strip())
+    for look in (Look.photo(), Look.photo(colour=True)):
+        effects = CameraEffects(1.0, 3.0, light=lambda t: 1.0 - t, exposure_s=0.01)
+        renderer = SceneRenderer(*camera_and_pose(width=320, height=180), look, effects)
+        one, other = (np.random.default_rng(4) for _ in range(2))
+        images = list(renderer.repeated(scene, 2, rng=one))
+        assert np.array_equal(images, [renderer.render(scene, rng=other) for _ in images])
+        assert not np.array_equal(*images)
+
+
 def test_stripe_has_its_own_exact_edge() -> None:
     camera, pose = camera_and_pose()
     look = Look(stripe=Surface(90.0), stripe_width_m=0.005)

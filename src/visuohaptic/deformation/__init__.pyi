@@ -29,7 +29,6 @@ from .maps.thickness_map import with_thickness_map as with_thickness_map
 from .nonlinear.contents import Contents as Contents
 from .nonlinear.contents import closed_compliance as closed_compliance
 from .nonlinear.contents import contained_curve as contained_curve
-from .nonlinear.contents import damped_iteration as damped_iteration
 from .nonlinear.contents import liquid_level_m as liquid_level_m
 from .nonlinear.equilibrium_path import EquilibriumPath as EquilibriumPath
 from .nonlinear.equilibrium_path import PathPoint as PathPoint

@@ -52,8 +52,7 @@ def write_example(
     virtual.rig.write(folder)
     renderer = virtual.renderer()
     say("rendering rest.mp4")
-    rest = rest_scene(virtual.geometry)
-    write_video(folder / "rest.mp4", (renderer.render(rest, rng=rng) for _ in range(20)))
+    write_video(folder / "rest.mp4", renderer.repeated(rest_scene(virtual.geometry), 20, rng=rng))
     depths = _DEEPEST_M * np.sin(np.linspace(0.0, np.pi, 2 * _FRAMES + 1)) ** 2
     truth: list[tuple[float, float, float]] = []
 

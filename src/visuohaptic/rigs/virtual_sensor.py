@@ -141,8 +141,5 @@ class VirtualSensor:
         count
             Number of frames.
         """
-        renderer, scene = self.renderer(), rest_scene(self.geometry)
-        return [
-            Frame(renderer.render(scene, rng=rng), (i - count) / self.frame_rate_Hz, i - count)
-            for i in range(count)
-        ]
+        images = self.renderer().repeated(rest_scene(self.geometry), count, rng=rng)
+        return [Frame(image, i / self.frame_rate_Hz, i) for i, image in enumerate(images, -count)]

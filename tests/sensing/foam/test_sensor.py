@@ -135,4 +135,4 @@ def _rest_frames(trial, seed: int) -> list[Frame]:
 
     rng = np.random.default_rng([77, seed])
     renderer = SceneRenderer(trial.rig.camera, trial.rig.T_camera_foam, trial.look, trial.effects)
-    return [Frame(renderer.render(rest_scene(trial.geometry), rng=rng), 0.0, 0) for _ in range(10)]
+    return [Frame(image, 0.0, 0) for image in renderer.repeated(rest_scene(trial.geometry), 10, rng=rng)]

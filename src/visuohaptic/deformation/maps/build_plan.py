@@ -62,9 +62,8 @@ class BuildPlan(_Part):
     seed: int = Field(0, ge=0, lt=2**63)  #: of the random variants
     around: int = Field(48, ge=16, le=512, multiple_of=4)  #: vertices round the wall; a multiple of 4
     band: bool = True  #: maps with a standard deviation; half as fast
-    states: list[State] = Field(
-        [State(closed=False, fill=0.0)], min_length=1, max_length=16
-    )  #: of the features
+    #: of the features
+    states: list[State] = Field([State(closed=False, fill=0.0)], min_length=1, max_length=16)
     nonlinear: Curves | None = None  #: linear features by default
 
 

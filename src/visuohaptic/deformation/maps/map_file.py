@@ -220,6 +220,11 @@ def _save_glb(path: Path, found: StiffnessMap) -> None:
     for part, target in zip(parts, (34962, 34962, 34963), strict=True):
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(part), "target": target})
         offset += len(part)
+    least, largest = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+
+    def counted(view: int) -> dict[str, int]:
+        return {"bufferView": view, "count": len(points)}
+
     document = {
         "asset": {"version": "2.0", "generator": "visuohaptic"},
         "scene": 0,
@@ -233,22 +238,9 @@ def _save_glb(path: Path, found: StiffnessMap) -> None:
             {"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}]}
         ],
         "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": 5126,
-                "count": len(points),
-                "type": "VEC3",
-                "min": points.min(axis=0).tolist(),
-                "max": points.max(axis=0).tolist(),
-            },
-            {
-                "bufferView": 1,
-                "componentType": 5121,
-                "normalized": True,
-                "count": len(points),
-                "type": "VEC4",
-            },
-            {"bufferView": 2, "componentType": 5125, "count": found.faces.size, "type": "SCALAR"},
+            {"componentType": 5126, "type": "VEC3", "min": least, "max": largest, **counted(0)},
+            {"componentType": 5121, "type": "VEC4", "normalized": True, **counted(1)},
+            {"componentType": 5125, "type": "SCALAR", "bufferView": 2, "count": found.faces.size},
         ],
         "bufferViews": views,
         "buffers": [{"byteLength": offset}],

@@ -1,9 +1,7 @@
 from .contents import AMBIENT_PRESSURE_Pa as AMBIENT_PRESSURE_Pa
 from .contents import Contents as Contents
-from .contents import DampedIteration as DampedIteration
 from .contents import closed_compliance as closed_compliance
 from .contents import contained_curve as contained_curve
-from .contents import damped_iteration as damped_iteration
 from .contents import enclosed_gradient as enclosed_gradient
 from .contents import liquid_level_m as liquid_level_m
 from .equilibrium_path import EquilibriumPath as EquilibriumPath

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges, within
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
@@ -27,10 +26,8 @@ from .self_contact import SelfContactGuard
 __all__ = [
     "AMBIENT_PRESSURE_Pa",
     "Contents",
-    "DampedIteration",
     "closed_compliance",
     "contained_curve",
-    "damped_iteration",
     "enclosed_gradient",
     "liquid_level_m",
 ]
@@ -232,69 +229,6 @@ def liquid_level_m(container: ShellObject, fill: float) -> float:
     if fill <= 0 or fill >= 1:
         return 0.0 if fill <= 0 else top
     return float(brentq(missing, 0.0, top, xtol=1e-9))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DampedIteration:
-    """What the published iteration came to."""
-
-    displacement: Float[np.ndarray, "v 6"]
-    gauge_Pa: float
-    passes: int
-    converged: bool
-
-
-def damped_iteration(
-    container: ShellObject,
-    model: ShellModel,
-    load: Float[np.ndarray, "v 6"],
-    contents: Contents,
-    *,
-    damping: float = 0.5,
-    threshold: float = 1e-9,
-    max_passes: int = 500,
-) -> DampedIteration:
-    """Pressure as a boundary condition that is updated, Eq. (6.2): the published baseline.
-
-    Diverges when ``|1 - c (1 + g)| >= 1`` with the loop gain ``g = kappa a . w``; the rank-one term has no such
-    limit.
-
-    Parameters
-    ----------
-    container, model
-        As of :func:`enclosed_gradient`.
-    load
-        Forces and moments at the vertices [N], [N m].
-    contents
-        What is enclosed, with some gas.
-    damping
-        c, the weight of a new pressure against the old one, 0 to 1.
-    threshold
-        Change of the volume between passes, relative to the volume, at which the iteration has converged.
-    max_passes
-        Passes after which it is given up.
-
-    Raises
-    ------
-    InputError
-        There is no gas: the pressure is not a function of the volume.
-    """
-    a = enclosed_gradient(container, model)
-    free, w = model.solve(load), model.solve(a)
-    rest = container.volume_m3
-    kappa = contents.bulk_stiffness(rest)
-    if not np.isfinite(kappa):
-        raise InputError("damped_iteration", "without gas the pressure is not a function of the volume")
-    gauge, before = 0.0, np.inf
-    for passes in range(1, max_passes + 1):
-        change = float(np.sum(a * (free + gauge * w)))
-        if not abs(change) < 1e3 * rest:
-            return DampedIteration(free + gauge * w, gauge, passes, False)
-        if abs(change - before) < threshold * rest:
-            return DampedIteration(free + gauge * w, gauge, passes, True)
-        before = change
-        gauge = damping * (-kappa * change) + (1 - damping) * gauge
-    return DampedIteration(free + gauge * w, gauge, max_passes, False)
 
 
 def pinch_load(model: ShellModel, tips: DualTips, which: int) -> Float[np.ndarray, "v 6"]:

@@ -38,12 +38,10 @@ class Wall:
     high_m: float  #: height of the highest ring
     double: bool  #: the mesh has an inner and an outer surface
     wall_m: float  #: median horizontal distance of the two, NaN for one surface
-    thickness_m: Float[
-        np.ndarray, "k 2"
-    ]  #: height and distance along the normal there; (0, 2) for one surface
-    uneven: Float[
-        np.ndarray, "k h"
-    ]  #: Fourier coefficients of the thickness round the wall over that: 1, cos, sin, cos 2 ...
+    #: height and distance along the normal there; (0, 2) for one surface
+    thickness_m: Float[np.ndarray, "k 2"]
+    #: Fourier coefficients of the thickness round the wall over that: 1, cos, sin, cos 2 ...
+    uneven: Float[np.ndarray, "k h"]
     thickness_spread: float  #: relative standard deviation of what is left of it, NaN for one surface
     points_m: Float[np.ndarray, "v 3"]  #: of the mesh, about the axis
     faces: Int[np.ndarray, "f 3"]

@@ -42,9 +42,8 @@ class WallProperties:
         None  #: of the library, or a YAML file of plies; PET by default where a mesh is read
     )
     thickness_m: float | None = field(default=None, metadata=POSITIVE)  #: of the whole wall
-    thickness_spread: float | None = field(
-        default=None, metadata=within(0, 0.5)
-    )  #: relative standard deviation
+    #: relative standard deviation
+    thickness_spread: float | None = field(default=None, metadata=within(0, 0.5))
     youngs_modulus_Pa: float | None = field(default=None, metadata=POSITIVE)  #: instead of the material's
     poisson_ratio: float | None = None  #: instead of the material's
 

@@ -134,49 +134,25 @@ def plate_curvature(xy: np.ndarray, area: float, xi: float, eta: float) -> np.nd
     r4, r5, r6 = 3 * y23 * y23 / l4, 3 * y31 * y31 / l5, 3 * y12 * y12 / l6
     e, f = 1 - 2 * xi, 1 - 2 * eta
     hx_xi = (
-        p6 * e + (p5 - p6) * eta,
-        q6 * e - (q5 + q6) * eta,
-        -4 + 6 * (xi + eta) + r6 * e - eta * (r5 + r6),
-        -p6 * e + eta * (p4 + p6),
-        q6 * e - eta * (q6 - q4),
-        -2 + 6 * xi + r6 * e + eta * (r4 - r6),
-        -eta * (p5 + p4),
-        eta * (q4 - q5),
-        -eta * (r5 - r4),
-    )
+        p6 * e + (p5 - p6) * eta, q6 * e - (q5 + q6) * eta, -4 + 6 * (xi + eta) + r6 * e - eta * (r5 + r6),
+        -p6 * e + eta * (p4 + p6), q6 * e - eta * (q6 - q4), -2 + 6 * xi + r6 * e + eta * (r4 - r6),
+        -eta * (p5 + p4), eta * (q4 - q5), -eta * (r5 - r4),
+    )  # fmt: skip
     hy_xi = (
-        t6 * e + eta * (t5 - t6),
-        1 + r6 * e - eta * (r5 + r6),
-        -q6 * e + eta * (q5 + q6),
-        -t6 * e + eta * (t4 + t6),
-        -1 + r6 * e + eta * (r4 - r6),
-        -q6 * e - eta * (q4 - q6),
-        -eta * (t4 + t5),
-        eta * (r4 - r5),
-        -eta * (q4 - q5),
-    )
+        t6 * e + eta * (t5 - t6), 1 + r6 * e - eta * (r5 + r6), -q6 * e + eta * (q5 + q6),
+        -t6 * e + eta * (t4 + t6), -1 + r6 * e + eta * (r4 - r6), -q6 * e - eta * (q4 - q6),
+        -eta * (t4 + t5), eta * (r4 - r5), -eta * (q4 - q5),
+    )  # fmt: skip
     hx_eta = (
-        -p5 * f - xi * (p6 - p5),
-        q5 * f - xi * (q5 + q6),
-        -4 + 6 * (xi + eta) + r5 * f - xi * (r5 + r6),
-        xi * (p4 + p6),
-        xi * (q4 - q6),
-        -xi * (r6 - r4),
-        p5 * f - xi * (p4 + p5),
-        q5 * f + xi * (q4 - q5),
-        -2 + 6 * eta + r5 * f + xi * (r4 - r5),
-    )
+        -p5 * f - xi * (p6 - p5), q5 * f - xi * (q5 + q6), -4 + 6 * (xi + eta) + r5 * f - xi * (r5 + r6),
+        xi * (p4 + p6), xi * (q4 - q6), -xi * (r6 - r4),
+        p5 * f - xi * (p4 + p5), q5 * f + xi * (q4 - q5), -2 + 6 * eta + r5 * f + xi * (r4 - r5),
+    )  # fmt: skip
     hy_eta = (
-        -t5 * f - xi * (t6 - t5),
-        1 + r5 * f - xi * (r5 + r6),
-        -q5 * f + xi * (q5 + q6),
-        xi * (t4 + t6),
-        xi * (r4 - r6),
-        -xi * (q4 - q6),
-        t5 * f - xi * (t4 + t5),
-        -1 + r5 * f + xi * (r4 - r5),
-        -q5 * f - xi * (q4 - q5),
-    )
+        -t5 * f - xi * (t6 - t5), 1 + r5 * f - xi * (r5 + r6), -q5 * f + xi * (q5 + q6),
+        xi * (t4 + t6), xi * (r4 - r6), -xi * (q4 - q6),
+        t5 * f - xi * (t4 + t5), -1 + r5 * f + xi * (r4 - r5), -q5 * f - xi * (q4 - q5),
+    )  # fmt: skip
     out = np.empty((3, 9))
     scale = 0.5 / area
     for j in range(9):

@@ -40,7 +40,7 @@ from ...core.files import (
 )
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth, write_depth
 from .depth_sequence import _image_files, _matched
-from .poses import StampedPose, read_poses, write_poses
+from .poses import StampedPose, read_poses, stamped_matrix, write_poses
 
 __all__ = ["LAYOUTS", "ImportedSequence", "import_sequence"]
 
@@ -72,31 +72,29 @@ class _Layout:
     images: list[tuple[Path, Path | None, StampedPose]]  #: depth, colour, pose
 
 
-class _CameraJson(BaseModel):
+class _Pinhole(BaseModel):
     model_config = ConfigDict(extra="ignore")
+    fx: FiniteFloat
+    fy: FiniteFloat
+    cx: FiniteFloat
+    cy: FiniteFloat
+
+    def camera_of(self, width: int, height: int, name: str) -> Camera:
+        matrix = np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+        return Camera(width, height, matrix, name=name)
+
+
+class _CameraJson(_Pinhole):
     camera: str = "depth camera"
     width: int = Field(gt=0)
     height: int = Field(gt=0)
-    fx: FiniteFloat
-    fy: FiniteFloat
-    cx: FiniteFloat
-    cy: FiniteFloat
     depth_unit_m: FiniteFloat = Field(gt=0)
 
-    def to_camera(self) -> Camera:
-        matrix = np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
-        return Camera(self.width, self.height, matrix, name=self.camera)
 
-
-class _ClearGraspYaml(BaseModel):
-    model_config = ConfigDict(extra="ignore")
+class _ClearGraspYaml(_Pinhole):
     camera_name: str = "depth camera"
     xres: int = Field(gt=0)
     yres: int = Field(gt=0)
-    fx: FiniteFloat
-    fy: FiniteFloat
-    cx: FiniteFloat
-    cy: FiniteFloat
 
 
 def import_sequence(
@@ -188,7 +186,8 @@ def _arm(source: Path) -> _Layout:
         pose = by_number.get(int(match[1])) if match else None
         pose = pose or StampedPose(np.nan, None, f"{table.name} has no pose of it")
         images.append((path, _beside(source / "color", path.stem), pose))
-    return _Layout(info.camera, info.to_camera(), DepthEncoding(info.depth_unit_m), images)
+    camera = info.camera_of(info.width, info.height, info.camera)
+    return _Layout(info.camera, camera, DepthEncoding(info.depth_unit_m), images)
 
 
 def _beside(folder: Path, stem: str) -> Path | None:
@@ -241,18 +240,11 @@ def _apc(source: Path) -> _Layout:
         if matrix is None or matrix.shape != (4, 4):
             stamped = StampedPose(np.nan, None, f"{path.name} has no pose of {name}")
         else:
-            stamped = _pose_of_text(matrix, name)
+            stamped = stamped_matrix(matrix, name)
         images.append((depth, color if color.is_file() else None, stamped))
     if camera is None:
         raise InputError(source, "has no frame-NNNNNN.depth.png")
     return _Layout("Intel RealSense F200", camera, DepthEncoding(1e-4, bit_rotation=3), images)
-
-
-def _pose_of_text(matrix: Float[np.ndarray, "4 4"], name: str) -> StampedPose:
-    from .poses import _matrix
-
-    found = _matrix(matrix, name)
-    return StampedPose(np.nan, found.pose, found.problem)
 
 
 def _camera_of(image: Path, intrinsic: Float[np.ndarray, "3 3"]) -> Camera:
@@ -264,8 +256,7 @@ def _cleargrasp(source: Path, kind: str) -> _Layout:
     if kind not in ("transparent", "opaque"):
         raise InputError("kind", f"found {kind!r}, expected transparent or opaque")
     info = load_yaml_model(source / "camera_intrinsics.yaml", _ClearGraspYaml)
-    matrix = np.array([[info.fx, 0, info.cx], [0, info.fy, info.cy], [0, 0, 1.0]])
-    camera = Camera(info.xres, info.yres, matrix, name=info.camera_name)
+    camera = info.camera_of(info.xres, info.yres, info.camera_name)
     images: list[tuple[Path, Path | None, StampedPose]] = []
     for path in _image_files(source, {".exr"}):
         if f"-{kind}-depth-img" in path.stem:

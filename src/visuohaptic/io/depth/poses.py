@@ -92,7 +92,7 @@ def _from_rows(path: Path, rows: Iterator[tuple[int, list[float]]]) -> Iterator[
             yield _tum(row, where)
         elif len(row) in (12, 16, 17):
             numbers = row[1:] if len(row) == 17 else row
-            yield _matrix(np.array(numbers).reshape(-1, 4), where)
+            yield stamped_matrix(np.array(numbers).reshape(-1, 4), where)
         elif len(row) == 4:
             block = [row]
             for _ in range(3):
@@ -100,7 +100,7 @@ def _from_rows(path: Path, rows: Iterator[tuple[int, list[float]]]) -> Iterator[
                 if len(more) != 4:
                     raise InputError(path, "has an incomplete 4 x 4 matrix", field=where)
                 block.append(more)
-            yield _matrix(np.array(block), where)
+            yield stamped_matrix(np.array(block), where)
         elif len(row) != 3:
             raise InputError(
                 path, f"found {len(row)} numbers, expected 8 (TUM), 4, 12 or 16 (matrix)", field=where
@@ -118,7 +118,8 @@ def _tum(row: Sequence[float], where: str) -> StampedPose:
     return StampedPose(time_s, Pose.from_quaternion(quaternion, position))
 
 
-def _matrix(matrix: Float[np.ndarray, "rows 4"], where: str) -> StampedPose:
+def stamped_matrix(matrix: Float[np.ndarray, "rows 4"], where: str) -> StampedPose:
+    """Pose of a matrix of three or four rows; without one where it is no rigid motion."""
     if not np.isfinite(matrix).all():
         return StampedPose(np.nan, None, f"{where} is not finite")
     if len(matrix) == 4 and not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from ..maps.occupancy_map import OccupancyMap
 
 __all__ = ["MeasurementSink"]
+
+_CONTACT_NUMBERS = ("s_start_m", "s_end_m", "force_N", "force_sigma_N")
 
 
 class MeasurementSink(ABC):
@@ -53,27 +56,16 @@ class MeasurementSink(ABC):
         name
             Name of the sensor, the first part of its topics.
         """
-        budget = profile.budget
         values: dict[str, Any] = {
             "force_N": float(profile.force_N),
             "force_sigma_N": float(profile.force_sigma_N),
-            "image_N": float(budget.image_N),
-            "calibration_N": float(budget.calibration_N),
-            "model_N": float(budget.model_N),
-            "zero_N": float(budget.zero_N),
+            **{name: float(value) for name, value in asdict(profile.budget).items()},
             "contacts": len(profile.contacts),
         }
         for place, contact in enumerate(profile.contacts):
-            values[f"contact{place}"] = json.dumps(
-                {
-                    "s_start_m": float(contact.s_start_m),
-                    "s_end_m": float(contact.s_end_m),
-                    "force_N": float(contact.force_N),
-                    "force_sigma_N": float(contact.force_sigma_N),
-                    "valid": bool(contact.valid),
-                    "reason": str(contact.reason),
-                }
-            )
+            numbers = {name: float(getattr(contact, name)) for name in _CONTACT_NUMBERS}
+            told = {**numbers, "valid": bool(contact.valid), "reason": str(contact.reason)}
+            values[f"contact{place}"] = json.dumps(told)
         t_s, frame = profile.t_s, self.frame
         self.write(
             f"/{name}/wrench", "geometry_msgs/msg/WrenchStamped", t_s, ros.force_wrench(profile, frame)

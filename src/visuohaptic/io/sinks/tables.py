@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,31 +11,15 @@ import numpy as np
 
 from ...core.errors import InputError, needs
 from ...core.files import PartFile, atomic_path, csv_line
-from ...core.measurement import ForceProfile, Wrench
+from ...core.measurement import ErrorBudget, ForceProfile, Wrench
 from ...core.resources import Closing
 
 __all__ = ["FORCE_COLUMNS", "WRENCH_COLUMNS", "TableWriter"]
 
-FORCE_COLUMNS = (
-    "t_s",
-    "valid",
-    "reason",
-    "force_N",
-    "force_sigma_N",
-    "contacts",
-    "image_N",
-    "calibration_N",
-    "model_N",
-    "zero_N",
-)
+_BUDGET = tuple(part.name for part in fields(ErrorBudget))
+FORCE_COLUMNS = ("t_s", "valid", "reason", "force_N", "force_sigma_N", "contacts", *_BUDGET)
 AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-WRENCH_COLUMNS = (
-    "t_s",
-    "valid",
-    "reason",
-    *AXES,
-    *(axis.replace("_", "_sigma_") for axis in AXES),
-)
+WRENCH_COLUMNS = (*FORCE_COLUMNS[:3], *AXES, *(axis.replace("_", "_sigma_") for axis in AXES))
 #: List columns of a force table, in Parquet only.
 PROFILE_COLUMNS = ("s_m", "delta_m", "delta_sigma_m", "pressure_Pa")
 
@@ -43,18 +28,15 @@ _GROUP = 500
 
 
 def _force_row(profile: ForceProfile) -> list[Any]:
-    budget = profile.budget
+    forces = float(profile.force_N), float(profile.force_sigma_N)
+    budget = (float(getattr(profile.budget, name)) for name in _BUDGET)
     return [
         float(profile.t_s),
         bool(profile.valid),
         str(profile.reason),
-        float(profile.force_N),
-        float(profile.force_sigma_N),
+        *forces,
         len(profile.contacts),
-        float(budget.image_N),
-        float(budget.calibration_N),
-        float(budget.model_N),
-        float(budget.zero_N),
+        *budget,
     ]
 
 

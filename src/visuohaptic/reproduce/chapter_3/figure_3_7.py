@@ -17,6 +17,8 @@ from ...core.measurement import ForceProfile
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
 from ...simulation.foam.press_rig import PressShape, press, press_path
+from ...simulation.foam.rig import SensorRig
+from .._press import seen_by
 from ..output import Columns, Output
 
 __all__ = ["run"]
@@ -61,7 +63,7 @@ def run(out: Output) -> None:
 
 def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
     """Columns of all presses, and the deepest profile under shape C."""
-    virtual = VirtualSensor()
+    virtual = VirtualSensor(rig=seen_by(out, SensorRig()))
     steps, runs = (4, 1) if out.quick else (12, 4)
     rows = Columns("shape run true_N measured_N sigma_N noise_N")
     with tempfile.TemporaryDirectory() as folder:
@@ -76,8 +78,7 @@ def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
                 path = press_path(DEEPEST_m, steps, unload=False)
                 for sample in press(shape, path, geometry=virtual.geometry):
                     forces = []
-                    for _ in range(FRAMES):
-                        image = renderer.render(sample.scene, rng=rng)
+                    for image in renderer.repeated(sample.scene, FRAMES, rng=rng):
                         profile = sensor.read(Frame(image, index / 30.0, index))
                         index += 1
                         forces.append(profile.force_N)

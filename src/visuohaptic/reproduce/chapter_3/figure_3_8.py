@@ -34,9 +34,9 @@ def run(out: Output) -> None:
     out
         Receives tables, pictures and comparisons; its seed and size are used.
     """
-    levels = np.linspace(0.0, TOP_N, 3 if out.quick else 6)
+    levels = np.linspace(0.0, TOP_N, 2 if out.quick else 6)
     path = np.r_[levels, levels[-2::-1]]
-    frames = 4 if out.quick else 12
+    frames = 3 if out.quick else 12
     rows: list[list[float]] = []
     for number, distance in enumerate(DISTANCES_m[:1] if out.quick else DISTANCES_m):
         virtual = replace(VirtualBeam(view="steady"), rig=replace(RodRig(), distance_m=distance))

@@ -91,9 +91,8 @@ class LocalCostmap:
     """A window of a map around an object, and the clearance of each cell: its distance to the nearest obstacle."""
 
     map: OccupancyMap
-    distance_m: Float32[
-        np.ndarray, "rows columns"
-    ]  #: from a cell's centre to the border of the nearest obstacle's cell
+    #: from a cell's centre to the border of the nearest obstacle's cell
+    distance_m: Float32[np.ndarray, "rows columns"]
 
     @classmethod
     def around(

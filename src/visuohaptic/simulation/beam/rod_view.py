@@ -66,9 +66,9 @@ class RodRenderer:
         self.rig, self.camera, self.prints = rig, camera, dict(prints)
         self.effects = effects or CameraEffects()
         self.table_m = table_m
-        y, x = np.mgrid[: camera.height, : camera.width].astype(np.float64)
         self._coarser: dict[tuple[int, int], np.ndarray] = {}
-        self._rays = camera.rays(np.stack([x, y], axis=-1)).astype(np.float32)
+        slopes = _slopes(camera, np.arange(camera.width), np.arange(camera.height))
+        self._slopes = slopes[0].astype(np.float32), slopes[1].astype(np.float32)
 
     def render(
         self,
@@ -121,11 +121,12 @@ class RodRenderer:
         tile = texture_tile("concrete").astype(np.float32) - np.float32(TILE_MEAN)
         normal = view.rotation[:, 2]
         origin = view.translation_m - self.table_m * normal
-        depth = np.float32(origin @ normal) / (self._rays @ normal.astype(np.float32))
+        depth = np.float32(origin @ normal) / _along(self._slopes, normal.astype(np.float32))
         scale = len(tile) / _TABLE_TILE_M
         # Affine in the ray: the two in-plane coordinates of depth * ray - origin.
         place = [
-            (self._rays @ (axis * scale).astype(np.float32)) * depth - np.float32(scale * (origin @ axis))
+            _along(self._slopes, (axis * scale).astype(np.float32)) * depth
+            - np.float32(scale * (origin @ axis))
             for axis in view.rotation[:, :2].T
         ]
         texture = cv2.remap(tile, place[0], place[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
@@ -164,9 +165,11 @@ class RodRenderer:
         offset = (np.arange(_FINE) + 0.5) / _FINE - 0.5
         x = (np.arange(left, right)[:, None] + offset).ravel()
         y = (np.arange(top, bottom)[:, None] + offset).ravel()
-        rays = self.camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
-        depth = sight / (rays @ pose.rotation[:, 2])
-        across, down = (depth * (rays @ axis) - pose.translation_m @ axis for axis in pose.rotation[:, :2].T)
+        slopes = _slopes(self.camera, x, y)
+        depth = sight / _along(slopes, pose.rotation[:, 2])
+        across, down = (
+            depth * _along(slopes, axis) - pose.translation_m @ axis for axis in pose.rotation[:, :2].T
+        )
         inside = (np.abs(across) <= half[0]) & (np.abs(down) <= half[1])
         # Rays further apart than the pixels of the print would miss where its edges are.
         apart_m = pose.translation_m[2] / (_FINE * self.camera.focal_px)
@@ -184,8 +187,9 @@ class RodRenderer:
         if self.effects.blur_px > 0:
             # The patch is wider than the print by the reach of the blur: nothing is cut off.
             parts = [cv2.GaussianBlur(part, (0, 0), _FINE * self.effects.blur_px) for part in parts]
-        shape = (bottom - top, _FINE, right - left, _FINE)
-        fraction, paint = (part.reshape(shape).mean(axis=(1, 3)) for part in parts)
+        size = int(right - left), int(bottom - top)
+        # Of whole blocks of rays their mean.
+        fraction, paint = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in parts)
         region = image[top:bottom, left:right]
         region *= 1.0 - fraction
         region += paint
@@ -202,6 +206,23 @@ class RodRenderer:
             size = (max(2, round(columns / block)), max(2, round(rows / block)))
             self._coarser[key] = np.asarray(cv2.resize(drawn.levels, size, interpolation=cv2.INTER_AREA))
         return self._coarser[key]
+
+
+def _slopes(
+    camera: Camera, x: Float[np.ndarray, "w"], y: Float[np.ndarray, "h"]
+) -> tuple[Float[np.ndarray, "*a"], Float[np.ndarray, "*b"]]:
+    """x and y by z of the rays through a grid of pixels; those of a lens without distortion are a row and a column."""
+    if camera.distortion.any() or camera.matrix[0, 1]:
+        rays = camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
+        return rays[..., 0], rays[..., 1]
+    row = camera.rays(np.column_stack([x, np.zeros(len(x))]))[:, 0]
+    return row, camera.rays(np.column_stack([np.zeros(len(y)), y]))[:, 1:2]
+
+
+def _along(slopes: tuple[np.ndarray, np.ndarray], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w"]:
+    """Component of the rays along an axis, per length along z."""
+    found: np.ndarray = slopes[0] * axis[0] + (slopes[1] * axis[1] + axis[2])
+    return found
 
 
 def _ribbon(points_camera_m: Float[np.ndarray, "n 3"], width_m: float) -> Float[np.ndarray, "m 3"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -186,9 +187,19 @@ def calibration_press(
         Source of the force sensor's noise; seed 0 by default.
     """
     geometry = geometry if geometry is not None else FoamStripGeometry()
+    rng = rng if rng is not None else np.random.default_rng(0)
     area = geometry.length_m * geometry.height_m
+    return [
+        (strain, (force_N + reference_sigma_N * float(rng.standard_normal())) / area, direction)
+        for strain, force_N, direction in _pressed(geometry, law, steps, runs)
+    ]
+
+
+@lru_cache(maxsize=8)
+def _pressed(
+    geometry: FoamStripGeometry, law: StripLaw, steps: int, runs: int
+) -> tuple[tuple[float, float, str], ...]:
+    """Strain, force [N] and direction without the force sensor's noise: every sensor of one foam presses the same."""
     path = press_path(0.6 * geometry.width_m, steps, runs=runs)
-    samples = press(
-        PressShape.LARGE_PLATE, path, geometry=geometry, law=law, reference_sigma_N=reference_sigma_N, rng=rng
-    )
-    return [(x.depth_m / geometry.width_m, x.reference_N / area, x.direction) for x in samples]
+    samples = press(PressShape.LARGE_PLATE, path, geometry=geometry, law=law)
+    return tuple((x.depth_m / geometry.width_m, x.force_N, x.direction) for x in samples)

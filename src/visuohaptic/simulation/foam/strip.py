@@ -27,9 +27,8 @@ class StripState:
     front_m: Float[np.ndarray, "k 2"]  #: front contour
     body: Int[np.ndarray, "k"]  #: index of the body that touches, -1 without
     load_N: float  #: integral of the pressure over the front: the F of Eq. (3.1)
-    force_N: Float[
-        np.ndarray, "2"
-    ]  #: of the foam on all bodies; its length is ``load_N`` on a straight strip
+    #: of the foam on all bodies; its length is ``load_N`` on a straight strip
+    force_N: Float[np.ndarray, "2"]
     moment_Nm: float  #: of the foam on all bodies about the origin of F
     body_force_N: Float[np.ndarray, "b 2"]  #: on every body
     body_moment_Nm: Float[np.ndarray, "b"]  #: on every body about the origin of F

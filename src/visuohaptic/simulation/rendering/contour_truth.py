@@ -21,9 +21,8 @@ class ContourTruth:
     back_px: Float[np.ndarray, "m 2"]  #: contour between body and foam
     front_px: Float[np.ndarray, "n 2"]  #: contour between foam and surroundings
     stripe_px: Float[np.ndarray, "q 2"]  #: inner edge of the stripe; (0, 2) without stripe
-    front_visible: Bool[
-        np.ndarray, "points"
-    ]  #: for each point of ``FoamScene.front_m``: not behind an object
+    #: for each point of ``FoamScene.front_m``: not behind an object
+    front_visible: Bool[np.ndarray, "points"]
 
 
 def crossings(

@@ -27,29 +27,23 @@ class CameraEffects:
     scale, then noise is added, then levels are clipped to 0..255 and rounded, then JPEG.
     """
 
-    blur_px: float = field(
-        default=0.8, metadata=NON_NEGATIVE
-    )  #: standard deviation of the Gaussian point spread, on top of the pixel's square
-    noise_sigma: float = field(
-        default=0.0, metadata=NON_NEGATIVE
-    )  #: standard deviation of the noise at level 0 [grey levels]
-    shot_noise: float = field(
-        default=0.0, metadata=NON_NEGATIVE
-    )  #: variance that each grey level adds [grey levels^2 per level]
+    #: standard deviation of the Gaussian point spread, on top of the pixel's square
+    blur_px: float = field(default=0.8, metadata=NON_NEGATIVE)
+    #: standard deviation of the noise at level 0 [grey levels]
+    noise_sigma: float = field(default=0.0, metadata=NON_NEGATIVE)
+    #: variance that each grey level adds [grey levels^2 per level]
+    shot_noise: float = field(default=0.0, metadata=NON_NEGATIVE)
     gain: float = field(default=1.0, metadata=NON_NEGATIVE)  #: exposure; multiplies all levels
-    vignetting: float = field(
-        default=0.0, metadata=within(0, 1)
-    )  #: relative loss of light in the image's corner
+    #: relative loss of light in the image's corner
+    vignetting: float = field(default=0.0, metadata=within(0, 1))
     gradient_x: float = 0.0  #: relative change of light from the left to the right border
     gradient_y: float = 0.0  #: relative change of light from the top to the bottom border
     light: Callable[[float], float] | None = None  #: relative light over time [s]; 0 is darkness
-    exposure_s: float = field(
-        default=0.0, metadata=NON_NEGATIVE
-    )  #: duration of exposure, centred on the row's time; 0 = no motion blur
+    #: duration of exposure, centred on the row's time; 0 = no motion blur
+    exposure_s: float = field(default=0.0, metadata=NON_NEGATIVE)
     exposure_samples: int = field(default=4, metadata=at_least(1))  #: images averaged over the exposure
-    jpeg_quality: int | None = field(
-        default=None, metadata=within(1, 100)
-    )  #: 1..100; ``None`` = not compressed
+    #: 1..100; ``None`` = not compressed
+    jpeg_quality: int | None = field(default=None, metadata=within(1, 100))
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -105,27 +99,14 @@ class CameraEffects:
         """
         rows, columns, channels = image.shape
         seeds = np.asarray(rng.integers(0, 2**64, rows, dtype=np.uint64))
-        field, gain, sigma = (
-            self.light_field(rows, columns),
-            self.row_gain(row_times_s),
-            self.sigma_of_level(),
-        )
-        quantiles, result = _normal_quantiles(), np.zeros(image.shape, np.uint8)
+        field, gain = self.light_field(rows, columns), self.row_gain(row_times_s)
+        sigma, quantiles = self.sigma_of_level(), _normal_quantiles()
+        result = np.zeros(image.shape, np.uint8)
 
         def band(low: int, high: int) -> None:
-            words = np.zeros((columns * channels + 3) // 4, np.uint64)
-            part = slice(low, high)
-            develop(
-                image[part],
-                field[part],
-                gain[part],
-                sigma,
-                seeds[part],
-                quantiles,
-                words,
-                words.view(np.uint16),
-                result[part],
-            )
+            words, at = np.zeros((columns * channels + 3) // 4, np.uint64), slice(low, high)
+            tables = sigma, seeds[at], quantiles, words, words.view(np.uint16)
+            develop(image[at], field[at], gain[at], *tables, result[at])
 
         in_bands(band, rows)
         return result if self.jpeg_quality is None else _through_jpeg(result, self.jpeg_quality)

@@ -9,7 +9,7 @@ goes on below it, so that no third surface shines through. Textures are blurred 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +33,7 @@ from .appearance import Look, Occluder, Surface
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .exposure import CameraShake, ExposedScene, SceneLike, inner_edge, observe
+from .scene import FoamScene
 from .shadow import shade_floor
 from .textures import MATERIALS
 
@@ -135,6 +136,26 @@ class SceneRenderer:
         exact, row_times_s = self._exact(scene, t_s, camera_shake, occluders)
         image = self.effects.developed(exact, row_times_s, rng)
         return image if self.look.colour else image[..., 0]
+
+    def repeated(
+        self, scene: FoamScene, count: int, *, rng: np.random.Generator
+    ) -> Iterator[UInt8[np.ndarray, "rows columns *colour"]]:
+        """Images of a scene at rest, as :meth:`render` makes them: drawn once, with new noise in each.
+
+        Parameters
+        ----------
+        scene
+            What the camera sees.
+        count
+            Number of images.
+        rng
+            Source of all noise.
+        """
+        exact, row_times_s = self._exact(scene, None, None, ())
+        exact = exact.copy()
+        for _ in range(count):
+            image = self.effects.developed(exact, row_times_s, rng)
+            yield image if self.look.colour else image[..., 0]
 
     def render_exact(
         self,

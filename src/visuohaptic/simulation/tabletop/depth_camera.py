@@ -104,24 +104,10 @@ class DepthCamera:
         hit, found = trace_rays(eye, rotation, columns, rows, *arrays)
         p_hit, p_found = trace_rays(projector, rotation, p_columns, rows, *arrays)
         first_x = -margin - cx
-        landing, bright, owner, mixed = pattern_map(p_hit, p_found, rotation, projector, fx, fy, first_x, cy)
-        seen = decode_pattern(
-            hit,
-            found,
-            p_found,
-            landing,
-            bright,
-            owner,
-            mixed,
-            rotation,
-            projector,
-            fx,
-            fy,
-            first_x,
-            cy,
-            optics.row_tolerance_px,
-            optics.min_signal,
-        )
+        light = rotation, projector, fx, fy, first_x, cy
+        pattern = pattern_map(p_hit, p_found, *light)
+        limits = optics.row_tolerance_px, optics.min_signal
+        seen = decode_pattern(hit, found, p_found, *pattern, *light, *limits)
         disparity_px = np.arange(camera.width) - cx - seen
         disparity_px = self._correlate(disparity_px)
         self._glints(disparity_px, found, eye, projector, rotation, fx * optics.baseline_m)

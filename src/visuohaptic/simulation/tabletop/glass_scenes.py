@@ -257,12 +257,7 @@ def _way(rng: np.random.Generator, arc_rad: float, step_m: float) -> tuple[Pose,
     poses = []
     for angle in np.linspace(0, arc_rad, count):
         sway = 0.02 * np.sin(np.array([3.1, 4.3, 2.2]) * angle + phase)
-        eye = np.array(
-            [
-                (radius + sway[0]) * math.cos(first + angle),
-                (radius + sway[0]) * math.sin(first + angle),
-                height + sway[1],
-            ]
-        )
+        away, turn = radius + sway[0], first + angle
+        eye = np.array([away * math.cos(turn), away * math.sin(turn), height + sway[1]])
         poses.append(Camera.pose_of_view(eye, (0.0, 0.0, 0.07 + sway[2])))
     return tuple(poses)

@@ -139,32 +139,13 @@ class RefractingScene:
             segments = _segments(solid)
             first = len(segment_rows)
             segment_rows.extend(segments)
-            widest = max(max(row[0], row[2]) for row in segments)
-            yaw = (math.cos(solid.yaw_rad), math.sin(solid.yaw_rad))
-            solid_rows.append(
-                (
-                    *solid.foot_m,
-                    *yaw,
-                    solid.squash,
-                    widest + 1e-6,
-                    solid.height_m + 1e-3,
-                    first,
-                    len(segment_rows),
-                )
-            )
-        box_rows = [
-            (
-                *box.centre_m,
-                math.cos(box.yaw_rad),
-                math.sin(box.yaw_rad),
-                *(0.5 * edge for edge in box.size_m),
-                _KINDS[box.kind],
-                box.index,
-                box.albedo,
-                0.0,
-            )
-            for box in self.boxes
-        ]
+            bounds = max(max(row[0], row[2]) for row in segments) + 1e-6, solid.height_m + 1e-3
+            turn = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
+            solid_rows.append((*solid.foot_m, *turn, solid.squash, *bounds, first, len(segment_rows)))
+        box_rows = []
+        for box in self.boxes:
+            turn, half = (math.cos(box.yaw_rad), math.sin(box.yaw_rad)), (0.5 * edge for edge in box.size_m)
+            box_rows.append((*box.centre_m, *turn, *half, _KINDS[box.kind], box.index, box.albedo, 0.0))
         object.__setattr__(self, "solid_rows", np.array(solid_rows, dtype=float).reshape(-1, 10))
         object.__setattr__(self, "segment_rows", np.array(segment_rows, dtype=float).reshape(-1, 14))
         object.__setattr__(self, "box_rows", np.array(box_rows, dtype=float).reshape(-1, 12))
