@@ -10,7 +10,7 @@ import shapely
 
 from visuohaptic.core import Estimate, HapticTag
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
+from visuohaptic.navigation.pushing import PushModel, line_path, load_of_feet, simulate_push
 from visuohaptic.reproduce.pushes import (
     DirectPushSettings,
     PushedObject,
@@ -111,7 +111,7 @@ def test_what_is_fixed_for_one_platform_is_not_for_a_stronger_one(doorway):
 
 def test_the_contact_is_moved_to_the_centre_that_the_first_push_told():
     # Feet with the mass 4 cm off to the left of a push along x: a push through the footprint's centre turns it.
-    model = PushModel.feet(STOOL, 0.9 * STOOL, (0.0, 0.04), contact_friction=0.4)
+    model = PushModel(STOOL, 0.9 * STOOL, load_of_feet(0.9 * STOOL, (0.0, 0.04)), 0.4)
 
     def turned(offset):
         start = np.array([-0.15 - RADIUS_M - 1e-4, offset])
@@ -123,7 +123,7 @@ def test_the_contact_is_moved_to_the_centre_that_the_first_push_told():
     first = turned(0.0)
     assert first > 0.05  # left, towards the side of the mass
     tag = HapticTag(rotation_rad_per_m=Estimate(first / 0.1, 0.05), explored=1)
-    offset = centre_from_tag(tag, 0.0, PushModel.feet(STOOL, 0.9 * STOOL), RADIUS_M)
+    offset = centre_from_tag(tag, 0.0, PushModel(STOOL, 0.9 * STOOL, load_of_feet(0.9 * STOOL)), RADIUS_M)
     assert offset[0] == pytest.approx(0.0, abs=1e-12)
     assert offset[1] == pytest.approx(0.04, abs=0.015)
     assert abs(turned(offset[1])) < 0.35 * first

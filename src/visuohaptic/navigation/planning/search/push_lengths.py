@@ -161,7 +161,12 @@ def stand_is_free(heuristic: PushHeuristic, step: PushStep) -> bool:
     )
 
 
-def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float:
+def free_length(
+    heuristic: PushHeuristic,
+    step: PushStep,
+    limit: float,
+    among: Bool[np.ndarray, "bodies"] | None = None,
+) -> float:
     """How far a push is free of collisions [cells].
 
     Parameters
@@ -181,7 +186,7 @@ def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float
     reach = body.radius + body.margin + 1.0
     low = np.minimum((body.outline + shift).min(axis=0), step.touch) + ahead.min(axis=0) - reach
     high = np.maximum((body.outline + shift).max(axis=0), step.touch) + ahead.max(axis=0) + reach
-    outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body, low, high)
+    outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body, low, high, among)
     found: float = free_push_length(
         domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
         outlines, starts, *step.touch, *direction, needed_clearance(body.radius, SWEEP_STEP), limit,
