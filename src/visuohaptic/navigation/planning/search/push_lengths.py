@@ -20,7 +20,7 @@ from ...pushing.quasi_static import STEP_M, line_path
 from . import _travel_kernels
 from ._push_search_kernels import block_patch, free_push_length, opening_lengths
 from .bodies import lower_window
-from .drives import changed_drives_cost, drives_cells
+from .drives import drives_cells, drives_cost
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
@@ -87,7 +87,7 @@ def refine_lengths(
             tried_cost = float("inf")
             if tried:
                 most = cost + risk - pushes
-                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, most)
+                tried_cost = pushes + drives_cost(domain, tried, start, goal, most)
             tried_risk = 0.0
             if tried_cost < cost + risk:
                 tried_risk = replanning_units(heuristic, tried, start) * scale
