@@ -23,6 +23,7 @@ from visuohaptic.navigation.pushing import (
     PushTrace,
     PushUncertainty,
     covariance_of_ends,
+    load_of_feet,
     sampled_pushes,
     simulate_push,
 )
@@ -135,7 +136,8 @@ def _triangle(supports: np.ndarray | None, centre_m: Any = (0.0, 0.0)) -> PushMo
     outline = TRIANGLE_M - CENTRE_M
     if supports is None:
         return PushModel.patch(outline, REAL_FRICTION).with_centre_moved(*centre_m)
-    return PushModel.feet(outline, supports - CENTRE_M, tuple(centre_m), REAL_FRICTION)
+    feet_m = supports - CENTRE_M
+    return PushModel(outline, feet_m, load_of_feet(feet_m, tuple(centre_m)), REAL_FRICTION)
 
 
 def _real_logs(folder: Path) -> list[tuple[str, np.ndarray | None, list[tuple[np.ndarray, ...]]]]:

@@ -24,7 +24,7 @@ from visuohaptic.navigation.problem import (
     is_door_wing,
 )
 
-from .plan_scenes import ROBOT, STOOL, box, office
+from .plan_scenes import ROBOT, box, office
 from .test_regions import grid_graph
 
 
@@ -111,7 +111,7 @@ def test_benefit_is_a_reduction_and_infinite_where_parts_were_separate(joint):
         joint.node("sofa")
 
 
-def test_glass_closes_edges_until_it_goes(scene):
+def test_glass_closes_edges(scene):
     problem, graph, regions = scene
     cell = graph.edge_path(0)[len(graph.edge_path(0)) // 2]
     place = problem.map.world_from_cell(cell)
@@ -124,16 +124,6 @@ def test_glass_closes_edges_until_it_goes(scene):
     assert np.isfinite(graph.edge_cost_s[0])
     # The safety region is where the robot would touch it.
     assert int(cell[0]) * problem.map.shape[1] + int(cell[1]) in node.region
-    # A detector may take back what a detector said, not what was felt.
-    assert glass.seen(False).seen(False) is None
-    felt = glass.touched(True, STOOL)
-    for _ in range(20):
-        felt = felt.seen(False)
-        assert felt is not None
-    assert glass.touched(False) is None
-    movable = extend_graph(graph, regions, ROBOT, [felt]).node("vitrine")
-    assert len(movable.neighbours) >= 1
-    assert np.isfinite(movable.edge_s).all()
 
 
 def test_a_wing_is_known_by_constant_rotation_and_a_plane():

@@ -26,8 +26,8 @@ def test_new_objects_are_separated_and_walls_are_not_new(room: OccupancyMap) -> 
     found = new_objects(room, np.concatenate([wall, cluster(2.0, 2.0), cluster(2.4, 1.0), [[3.0, 1.5]] * 3]))
     assert [np.round(one.mean(axis=0), 1).tolist() for one in found] == [[2.4, 1.0], [2.0, 2.0]]
     assert new_objects(room, wall) == []
-    # Nearer to the wall than asked for: not new.
-    assert new_objects(room, cluster(2.0, 2.7), min_distance_m=0.5) == []
+    # Within a decimetre of the wall: not new.
+    assert new_objects(room, cluster(2.0, 2.9)) == []
 
 
 def test_a_scan_fits_where_it_was_made(room: OccupancyMap) -> None:

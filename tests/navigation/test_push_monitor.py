@@ -58,8 +58,8 @@ def test_readings_nearer_than_a_step_are_left_out():
     monitor = PushMonitor(PushModel.patch(BOX), START, RADIUS_M)
     assert monitor.update((0.0, 0.0, 0.0), None)
     assert not monitor.update((0.001, 0.0, 0.0), (0.17, 0.0))
-    with pytest.raises(InputError, match="sigmas"):
-        PushMonitor(PushModel.patch(BOX), START, RADIUS_M, centre_sigma_m=0.0)
+    with pytest.raises(InputError, match="radius of 0"):
+        PushMonitor(PushModel.patch(BOX), START, 0.0)
 
 
 def test_correction_saves_a_push_in_mujoco():

@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from visuohaptic.core import InputError
-from visuohaptic.navigation.pushing import PushModel, arc_path, line_path, simulate_push
+from visuohaptic.navigation.pushing import PushModel, arc_path, line_path, load_of_feet, simulate_push
 from visuohaptic.navigation.pushing._push_kernels import _balance, _energy
 
 RADIUS_M = 0.17
@@ -45,7 +45,7 @@ def test_a_sticking_contact_moves_where_the_dissipation_is_least():
     # Independent twin: with the contact point held to the rim the twist has one unknown, the turn.
     from scipy.optimize import minimize_scalar
 
-    model = PushModel.feet(SQUARE, 0.9 * SQUARE, (0.02, -0.03), contact_friction=3.0)
+    model = PushModel(SQUARE, 0.9 * SQUARE, load_of_feet(0.9 * SQUARE, (0.02, -0.03)), 3.0)
     start = np.array([RADIUS_M + 0.15, 0.04, 0.0])
     step = 1e-3
     path = line_path(np.zeros(2), np.array([4 * step, 0.0]), step)

@@ -8,35 +8,9 @@ import numpy as np
 
 from ...core.kernels import kernel
 from ..graph.tracing._path_kernels import cost
-from ..pushing._outline_kernels import segment_distance
+from ..pushing._outline_kernels import segment_distance, square_gap
 
 __all__ = ["chord_clearance", "chord_measures", "split_path"]
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _interval(at: float, extent: float, centre: float, low: float, high: float) -> tuple[float, float]:
-    """The part of ``low..high`` of a segment that lies within half a cell of a centre, along one axis."""
-    if extent == 0.0:
-        return (low, high) if abs(at - centre) <= 0.5 else (1.0, 0.0)
-    first, second = (centre - 0.5 - at) / extent, (centre + 0.5 - at) / extent
-    return max(low, min(first, second)), min(high, max(first, second))
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _square_distance(y0: float, x0: float, y1: float, x1: float, row: float, column: float) -> float:
-    """Distance of a segment from the square of a cell [cells]; coordinates are those of cell centres."""
-    low, high = _interval(y0, y1 - y0, row, 0.0, 1.0)
-    low, high = _interval(x0, x1 - x0, column, low, high)
-    if low <= high:
-        return 0.0
-    best = min(
-        math.hypot(max(abs(y0 - row) - 0.5, 0.0), max(abs(x0 - column) - 0.5, 0.0)),
-        math.hypot(max(abs(y1 - row) - 0.5, 0.0), max(abs(x1 - column) - 0.5, 0.0)),
-    )
-    for up in (-0.5, 0.5):
-        for right in (-0.5, 0.5):
-            best = min(best, segment_distance(column + right, row + up, x0, y0, x1, y1))
-    return best
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -62,7 +36,7 @@ def chord_clearance(
     rows, columns = distance.shape
     count = max(1, int(math.ceil(math.hypot(y1 - y0, x1 - x0))))
     half = 0.5 * math.hypot(y1 - y0, x1 - x0) / count
-    best = limit
+    best, square = limit, np.zeros((4, 2))
     for k in range(count):
         y, x = y0 + (k + 0.5) / count * (y1 - y0), x0 + (k + 0.5) / count * (x1 - x0)
         row, column = int(math.floor(y + 0.5)), int(math.floor(x + 0.5))
@@ -77,7 +51,7 @@ def chord_clearance(
                         continue
                 elif distance[r, c] > 0.0:
                     continue
-                best = min(best, _square_distance(y0, x0, y1, x1, r, c))
+                best = min(best, square_gap(x0 + 0.5, y0 + 0.5, x1 + 0.5, y1 + 0.5, c, r, square))
     return best
 
 

@@ -20,8 +20,7 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from ...core.files import load_json, write_text
 from ...io.maps.occupancy_map import OccupancyMap
-from ..graph.navigation_graph import NavigationGraph
-from ..graph.tracing._prune_kernels import label_components
+from ..graph.navigation_graph import NavigationGraph, components_of
 from ..grid.cost_grid import GridLayers
 from .route_edges import route_pieces
 
@@ -56,30 +55,24 @@ def save_graph(path: Path | str, graph: NavigationGraph, map: OccupancyMap, *, f
     """
     features = []
     for node in range(graph.nodes):
-        properties = {
-            "id": node,
-            "frame": frame,
-            "metadata": {
-                "row": int(graph.node_cells[node, 0]),
-                "column": int(graph.node_cells[node, 1]),
-                "component": int(graph.component[node]),
-            },
-        }
-        features.append(_feature("Point", _point(graph.node_m[node]), properties))
+        row, column = graph.node_cells[node].tolist()
+        metadata = {"row": row, "column": column, "component": int(graph.component[node])}
+        properties = {"id": node, "frame": frame, "metadata": metadata}
+        features.append(feature("Point", graph.node_m[node].tolist(), properties))
     for edge in range(len(graph.edges)):
-        line = [_point(point) for point in map.world_from_cell(graph.edge_path(edge))]
+        line = map.world_from_cell(graph.edge_path(edge)).tolist()
         start, end = graph.edges[edge].tolist()
-        measures = (graph.edge_cost_s[edge], graph.edge_length_m[edge], graph.edge_clearance_m[edge])
-        properties = _properties(graph.nodes + edge, start, end, *(float(value) for value in measures))
-        features.append(_feature("MultiLineString", [line], properties))
+        cost_s, length_m, clearance_m = (
+            float(of[edge]) for of in (graph.edge_cost_s, graph.edge_length_m, graph.edge_clearance_m)
+        )
+        properties = edge_properties(
+            graph.nodes + edge, start, end, cost_s, length_m=length_m, clearance_m=clearance_m
+        )
+        features.append(feature("MultiLineString", [line], properties))
     x, y, yaw = map.origin
-    grid = {
-        "rows": map.shape[0],
-        "columns": map.shape[1],
-        "resolution_m": map.resolution_m,
-        "origin": [x, y, yaw],
-    }
-    _write(path, features, {"grid": grid})
+    rows, columns = map.shape
+    grid = {"rows": rows, "columns": columns, "resolution_m": map.resolution_m, "origin": [x, y, yaw]}
+    write_features(path, features, {"grid": grid})
 
 
 def save_route_graph(
@@ -105,53 +98,69 @@ def save_route_graph(
     route = route_pieces(graph, layers)
     node_m = np.concatenate([graph.node_m, layers.map.world_from_cell(route.cells)])
     features = [
-        _feature("Point", _point(node_m[node]), {"id": node, "frame": frame}) for node in range(len(node_m))
+        feature("Point", node_m[node].tolist(), {"id": node, "frame": frame}) for node in range(len(node_m))
     ]
     number = len(node_m)
     for (first, second), (cost_s, length_m, clearance_m) in zip(
         route.ends.tolist(), route.measures.tolist(), strict=True
     ):
         for start, end in ((first, second), (second, first)):
-            properties = _properties(number, start, end, cost_s, length_m, clearance_m)
-            line = [_point(node_m[start]), _point(node_m[end])]
-            features.append(_feature("MultiLineString", [line], properties))
+            properties = edge_properties(
+                number, start, end, cost_s, length_m=length_m, clearance_m=clearance_m
+            )
+            line = node_m[[start, end]].tolist()
+            features.append(feature("MultiLineString", [line], properties))
             number += 1
-    _write(path, features, {})
+    write_features(path, features)
 
 
-def _properties(
-    number: int, start: int, end: int, cost_s: float, length_m: float, clearance_m: float
-) -> dict[str, Any]:
-    return {
-        "id": number,
-        "startid": start,
-        "endid": end,
-        "cost": cost_s,
-        "overridable": True,
-        "metadata": {"length_m": length_m, "clearance_m": clearance_m},
-    }
+def edge_properties(number: int, start: int, end: int, cost_s: float, **metadata: float) -> dict[str, Any]:
+    """What the route server reads of an edge.
+
+    Parameters
+    ----------
+    number, start, end
+        Ids of the edge and of its nodes.
+    cost_s
+        Of driving along it [s].
+    **metadata
+        What else is known of it, by name.
+    """
+    properties = {"id": number, "startid": start, "endid": end, "cost": cost_s, "overridable": True}
+    return {**properties, "metadata": metadata} if metadata else properties
 
 
-def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "Feature",
-        "properties": properties,
-        "geometry": {"type": kind, "coordinates": coordinates},
-    }
+def feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+    """A GeoJSON feature.
+
+    Parameters
+    ----------
+    kind, coordinates
+        Of its geometry [m].
+    properties
+        Whatever the file's reader wants.
+    """
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
-def _point(point_m: Float[np.ndarray, "2"]) -> list[float]:
-    return [float(point_m[0]), float(point_m[1])]
+def write_features(
+    path: Path | str, features: list[dict[str, Any]], more: dict[str, Any] | None = None
+) -> None:
+    """Write a feature collection, a feature a line.
 
-
-def _write(path: Path | str, features: list[dict[str, Any]], more: dict[str, Any]) -> None:
-    name = Path(path).stem
-    lines = ",\n".join(json.dumps(feature, allow_nan=False) for feature in features)
-    head = "".join(f', "{key}": {json.dumps(value)}' for key, value in more.items())
-    write_text(
-        path,
-        f'{{"type": "FeatureCollection", "name": {json.dumps(name)}{head}, "features": [\n{lines}\n]}}\n',
-    )
+    Parameters
+    ----------
+    path
+        ``.geojson`` file.
+    features
+        From :func:`feature`.
+    more
+        Members of the collection beside them.
+    """
+    lines = ",\n".join(json.dumps(one, allow_nan=False) for one in features)
+    head = json.dumps({"type": "FeatureCollection", "name": Path(path).stem, **(more or {})})
+    write_text(path, f'{head[:-1]}, "features": [\n{lines}\n]}}\n')
 
 
 def load_route_graph(path: Path | str) -> RouteGraph:
@@ -221,7 +230,7 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     every = [cells, *paths]
     if not all(map.inside(part).all() for part in every):
         raise InputError(path, "found a point outside its grid", field="coordinates")
-    component, components = label_components(len(nodes), joined)
+    component, components = components_of(len(nodes), joined)
     start = np.concatenate([[0], np.cumsum([len(part) for part in paths])]).astype(np.int32)
     path_cells = np.concatenate(paths) if paths else np.empty((0, 2), np.int32)
     graph = NavigationGraph(

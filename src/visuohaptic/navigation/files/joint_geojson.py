@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...core.files import write_text
 from ..planning.joint_graph import JointGraph
-from .geojson import _feature
+from .geojson import edge_properties, feature, write_features
 from .route_edges import route_pieces
 
 __all__ = ["save_joint_route_graph"]
@@ -52,7 +50,7 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
         if number in by_number:
             kind = by_number[number].kind
             properties["metadata"] = {"object": kind.id, "planner": kind.planner}
-        features.append(_feature("Point", [float(x), float(y)], properties))
+        features.append(feature("Point", [float(x), float(y)], properties))
     number = len(points)
     ends, costs = joint.edges()
     visual = len(joint.visual.edges)
@@ -64,7 +62,7 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
         if not np.isfinite(cost):
             continue
         for start, end in ((a, b), (b, a)):
-            properties = {"id": number, "startid": start, "endid": end, "cost": cost, "overridable": True}
+            properties = edge_properties(number, start, end, cost)
             if end in by_number and by_number[end].task_s > 0:
                 node = by_number[end]
                 properties["operations"] = {
@@ -78,8 +76,6 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
                         },
                     }
                 }
-            line = [[float(v) for v in points[start]], [float(v) for v in points[end]]]
-            features.append(_feature("MultiLineString", [line], properties))
+            features.append(feature("MultiLineString", [points[[start, end]].tolist()], properties))
             number += 1
-    data = {"type": "FeatureCollection", "name": Path(path).stem, "features": features}
-    write_text(path, json.dumps(data, allow_nan=False) + "\n")
+    write_features(path, features)

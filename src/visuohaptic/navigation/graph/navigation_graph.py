@@ -12,7 +12,7 @@ from ...core.errors import InputError
 from ..grid.cost_grid import GridLayers
 from .tracing._junction_kernels import measure_paths
 from .tracing._lines import skeleton_lines, speeds
-from .tracing._prune_kernels import keep_edges, label_components, prune
+from .tracing._prune_kernels import keep_edges, prune
 from .tracing.skeletonize import skeleton_marks
 
 __all__ = ["NavigationGraph", "build_graph"]
@@ -109,7 +109,7 @@ def build_graph(
     if spacing_m:
         found = _spaced(layers, *found, spacing_m)
     nodes, ends, measures, start, path = found
-    component, components = label_components(len(nodes), ends)
+    component, components = components_of(len(nodes), ends)
     node_cells = np.column_stack(np.divmod(nodes, layers.shape[1])).astype(np.int32)
     return NavigationGraph(
         node_cells,
@@ -166,3 +166,21 @@ def _spaced(
     flat = np.concatenate([turned[k] for k in order]) if len(order) else path
     measured = measure_paths(start, flat, layers.distance_m, layers.map.resolution_m, speeds(layers))
     return found, np.searchsorted(found, joined[order]).astype(np.int32), measured, start, flat
+
+
+def components_of(nodes: int, edges: Int32[np.ndarray, "m 2"]) -> tuple[Int32[np.ndarray, "n"], int]:
+    """Connected component of each node, numbered by their smallest nodes, and how many there are.
+
+    Parameters
+    ----------
+    nodes
+        Number of nodes.
+    edges
+        Nodes of each edge.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(edges), dtype=bool), edges.T), shape=(nodes, nodes))
+    count, component = connected_components(graph, directed=False)
+    return component.astype(np.int32), int(count)

@@ -149,44 +149,21 @@ def distance_rows(
     step
         Cost of a straight step onto each cell [units], (rows, columns) uint16; filled.
     """
-    rows, columns = vertical.shape
-    vertex = np.zeros(columns + 2, np.int32)
-    height = np.zeros(columns + 2, np.float64)
-    border = np.zeros(columns + 2, np.int32)
+    near_distance(vertical, np.inf, outside_blocks, distance)
     last = len(steps) - 1
-    half_m = 0.5 * resolution_m
-    for row in range(rows):
-        line = vertical[row]
-        column = 0
-        while column < columns:
-            if line[column] == 0:
-                distance[row, column] = 0.0
-                step[row, column] = steps[0]
-                column += 1
-                continue
-            end = column
-            while end < columns and line[end] != 0:
-                end += 1
-            count = _envelope(line, column, end, vertex, height, border, outside_blocks)
-            if count == 0:
-                for x in range(column, end):
-                    distance[row, x] = np.inf
-                    step[row, x] = steps[last]
-            for k in range(count):
-                v = vertex[k]
-                high = border[k + 1] if k + 1 < count else end
-                for x in range(border[k], high):
-                    squared = _quarters(line, x, v, height[k])
-                    distance[row, x] = np.float32(math.sqrt(float(squared)) * half_m)
-                    step[row, x] = steps[min(squared, np.int64(last))]
-            column = end
+    for row in range(distance.shape[0]):
+        for column in range(distance.shape[1]):
+            quarters = 4.0 * float(distance[row, column]) ** 2
+            # A whole number, which single precision keeps where the table is not over yet.
+            step[row, column] = steps[int(quarters + 0.5) if quarters < last else last]
+            distance[row, column] *= resolution_m
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def near_distance(vertical: np.ndarray, reach: float, distance: np.ndarray) -> None:
+def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, distance: np.ndarray) -> None:
     """The distances of :func:`distance_rows` [cells] up to ``reach``, which stands for all larger ones too.
 
-    Only stretches of a row are looked at in which a column has an obstacle within reach. Beyond the map is one.
+    Only stretches of a row are looked at in which a column has an obstacle within reach.
 
     Parameters
     ----------
@@ -194,6 +171,8 @@ def near_distance(vertical: np.ndarray, reach: float, distance: np.ndarray) -> N
         Rows to the nearest obstacle of the column, (rows, columns) uint16.
     reach
         Largest distance that matters [cells].
+    outside_blocks
+        Whether everything outside the map is an obstacle.
     distance
         Clearance of each cell [cells], (rows, columns) float32; filled.
     """
@@ -201,7 +180,7 @@ def near_distance(vertical: np.ndarray, reach: float, distance: np.ndarray) -> N
     vertex = np.zeros(columns + 2, np.int32)
     height = np.zeros(columns + 2, np.float64)
     border = np.zeros(columns + 2, np.int32)
-    wide = int(math.ceil(reach)) + 1
+    wide = columns + int(FAR) if reach == np.inf else int(math.ceil(reach)) + 1
     for row in range(rows):
         line = vertical[row]
         for x in range(columns):
@@ -211,10 +190,10 @@ def near_distance(vertical: np.ndarray, reach: float, distance: np.ndarray) -> N
             if v < columns and line[v] > wide:
                 continue
             if v - wide > stop:
-                _stretch(line, start, stop, reach, vertex, height, border, distance[row])
+                _stretch(line, start, stop, reach, outside_blocks, vertex, height, border, distance[row])
                 start = v - wide
             stop = min(v + wide + 1, columns)
-        _stretch(line, start, stop, reach, vertex, height, border, distance[row])
+        _stretch(line, start, stop, reach, outside_blocks, vertex, height, border, distance[row])
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -223,6 +202,7 @@ def _stretch(
     start: int,
     stop: int,
     reach: float,
+    outside_blocks: bool,
     vertex: np.ndarray,
     height: np.ndarray,
     border: np.ndarray,
@@ -238,7 +218,7 @@ def _stretch(
         end = column
         while end < stop and line[end] != 0:
             end += 1
-        count = _envelope(line, column, end, vertex, height, border, True)
+        count = _envelope(line, column, end, vertex, height, border, outside_blocks)
         for k in range(count):
             high = border[k + 1] if k + 1 < count else end
             for x in range(border[k], high):

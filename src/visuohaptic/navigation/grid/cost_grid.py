@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float32, UInt16
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
-from ._distance_kernels import distance_rows, vertical_cells
+from ._distance_kernels import distance_rows, near_distance, vertical_cells
 
 __all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
 
@@ -46,7 +46,7 @@ class SpeedLimits:
         check_ranges(self)
         if self.v_max_m_s < self.v_min_m_s:
             raise InputError(
-                "SpeedLimits",
+                type(self).__name__,
                 f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
                 field="v_max_m_s",
             )
@@ -183,28 +183,34 @@ def window_distance(
     outside_blocks
         Whether what lies beyond the map's border counts as blocked.
     """
-    import cv2
-
     (rows, columns), (last_row, last_column) = window, shape
     sides = (
         (int(rows.start == 0), int(rows.stop == last_row)),
         (int(columns.start == 0), int(columns.stop == last_column)),
     )
-    padded = outside_blocks and any(any(side) for side in sides)
-    if padded:
-        blocked = np.pad(blocked, sides, constant_values=True)
-    if not blocked.any():
-        return np.full(blocked.shape, np.float32(np.inf))
-    # On half cells, centres at odd places: of a blocked square the point nearest to a centre is a side's
-    # middle or a corner, both of which are on this grid.
-    free = np.ones([2 * side + 1 for side in blocked.shape], np.uint8)
-    for row in range(3):
-        for column in range(3):
-            part = free[row : row + 2 * blocked.shape[0] : 2, column : column + 2 * blocked.shape[1] : 2]
-            part[blocked] = 0
-    exact = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    distance: Float32[np.ndarray, "r c"] = exact[1::2, 1::2] * np.float32(0.5)
-    if padded:
-        (top, bottom), (left, right) = sides
-        distance = distance[top : distance.shape[0] - bottom, left : distance.shape[1] - right]
+    # What is beyond the map is one row of blocked cells; beyond the window nothing is known to be.
+    padded = np.pad(blocked, sides, constant_values=outside_blocks)
+    (top, _), (left, _) = sides
+    distance = cell_distance(padded, outside_blocks=False)
+    return distance[top : top + blocked.shape[0], left : left + blocked.shape[1]]
+
+
+def cell_distance(
+    blocked: Bool[np.ndarray, "rows columns"], reach: float = np.inf, *, outside_blocks: bool = True
+) -> Float32[np.ndarray, "rows columns"]:
+    """Distance to the border of the nearest blocked cell [cells].
+
+    Parameters
+    ----------
+    blocked
+        Cells.
+    reach
+        Larger distances are no larger than this [cells].
+    outside_blocks
+        Whether what lies outside counts as blocked.
+    """
+    vertical = np.zeros(blocked.shape, np.uint16)
+    vertical_cells(np.ascontiguousarray(blocked).view(np.int8), 1, outside_blocks, vertical)
+    distance = np.zeros(blocked.shape, np.float32)
+    near_distance(vertical, reach, outside_blocks, distance)
     return distance

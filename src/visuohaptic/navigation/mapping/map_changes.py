@@ -20,9 +20,7 @@ LINK_CELL_M = 0.02
 FIT_M = 0.15
 
 
-def new_objects(
-    grid: OccupancyMap, points_m: Float[np.ndarray, "n 2"], *, min_distance_m: float = NEW_M
-) -> list[Float[np.ndarray, "k 2"]]:
+def new_objects(grid: OccupancyMap, points_m: Float[np.ndarray, "n 2"]) -> list[Float[np.ndarray, "k 2"]]:
     """Groups of laser points in cells that are free on the map and away from everything on it.
 
     Parameters
@@ -31,8 +29,6 @@ def new_objects(
         Map without the objects.
     points_m
         Hits of the laser, map frame [m].
-    min_distance_m
-        Distance from anything on the map beyond which a point is new [m].
 
     Returns
     -------
@@ -42,7 +38,7 @@ def new_objects(
     cells = grid.cell_from_world(points_m)
     inside = np.asarray(grid.inside(cells))
     points_m, cells = points_m[inside], cells[inside].astype(int)
-    away = ndimage.distance_transform_edt(grid.cells == FREE) * grid.resolution_m > min_distance_m
+    away = ndimage.distance_transform_edt(grid.cells == FREE) * grid.resolution_m > NEW_M
     points_m = points_m[away[cells[:, 0], cells[:, 1]]]
     if not len(points_m):
         return []

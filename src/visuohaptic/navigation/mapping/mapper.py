@@ -283,12 +283,8 @@ class OccupancyMapper:
             mean.ravel()[unique] = (mean.ravel()[unique] * old + total) / (old + fresh)
         self._count.ravel()[unique] = np.minimum(self._count.ravel()[unique] + fresh, 50.0)
         rows, columns = unique // self._count.shape[1], unique % self._count.shape[1]
-        box = (
-            (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
-            if len(rows)
-            else None
-        )
-        if box is not None:
+        if len(rows):
+            box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
             self._count[box][self._log_odds[box] < _SURELY_FREE] = 0.0
 
     def _make_room(self, points_m: Float[np.ndarray, "n 2"]) -> None:
@@ -319,11 +315,9 @@ class OccupancyMapper:
         self._corner = self._corner - before * self._r
 
     def _allocate(self, shape: tuple[int, int]) -> None:
-        self._log_odds = np.zeros(shape, dtype=np.float32)
         self._stamp = np.zeros(shape, dtype=np.int32)
-        self._count = np.zeros(shape, dtype=np.float32)
-        self._mean_row = np.zeros(shape, dtype=np.float32)
-        self._mean_column = np.zeros(shape, dtype=np.float32)
+        layers = [np.zeros(shape, dtype=np.float32) for _ in range(4)]
+        self._log_odds, self._count, self._mean_row, self._mean_column = layers
 
     def map(self) -> OccupancyMap:
         """The map so far: occupied above a probability of 0.65, free below 0.35, cut to what was seen."""

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..problem.passages import Passage, PassageKind
 from ..problem.path_plan import Task
-from .search.push_heuristic import STAND_OFF_M
+from .search.bodies import STAND_OFF_M
 from .search.search_domain import SearchDomain, world_from_grid
 
 if TYPE_CHECKING:

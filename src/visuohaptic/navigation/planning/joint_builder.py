@@ -156,23 +156,9 @@ class _Builder:
             closed = np.unique(np.searchsorted(self.visual.path_start, hit, side="right") - 1).astype(
                 np.int32
             )
-        task_s = kind.task_s(self.robot)
-        touching = np.unique(self.visual.edges[closed]).astype(np.int32)
-        drive_s = np.zeros(0)
-        if np.isfinite(task_s) and len(touching):
-            # Passing is possible after its task: to each end of a closed edge along that edge, half of it.
-            drive_s = np.array(
-                [
-                    self.visual.edge_cost_s[closed][(self.visual.edges[closed] == node).any(axis=1)].min() / 2
-                    for node in touching
-                ]
-            )
-        else:
-            touching = touching[:0]
         centre = np.floor(outline.mean(axis=0)).astype(int)
-        return JointNode(
-            kind, number, (int(centre[1]), int(centre[0])), touching, drive_s, task_s, cells, closed
-        )
+        cell, none = (int(centre[1]), int(centre[0])), np.zeros(0, np.int32)
+        return JointNode(kind, number, cell, none, np.zeros(0), kind.task_s(self.robot), cells, closed)
 
     def _window(self, outline: Float[np.ndarray, "p 2"], margin: float) -> tuple[slice, slice]:
         """Rows and columns of the map about an outline (x, y)."""

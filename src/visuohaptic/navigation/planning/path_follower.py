@@ -11,34 +11,24 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.geometry import wrap_angle
-from ...core.ranges import POSITIVE, check_ranges
+from ...core.ranges import POSITIVE
 from ...core.robots import BaseState
+from ..grid.cost_grid import SpeedLimits
 
 __all__ = ["FollowLimits", "PathFollower"]
 
 
 @dataclass(frozen=True, slots=True)
-class FollowLimits:
+class FollowLimits(SpeedLimits):
     """Speeds, distances and gains of the control law."""
 
     radius_m: float = field(default=0.17, metadata=POSITIVE)
-    v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: from three radii of clearance on, Eq. (4.1)
-    v_min_m_s: float = field(default=0.05, metadata=POSITIVE)  #: at one radius
     turn_max_rad_s: float = field(default=1.2, metadata=POSITIVE)
     acceleration_m_s2: float = field(default=0.25, metadata=POSITIVE)  #: that braking is planned with
     tolerance_m: float = field(default=0.02, metadata=POSITIVE)  #: of the goal
     corner_rad: float = 0.3  #: sharper corners are turned at a stop
     offset_gain_per_m2: float = 30.0  #: k_e: turn rate per speed and cross-track error
     heading_gain_per_s: float = 3.0  #: k_theta: turn rate per heading error
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if self.v_max_m_s < self.v_min_m_s:
-            raise InputError(
-                "FollowLimits",
-                f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
-                field="v_max_m_s",
-            )
 
     def speed_m_s(self, clearance_m: float) -> float:
         """Allowed speed [m/s] at a clearance: the inverse of the travel cost of Eq. (4.1).
@@ -48,9 +38,7 @@ class FollowLimits:
         clearance_m
             Distance to the nearest obstacle [m].
         """
-        fraction = min(1.0, max(0.0, (clearance_m / self.radius_m - 1.0) / 2.0))
-        slow, fast = 1.0 / self.v_min_m_s, 1.0 / self.v_max_m_s
-        return 1.0 / (slow + fraction * (fast - slow))
+        return float(1.0 / self.cost_s_per_m(np.array(max(clearance_m, self.radius_m))))
 
 
 class PathFollower:

@@ -14,6 +14,7 @@ from ..problem.push_costs import PushCosts, push_cost
 from ..pushing._outline_kernels import polygon_distance
 from .drive_tasks import drive_tasks
 from .search._travel_kernels import clearances_at
+from .search.bodies import turns_away
 from .search.drives import pull_string
 from .search.push_lengths import end_covariance
 from .search.push_search import load_kernels, search_pushes
@@ -183,9 +184,7 @@ def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
 
 def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:
     body = domain.bodies[step.body]
-    contact = (
-        body.with_oblique[step.contact] if step.contact >= len(body.contacts) else body.contacts[step.contact]
-    )
+    contact = body.push(step.contact)
     before, after = step.shifts_before[step.body], step.shifts_after[step.body]
     grid = np.array(
         [
@@ -200,7 +199,8 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
-    push = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
+    turned = turns_away(domain, step.body, step.contact, step.length, costs.turn_limit_rad)
+    push = push_cost(body.obj.tag, length_m, domain.robot, costs, turned=turned)
     path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
     driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
     tasks: list[Task] = []

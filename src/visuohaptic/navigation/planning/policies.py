@@ -12,9 +12,9 @@ from ..problem.planning_problem import MovableObject, PlanningProblem, PushMode
 from ..problem.push_costs import PushCosts, failure_probability
 from .drive_tasks import drive_tasks
 from .planner import plan_in_domain
+from .search.bodies import STAND_OFF_M
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
-from .search.push_heuristic import STAND_OFF_M
 from .search.push_search import load_kernels
 from .search.push_states import Deadline, SearchLimits
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid

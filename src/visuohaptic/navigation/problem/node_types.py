@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core.objects import HapticTag
 from .passages import Passage, PassageKind
 from .planning_problem import MovableObject
 from .push_costs import PushCosts, failure_probability, push_cost
@@ -67,72 +66,32 @@ class ManipulationNode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransparencyNode:
-    """Something that the laser does not see: a safety region on cells that look free.
-
-    It comes with a touch or with a detection and goes when exploration, or a
-    negative result of the detector that made it, does not confirm it. With a
-    tag it is one of manipulation.
-    """
+    """Something that the laser does not see: a safety region on cells that look free, which is not entered."""
 
     id: str
     outline_m: Float[np.ndarray, "p 2"]
-    source: str = "detector"  #: "detector" or "touch"
-    tag: HapticTag | None = None
-    evidence: float = 1.0  #: log-odds of being there
-    push_length_m: float = 0.5
     planner: str = "keep out"
     in_map: bool = False
 
-    def seen(self, positive: bool, *, weight: float = 0.8) -> TransparencyNode | None:
-        """The node after one more observation; ``None`` when it is removed.
-
-        A node that was touched is not removed by a detector alone.
-
-        Parameters
-        ----------
-        positive
-            Whether the detector reports a transparent region.
-        weight
-            Log-odds of the observation.
-        """
-        evidence = min(self.evidence + (weight if positive else -weight), 4.0)
-        if evidence <= 0 and self.source == "detector":
-            return None
-        return replace(self, evidence=max(evidence, 0.2) if self.source == "touch" else evidence)
-
-    def touched(self, found: bool, tag: HapticTag | None = None) -> TransparencyNode | None:
-        """The node after exploration by touch: confirmed with the tag, or ``None`` where nothing was found.
-
-        Parameters
-        ----------
-        found
-            Whether something was touched.
-        tag
-            What was measured of it.
-        """
-        return replace(self, source="touch", tag=tag, evidence=4.0) if found else None
-
     def task_s(self, robot: RobotModel) -> float:
-        """Infinite, because the region is not entered; with a tag the time of a push [s].
+        """Infinite, because the region is not entered [s].
 
         Parameters
         ----------
         robot
             The platform.
         """
-        if self.tag is None:
-            return float("inf")
-        return push_cost(self.tag, self.push_length_m, robot).total_s
+        return float("inf")
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that a push fails, where there is a tag.
+        """Of driving through: certain.
 
         Parameters
         ----------
         robot
             The platform.
         """
-        return failure_probability(self.tag, self.push_length_m, robot) if self.tag else 1.0
+        return 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 
+from ...core.codec import from_dict
 from ...core.errors import InputError
 
 __all__ = ["Plan", "Task", "plan_from_json"]
 
 #: Kinds of tasks. ``explore`` touches an unknown object and decides; ``sideward`` drives past an object and brushes
 #: it aside; ``wait`` and ``door`` come from passages.
-KINDS = ("navigate", "push", "sideward", "explore", "wait", "door")
+Kind = Literal["navigate", "push", "sideward", "explore", "wait", "door"]
 
 #: Costs of drives are whole units: a gap below this is rounding.
 OPTIMAL_GAP = 0.005
@@ -26,7 +27,7 @@ Point = tuple[float, float]
 class Task:
     """One task for a local planner."""
 
-    kind: str
+    kind: Kind
     cost_s: float  #: expected duration, with the penalty for failures
     length_m: float = 0.0  #: path length of the robot
     path_m: tuple[Point, ...] = ()  #: path of the robot's centre, map frame
@@ -148,61 +149,22 @@ def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
     InputError
         A field that is missing or of the wrong kind.
     """
-    try:
-        tasks = tuple(_task(entry, f"{where}: tasks[{i}]") for i, entry in enumerate(data["tasks"]))
-        return Plan(
-            bool(data["reachable"]),
-            tasks,
-            str(data.get("reason", "")),
-            bool(data.get("proved", False)),
-            int(data.get("expanded", 0)),
-            str(data.get("name", "cheapest")),
-            _expected(data),
-            tuple(str(note) for note in data.get("notes", ())),
-            float("inf") if data.get("gap") is None else float(data["gap"]),
-        )
-    except KeyError as error:
-        raise InputError(where, "is missing", field=str(error.args[0])) from error
-    except (TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(where, f"is not a plan ({error})") from error
-
-
-def _expected(data: Mapping[str, Any]) -> float | None:
-    if "expected_cost_s" not in data:
-        return None
-    value = data["expected_cost_s"]
-    return float("inf") if value is None else float(value)
-
-
-def _task(entry: Mapping[str, Any], where: str) -> Task:
-    kind = entry["kind"]
-    if kind not in KINDS:
-        raise InputError(where, f"found {kind!r}, expected one of {', '.join(KINDS)}", field="kind")
-    points = {
-        name: _point(entry[name]) if entry.get(name) is not None else None
-        for name in ("contact_m", "goal_m", "displacement_m")
-    }
-    return Task(
-        kind,
-        float(entry["cost_s"]),
-        float(entry.get("length_m", 0.0)),
-        tuple(_point(point) for point in entry.get("path_m", ())),
-        str(entry.get("object", "")),
-        failure_probability=float(entry.get("failure_probability", 0.0)),
-        end_covariance=tuple(tuple(float(value) for value in row) for row in entry.get("end_covariance", ())),
-        sigma_s=float(entry.get("sigma_s", 0.0)),
-        turn_rad=float(entry.get("turn_rad", 0.0)),
-        **points,
+    if not isinstance(data, Mapping) or not isinstance(listed := data.get("tasks"), list):
+        raise InputError(where, "is missing", field="tasks")
+    tasks = [_known(Task, entry) for entry in listed]
+    plan = from_dict(Plan, {**_known(Plan, data), "tasks": tasks, "gap": data.get("gap") or 0.0}, where=where)
+    expected_s = data.get("expected_cost_s", plan.expected_s)
+    return replace(
+        plan,
+        gap=float("inf") if data.get("gap") is None else plan.gap,
+        expected_s=float("inf") if "expected_cost_s" in data and expected_s is None else expected_s,
     )
 
 
-def _point(values: Sequence[float]) -> Point:
-    x, y = (float(value) for value in values)
-    if not np.isfinite([x, y]).all():
-        raise ValueError(f"a point with {x}, {y}")
-    return x, y
+def _known(kind: type, data: Any) -> Any:
+    """What a record has a field for: sums and answers follow from them."""
+    names = {one.name for one in fields(kind)}
+    return {name: data[name] for name in data if name in names} if isinstance(data, Mapping) else data
 
 
 def _rounded(point: Point) -> list[float]:

@@ -81,6 +81,17 @@ def segment_gap(ax: float, ay: float, bx: float, by: float, polygon: np.ndarray)
 
 
 @kernel
+def square_gap(
+    ax: float, ay: float, bx: float, by: float, column: int, row: int, square: np.ndarray
+) -> float:
+    """Distance of a segment from the square of a cell; ``square`` (4, 2) is filled with its corners."""
+    for corner in range(4):
+        square[corner, 0] = column + (1 if corner == 1 or corner == 2 else 0)
+        square[corner, 1] = row + (1 if corner >= 2 else 0)
+    return segment_gap(ax, ay, bx, by, square)
+
+
+@kernel
 def clear_straight(
     occupied: np.ndarray,
     outlines: np.ndarray,
@@ -116,10 +127,7 @@ def clear_straight(
                     continue
                 if segment_distance(c + 0.5, r + 0.5, x, y, ex, ey) >= radius + 0.7072:
                     continue
-                for corner in range(4):
-                    square[corner, 0] = c + (1 if corner == 1 or corner == 2 else 0)
-                    square[corner, 1] = r + (1 if corner >= 2 else 0)
-                free = segment_gap(x, y, ex, ey, square) >= radius
+                free = square_gap(x, y, ex, ey, c, r, square) >= radius
             r += 1
         clear[i] = free
     return clear

@@ -155,37 +155,6 @@ class PushModel:
         points = radius_m * np.concatenate([inner * ring, outer * ring])
         return cls(np.zeros((1, 2)), points, np.full(24, 1 / 24), contact_friction, radius_m)
 
-    @classmethod
-    def feet(
-        cls,
-        outline_m: Float[np.ndarray, "m 2"],
-        feet_m: Float[np.ndarray, "n 2"],
-        centre_m: tuple[float, float] = (0.0, 0.0),
-        contact_friction: float = CONTACT_FRICTION,
-        **rest: float,
-    ) -> PushModel:
-        """An object on feet.
-
-        Parameters
-        ----------
-        outline_m
-            Corners about the reference point [m].
-        feet_m
-            Where they stand, about the reference point [m]; three at least.
-        centre_m
-            Centre of mass from the reference point [m].
-        contact_friction
-            Coefficient of friction between platform and object.
-        **rest
-            Further fields: ``round_m``, ``tip_m`` [m].
-
-        Raises
-        ------
-        InputError
-            The feet are on one line, or one would be lifted.
-        """
-        return cls(outline_m, feet_m, load_of_feet(feet_m, centre_m), contact_friction, **rest)
-
 
 def _drawn_radius(outline_m: Float[np.ndarray, "m 2"]) -> float:
     """Radius of the disc [m] that a polygon was drawn around, of the same area; 0 where it is none."""

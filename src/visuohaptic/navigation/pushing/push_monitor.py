@@ -17,6 +17,8 @@ __all__ = ["PushEstimate", "PushMonitor"]
 
 #: Standard deviation of a tracked contact point along the rim (m).
 CONTACT_SIGMA_M = 0.006
+#: Prior: contact friction, centre of friction x, y [m], side step of the object [m].
+SIGMAS = (0.12, 0.03, 0.03, 0.01)
 #: Steps of the fit to one update.
 STEPS = 3
 #: Minimum distance of the release from the path's end [m].
@@ -51,25 +53,14 @@ class PushMonitor:
     ----------
     model, object_m, radius_m
         Model and pose assumed when the push was planned, and the radius of the platform [m].
-    friction_sigma, centre_sigma_m, place_sigma_m
-        Prior standard deviations.
     """
 
-    def __init__(
-        self,
-        model: PushModel,
-        object_m: Sequence[float],
-        radius_m: float,
-        *,
-        friction_sigma: float = 0.12,
-        centre_sigma_m: float = 0.03,
-        place_sigma_m: float = 0.01,
-    ) -> None:
+    def __init__(self, model: PushModel, object_m: Sequence[float], radius_m: float) -> None:
         self._model, self._start = model, np.asarray(object_m, dtype=np.float64)
         self._radius_m = radius_m
-        self._sigma = np.array([friction_sigma, centre_sigma_m, centre_sigma_m, place_sigma_m])
-        if not (self._sigma > 0).all() or not radius_m > 0:
-            raise InputError("PushMonitor", f"found sigmas {self._sigma}, radius {radius_m} m; expected > 0")
+        self._sigma = np.array(SIGMAS)
+        if not radius_m > 0:
+            raise InputError("PushMonitor", f"found a radius of {radius_m} m, expected more than 0")
         self._path: list[Float[np.ndarray, "3"]] = []
         self._angle: list[float] = []
         self._value = np.zeros(4)

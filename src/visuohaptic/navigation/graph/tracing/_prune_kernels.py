@@ -1,4 +1,4 @@
-"""From lines to decisions: remove stubs, merge what is no decision, label what hangs together."""
+"""From lines to decisions: remove stubs, merge what is no decision."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ....core.kernels import kernel
 
-__all__ = ["keep_edges", "label_components", "prune"]
+__all__ = ["keep_edges", "prune"]
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -266,48 +266,6 @@ def keep_edges(
         edge_ways[: edges + 1].copy(),
         halves[:size].copy(),
     )
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
-    """Connected component of each node, numbered by their smallest nodes, and how many there are.
-
-    Parameters
-    ----------
-    count
-        Number of nodes.
-    ends
-        Nodes of each edge, (m, 2).
-    """
-    root = np.empty(count, np.int32)
-    for node in range(count):
-        root[node] = node
-    for edge in range(len(ends)):
-        a, b = ends[edge, 0], ends[edge, 1]
-        while root[a] != a:
-            root[a] = root[root[a]]
-            a = root[a]
-        while root[b] != b:
-            root[b] = root[root[b]]
-            b = root[b]
-        root[max(a, b)] = min(a, b)
-    components = 0
-    for node in range(count):
-        if root[node] == node:
-            root[node] = -1 - components
-            components += 1
-        else:
-            root[node] = root[root[node]] if root[root[node]] < 0 else root[_top(root, node)]
-    for node in range(count):
-        root[node] = -1 - root[node]
-    return root, components
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _top(root: np.ndarray, node: int) -> int:
-    while root[node] >= 0:
-        node = root[node]
-    return node
 
 
 @kernel(error_model="numpy", boundscheck=False)

@@ -183,24 +183,20 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
         new = np.uint8(0)
         higher = 0
         if step[row, column] != 0:
-            d = distance[row, column]
-            mask = 0
+            higher = _higher(distance, row, column)
+            mask = higher
             for k in range(8):
                 r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-                if 0 <= r < rows and 0 <= c < columns:
-                    other = distance[r, c]
-                    if other > d or (other == d and k < 4):
-                        higher |= 1 << k
-                    elif mark[r, c] & KEPT:
-                        mask |= 1 << k
-            new = np.uint8(1) - _DELETABLE[mask | higher]
+                if 0 <= r < rows and 0 <= c < columns and mark[r, c] & KEPT:
+                    mask |= 1 << k
+            new = np.uint8(1) - _DELETABLE[mask]
         mark[row, column] = new
         if new == old:
             continue
         for k in range(7, -1, -1):
             if higher >> k & 1:
                 r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-                if 0 <= r < rows and 0 <= c < columns and not mark[r, c] & _QUEUED:
+                if not mark[r, c] & _QUEUED:  # a higher neighbour is on the map
                     mark[r, c] |= _QUEUED
                     if count == len(stack):
                         stack = longer(stack)

@@ -22,6 +22,12 @@ MIN_STEP = 181
 
 
 @kernel
+def _slowness(clearance: float, radius: float, slow: float) -> float:
+    """Cost (4.1) at a clearance of the radius or more: ``slow`` there, 1 from three radii on."""
+    return slow + min((clearance / radius - 1.0) * 0.5, 1.0) * (1.0 - slow)
+
+
+@kernel
 def nodes_around(
     clearance: np.ndarray, x: float, y: float, radius: float, slow: float, reach: int, block: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -36,10 +42,9 @@ def nodes_around(
         for cc in range(max(c - reach, 0), min(c + reach + 1, columns)):
             d = clearance[rr, cc]
             if d >= radius:
-                fraction = min((d / radius - 1.0) * 0.5, 1.0)
                 length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
                 nodes[count] = rr * columns + cc
-                costs[count] = int(length * (slow + fraction * (1.0 - slow)) * UNITS + 0.5)
+                costs[count] = int(length * _slowness(d, radius, slow) * UNITS + 0.5)
                 count += 1
     return nodes[:count].copy(), costs[:count].copy()
 
@@ -49,22 +54,11 @@ def reach_costs(
     clearance: np.ndarray, cost: np.ndarray, points: np.ndarray, radius: float, slow: float, block: int
 ) -> np.ndarray:
     """Least cost [units] of reaching each point over the free blocks around it; FAR where none is free."""
-    rows, columns = clearance.shape
     found = np.full(len(points), int(FAR), np.int64)
     for i in range(len(points)):
-        x, y = points[i, 0] / block, points[i, 1] / block
-        c, r = int(math.floor(x)), int(math.floor(y))
-        for rr in range(max(r - 1, 0), min(r + 2, rows)):
-            for cc in range(max(c - 1, 0), min(c + 2, columns)):
-                d = clearance[rr, cc]
-                if d < radius:
-                    continue
-                fraction = min((d / radius - 1.0) * 0.5, 1.0)
-                length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
-                total = int(cost[rr * columns + cc]) + int(
-                    length * (slow + fraction * (1.0 - slow)) * UNITS + 0.5
-                )
-                found[i] = min(found[i], total)
+        nodes, costs = nodes_around(clearance, points[i, 0], points[i, 1], radius, slow, 1, block)
+        for k in range(len(nodes)):
+            found[i] = min(found[i], int(cost[nodes[k]]) + int(costs[k]))
     return found
 
 
@@ -92,8 +86,7 @@ def _cell_cost(clearance: float, radius: float, slow: float) -> int:
         return UNITS
     if clearance < radius:
         return -1
-    fraction = (clearance / radius - 1.0) * 0.5
-    return int((slow + fraction * (1.0 - slow)) * UNITS + 0.5)
+    return int(_slowness(clearance, radius, slow) * UNITS + 0.5)
 
 
 @kernel
@@ -293,11 +286,8 @@ def segment_cost(
         d = clearance_at(clearance, x0 + t * (x1 - x0), y0 + t * (y1 - y0))
         if d < radius - 1e-4 and not forced:
             return np.inf
-        fraction = min((d / radius - 1.0) * 0.5, 1.0)
-        if forced:
-            fraction = max(fraction, 0.0)
         weight = 0.5 if i == 0 or i == count else 1.0
-        total += weight * (slow + fraction * (1.0 - slow))
+        total += weight * _slowness(max(d, radius) if forced else d, radius, slow)
         if (total + max(count - i - 0.5, 0.0)) * length >= enough * count:  # no sample costs less than 1
             return np.inf
     return total * length / count

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -14,9 +15,23 @@ from ...problem.planning_problem import MovableObject
 from ...problem.push_costs import Manipulability
 from ...pushing._outline_kernels import distance_patch
 from ...pushing.contact_candidates import PushContact, push_contacts
+from ...pushing.push_failure import PushUncertainty, sampled_pushes
+from ...pushing.push_model import PushModel
+from ...pushing.quasi_static import STEP_M, line_path
+
+if TYPE_CHECKING:
+    from .search_domain import SearchDomain
 
 __all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "lower_window", "world_from_grid"]
 
+#: The robot stands off by so much before and after a push [m].
+STAND_OFF_M = 0.03
+#: Simulated pushes: an ellipsoid in three dimensions needs more than a share.
+SAMPLES = 160
+#: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
+LONG_STEP_M = 2.0 * STEP_M
+#: Pushes are simulated so many times as far as they are asked for: their lengths are refined.
+BEYOND = 1.5
 #: Outlines are looked at in steps of so many cells when they are pushed.
 OUTLINE_STEP = 0.45
 #: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
@@ -56,6 +71,16 @@ class Body:
         """The contacts, and after them those oblique to a face, which friction has to hold."""
         return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
 
+    def push(self, contact: int) -> PushContact:
+        """A push by its index: those straight at a face, then the oblique ones.
+
+        Parameters
+        ----------
+        contact
+            The index.
+        """
+        return self.contacts[contact] if contact < len(self.contacts) else self.with_oblique[contact]
+
     def _contacts(self, *, oblique: bool) -> tuple[PushContact, ...]:
         shape = np.round(self.outline - self.centre - self.friction, 6)
         found = _contacts(shape.tobytes(), self.radius, oblique)
@@ -72,6 +97,63 @@ def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, 
     """Contacts of an outline about its centre of friction; one shape is asked for in every plan."""
     outline = np.frombuffer(shape, dtype=np.float64).reshape(-1, 2)
     return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
+
+
+def end_errors(domain: SearchDomain, index: int, contact: int, length: float) -> Float[np.ndarray, "n 3"]:
+    """Ends of simulated pushes from the planned end: x, y along the grid's axes [m], turn [rad].
+
+    Parameters
+    ----------
+    domain
+        Robot, map and bodies.
+    index, contact
+        Of the body, and of its contact.
+    length
+        Of the push [cells].
+    """
+    body, resolution_m = domain.bodies[index], domain.map.resolution_m
+    ahead = body.push(contact).direction
+    # About the body's centre before the push: the same wherever it stands.
+    begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
+    length_m = STAND_OFF_M + length * resolution_m
+    key = index, contact
+    if key not in domain.ends or domain.ends[key][0] < length_m:
+        # Whole steps: however far it is simulated, the beginning is the same.
+        reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
+        model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
+        place_m, yaw_rad = body.obj.pose_sigma
+        learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
+        centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
+        unknown = PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad)
+        _, poses, _ = sampled_pushes(
+            model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
+            line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,
+            np.random.default_rng(0), uncertainty=unknown, samples=SAMPLES,  # one plan, one answer
+        )  # fmt: skip
+        domain.ends[key] = reach_m, poses
+    reach_m, poses = domain.ends[key]
+    place = (poses.shape[1] - 1) * length_m / reach_m
+    row = min(int(place), poses.shape[1] - 2)
+    ends = poses[:, row] + (place - row) * (poses[:, row + 1] - poses[:, row])
+    return ends - np.array([*(length * resolution_m * ahead), 0.0])
+
+
+def turns_away(domain: SearchDomain, index: int, contact: int, length: float, limit_rad: float) -> float:
+    """Probability that a push oblique to a face is given up because the object turns away from it.
+
+    One that meets a face at a right angle turns by a fraction of the limit.
+
+    Parameters
+    ----------
+    domain, index, contact, length
+        As of :func:`end_errors`.
+    limit_rad
+        Turn of the object at which a push is given up.
+    """
+    if not domain.bodies[index].push(contact).oblique:
+        return 0.0
+    turned = np.abs(end_errors(domain, index, contact, length)[:, 2]) > limit_rad
+    return float((turned.sum() + 0.5) / (len(turned) + 1.0))
 
 
 def lower_clearance(

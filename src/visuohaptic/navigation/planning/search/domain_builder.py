@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float32
 
-from ...grid._distance_kernels import near_distance, vertical_cells
-from ...grid.cost_grid import OBSTACLE_FROM
+from ...grid.cost_grid import OBSTACLE_FROM, cell_distance
 from ...problem.passages import Passage, PassageKind, is_door_wing
 from ...problem.planning_problem import MovableObject, PlanningProblem
 from ...problem.push_costs import PushCosts, manipulability
@@ -74,7 +72,7 @@ def build_search_domain(
             fixed.append(passage)
             why[passage.id] = cost.reason
     # An object is as large as its outline, whether it may be moved or not.
-    clearance = _distance(occupied, full_speed_clearance(radius))
+    clearance = cell_distance(occupied, full_speed_clearance(radius))
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
     for outline in outlines:
         lower_clearance(clearance, outline, full_speed_clearance(radius))
@@ -109,15 +107,3 @@ def _block(cells: int, radius: float) -> int:
     """Edge of a node [cells] for a map of so many cells and a robot of a radius [cells]."""
     large = min(int(np.ceil(np.sqrt(cells / MAX_NODES))), int(np.ceil(radius)))
     return max(1, round(radius / NODES_PER_RADIUS), large)
-
-
-def _distance(
-    occupied: Bool[np.ndarray, "rows columns"], reach: float
-) -> Float32[np.ndarray, "rows columns"]:
-    """Distance to the border of the nearest occupied cell, of those outside too, up to ``reach`` [cells]."""
-
-    vertical = np.zeros(occupied.shape, np.uint16)
-    vertical_cells(occupied.view(np.int8), 1, True, vertical)
-    distance = np.zeros(occupied.shape, np.float32)
-    near_distance(vertical, reach, distance)
-    return distance

@@ -15,12 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from . import _travel_kernels
-from ._push_search_kernels import free_push_length
 from ._travel_kernels import FAR, reach_costs
 from .push_heuristic import PushHeuristic
-from .push_lengths import SWEEP_STEP
-from .push_states import Deadline, SearchLimits, SearchState, needed_clearance
-from .search_domain import joined_outlines
+from .push_lengths import free_length, push_step
+from .push_states import Deadline, SearchLimits, SearchState
 
 __all__ = ["Infeasibility"]
 
@@ -47,7 +45,6 @@ class Infeasibility:
         self.heuristic, self.domain, self.deadline = heuristic, heuristic.domain, deadline
         # A push is followed in half cells.
         self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
-        self.clear = needed_clearance(self.domain.robot.radius_m / self.domain.map.resolution_m, SWEEP_STEP)
         self.max_states = limits.memory_bytes // 1000
 
     def prove(self, first: SearchState, cells: Int32[np.ndarray, "k"]) -> str:
@@ -131,18 +128,12 @@ class Infeasibility:
         stands = heuristic.centres[bodies] + shifts[bodies] + pushes[1]
         field = np.where(reached, 0, FAR).astype(np.int32)
         near = reach_costs(clearance, field, stands, domain.radius, domain.slow, domain.block) < FAR
+        among = np.zeros(len(shifts), dtype=bool)
+        among[list(chosen)] = True
         for k in np.flatnonzero(near).tolist():
-            index = int(bodies[k])
-            body, shift = domain.bodies[index], shifts[index]
-            push = heuristic.contacts(index)[int(numbers[k])]
-            outlines = [domain.bodies[o].outline + shifts[o] for o in chosen if o != index]
-            outlines += domain.immovable_outlines
-            touch = body.centre + shift + push.robot
-            free = free_push_length(
-                domain.occupied, domain.clearance, body.samples + shift, body.around + shift,
-                body.outline + shift, *joined_outlines(outlines), *touch, *push.direction, self.clear, self.step,
-            )  # fmt: skip
+            index, number = int(bodies[k]), int(numbers[k])
+            none = push_step(heuristic, shifts, index, number, 0.0)
+            free = free_length(heuristic, none, self.step, among)
             if free > 0.0:
-                after = shifts.copy()
-                after[index] = shift + free * push.direction
-                yield after, stands[k] + free * push.direction
+                pushed = push_step(heuristic, shifts, index, number, free)
+                yield pushed.shifts_after, pushed.retreat

@@ -16,6 +16,7 @@ from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
 from . import _travel_kernels
 from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
+from .bodies import STAND_OFF_M, turns_away
 from .push_states import PushStep
 from .search_domain import SearchDomain
 
@@ -23,8 +24,6 @@ __all__ = ["PushHeuristic"]
 
 #: The shortest push that is worth a contact [m].
 MIN_PUSH_M = 0.01
-#: The robot stands off by so much before and after a push [m].
-STAND_OFF_M = 0.03
 #: Nodes of fields that are kept.
 MAX_FIELD_NODES = 50_000_000
 #: More than this the lower bound does not charge for crossing a body [s]: the queue of the field grows with it.
@@ -78,7 +77,7 @@ class PushHeuristic:
         self.centres: Float[np.ndarray, "bodies 2"] = np.array(
             [body.centre for body in domain.bodies]
         ).reshape(-1, 2)
-        self._costs: dict[tuple[int, float, bool], float] = {}
+        self._costs: dict[tuple[int, float, int], float] = {}
         self.min_push = {i: self.shortest_push(i) for i in self.active}
         self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
@@ -132,7 +131,7 @@ class PushHeuristic:
         self._fields.clear()
         self._both = None
 
-    def push_units(self, body: int, length: float, *, oblique: bool = False) -> float:
+    def push_units(self, body: int, length: float, contact: int = -1) -> float:
         """``t_mani`` of a push [units]; infinite beyond what is allowed.
 
         Parameters
@@ -141,15 +140,16 @@ class PushHeuristic:
             Its index.
         length
             Of the push [cells].
-        oblique
-            Whether it is oblique to the face.
+        contact
+            Index of its contact; by default straight at a face.
         """
-        key = (body, round(length, 6), oblique)
+        domain = self.domain
+        oblique = contact >= len(domain.bodies[body].contacts)
+        key = (body, round(length, 6), contact if oblique else -1)
         if key not in self._costs:
-            domain = self.domain
-            length_m = length * domain.map.resolution_m
-            tag = domain.bodies[body].obj.tag
-            cost = push_cost(tag, length_m, domain.robot, self.costs, oblique=oblique)
+            tag, limit_rad = domain.bodies[body].obj.tag, self.costs.turn_limit_rad
+            turned = turns_away(domain, body, contact, length, limit_rad) if oblique else 0.0
+            cost = push_cost(tag, length * domain.map.resolution_m, domain.robot, self.costs, turned=turned)
             self._costs[key] = cost.total_s * self.units_per_s
         return self._costs[key]
 
@@ -161,10 +161,7 @@ class PushHeuristic:
         steps
             Pushes in order.
         """
-        return sum(
-            self.push_units(step.body, step.length, oblique=self.contacts(step.body)[step.contact].oblique)
-            for step in steps
-        )
+        return sum(self.push_units(step.body, step.length, step.contact) for step in steps)
 
     def shortest_push(self, body: int) -> float:
         """Cost of the shortest push of a body [units].

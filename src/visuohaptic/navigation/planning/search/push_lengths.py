@@ -14,13 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d
-from ...pushing.push_failure import PushUncertainty, covariance_of_ends, sampled_pushes
-from ...pushing.push_model import PushModel
-from ...pushing.quasi_static import STEP_M, line_path
+from ...pushing.push_failure import covariance_of_ends
 from . import _travel_kernels
 from ._push_search_kernels import block_patch, free_push_length, opening_lengths
-from .bodies import lower_window
-from .drives import changed_drives_cost, drives_cells
+from .bodies import SAMPLES, end_errors, lower_window
+from .drives import drives_cells, drives_cost
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
@@ -28,7 +26,6 @@ from .search_domain import SearchDomain
 __all__ = [
     "SWEEP_STEP",
     "end_covariance",
-    "end_errors",
     "free_length",
     "opening_at",
     "push_step",
@@ -41,14 +38,10 @@ __all__ = [
 SWEEP_STEP = 0.5
 #: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
 TRACKING_M = 0.003
-#: Simulated pushes, and how many of them a price is made of: an ellipsoid in three dimensions needs more than a share.
-SAMPLES, PRICED = 160, 40
-#: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
-LONG_STEP_M = 2.0 * STEP_M
-#: Pushes are simulated so many times as far as they are asked for: their lengths are refined.
-BEYOND = 1.5
 #: Of the ends that touch a drive, so many are asked whether there is another one: their share is known to 0.18.
 LOOKED_AT = 8
+#: Simulated pushes that a price is made of.
+PRICED = 40
 #: Steps of the descent [m]: the ladder's, which is doubled while it helps, and what a robot can execute.
 STEPS_M = (0.05, 0.0125)
 
@@ -87,7 +80,7 @@ def refine_lengths(
             tried_cost = float("inf")
             if tried:
                 most = cost + risk - pushes
-                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, most)
+                tried_cost = pushes + drives_cost(domain, tried, start, goal, most)
             tried_risk = 0.0
             if tried_cost < cost + risk:
                 tried_risk = replanning_units(heuristic, tried, start) * scale
@@ -137,7 +130,7 @@ def push_step(
     length
         Of the push [cells].
     """
-    push = heuristic.contacts(body)[contact]
+    push = heuristic.domain.bodies[body].push(contact)
     after = shifts.copy()
     after[body] = shifts[body] + length * push.direction
     touch = heuristic.domain.bodies[body].centre + shifts[body] + push.robot
@@ -161,7 +154,12 @@ def stand_is_free(heuristic: PushHeuristic, step: PushStep) -> bool:
     )
 
 
-def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float:
+def free_length(
+    heuristic: PushHeuristic,
+    step: PushStep,
+    limit: float,
+    among: Bool[np.ndarray, "bodies"] | None = None,
+) -> float:
     """How far a push is free of collisions [cells].
 
     Parameters
@@ -176,12 +174,12 @@ def free_length(heuristic: PushHeuristic, step: PushStep, limit: float) -> float
 
     domain: SearchDomain = heuristic.domain
     body, shift = domain.bodies[step.body], step.shifts_before[step.body]
-    direction = heuristic.contacts(step.body)[step.contact].direction
+    direction = body.push(step.contact).direction
     ahead = np.stack([np.zeros(2), limit * direction])
     reach = body.radius + body.margin + 1.0
     low = np.minimum((body.outline + shift).min(axis=0), step.touch) + ahead.min(axis=0) - reach
     high = np.maximum((body.outline + shift).max(axis=0), step.touch) + ahead.max(axis=0) + reach
-    outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body, low, high)
+    outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body, low, high, among)
     found: float = free_push_length(
         domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
         outlines, starts, *step.touch, *direction, needed_clearance(body.radius, SWEEP_STEP), limit,
@@ -231,8 +229,8 @@ def opening_at(
     return found
 
 
-def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]:
-    """Ends of simulated pushes from the planned end: x, y along the grid's axes [m], turn [rad].
+def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3 3"]:
+    """Covariance of x, y [m] and turn [rad] about the planned end, map frame, whose 90 % ellipsoid holds 90 % of the ends.
 
     Parameters
     ----------
@@ -241,43 +239,7 @@ def end_errors(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "n 3"]
     step
         The push.
     """
-    body, resolution_m = domain.bodies[step.body], domain.map.resolution_m
-    # About the body's centre before the push: the same wherever it stands.
-    centre = body.centre + step.shifts_before[step.body]
-    begin, touch = ((point - centre) * resolution_m for point in (step.approach, step.touch))
-    ahead = (touch - begin) / np.hypot(*(touch - begin))
-    length_m = float(np.hypot(*(touch - begin)) + step.length * resolution_m)
-    key = step.body, step.contact
-    if key not in domain.ends or domain.ends[key][0] < length_m:
-        # Whole steps: however far it is simulated, the beginning is the same.
-        reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
-        model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
-        place_m, yaw_rad = body.obj.pose_sigma
-        learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
-        centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
-        unknown = PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad)
-        _, poses, _ = sampled_pushes(
-            model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
-            line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,
-            np.random.default_rng(0), uncertainty=unknown, samples=SAMPLES,  # one plan, one answer
-        )  # fmt: skip
-        domain.ends[key] = reach_m, poses
-    reach_m, poses = domain.ends[key]
-    place = (poses.shape[1] - 1) * length_m / reach_m
-    row = min(int(place), poses.shape[1] - 2)
-    ends = poses[:, row] + (place - row) * (poses[:, row + 1] - poses[:, row])
-    return ends - np.array([*(step.length * resolution_m * ahead), 0.0])
-
-
-def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3 3"]:
-    """Covariance of x, y [m] and turn [rad] about the planned end, map frame, whose 90 % ellipsoid holds 90 % of the ends.
-
-    Parameters
-    ----------
-    domain, step
-        As of :func:`end_errors`.
-    """
-    errors = end_errors(domain, step)
+    errors = end_errors(domain, step.body, step.contact, step.length)
     errors[:, :2] = errors[:, :2] @ rotation_2d(domain.map.origin[2]).T
     errors[:, :2] += TRACKING_M * np.random.default_rng(0).standard_normal((SAMPLES, 2))
     return covariance_of_ends(errors)
@@ -308,7 +270,8 @@ def replanning_units(
     total = 0.0
     for index, step in enumerate(steps):
         again = next((k for k in range(index + 1, len(steps)) if steps[k].body == step.body), len(steps))
-        body, errors = domain.bodies[step.body], end_errors(domain, step)[:PRICED]
+        body = domain.bodies[step.body]
+        errors = end_errors(domain, step.body, step.contact, step.length)[:PRICED]
         c, s = np.cos(errors[:, 2]), np.sin(errors[:, 2])
         turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
         ends = body.centre + step.shifts_after[step.body] + errors[:, :2] / domain.map.resolution_m

@@ -260,6 +260,7 @@ class SearchDomain:
         without: int,
         low: Float[np.ndarray, "2"],
         high: Float[np.ndarray, "2"],
+        among: Bool[np.ndarray, "bodies"] | None = None,
     ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
         """Outlines of every object in a box but one, one after the other, and where each begins.
 
@@ -271,9 +272,12 @@ class SearchDomain:
             Index of the body left out.
         low, high
             Corners of the box: what never moves counts anywhere [cells].
+        among
+            Which bodies; all by default.
         """
         lows, highs = self.extents
         near = (lows + shifts <= high).all(axis=1) & (highs + shifts >= low).all(axis=1)
+        near = near if among is None else near & among
         outlines = [self.bodies[k].outline + shifts[k] for k in np.flatnonzero(near).tolist() if k != without]
         # Nothing is pushed into a door.
         outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
