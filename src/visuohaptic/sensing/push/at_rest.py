@@ -31,6 +31,8 @@ COMPLIANCES_M_N, SCALE, PLACE_M = (1e-6, 1e-4, 3e-4, 1e-3), 0.006, 1.0
 STATIC_EXCESS, EXCESS_SIGMA = 0.2, 0.25
 #: What is less probable is left out.
 RARE = 0.02
+#: An even density over a step, blurred by noise, is at most one by the step and this many deviations: a Gaussian's peak.
+UNIFORM = float(np.sqrt(2.0 * np.pi))
 #: Frames before the contact that give the noise, and the factor that it is taken larger by: the largest of many
 #: noisy points, which the deflection in a contact is a mean of, scatter less than each of them.
 QUIET_FRAMES, SAFE_NOISE = 6, 2.0
@@ -136,9 +138,12 @@ def rest_before_motion(
     force before the deflection stops growing.
     """
     t, d = record.t_s, record.deflection_m
-    noise = _noise_m(record, int(np.searchsorted(t, contact_s)))
-    place_noise = float(np.hypot(noise, _travel_noise_m(t, record.travel_m)))
+    touch = int(np.searchsorted(t, contact_s))
+    noise = _noise_m(record, touch)
     deepest = _end_of_rise(record, motion_s, noise)
+    # Faster parts of the way, where a platform that starts and stops leaves its line by more, are not asked.
+    near = slice(max(touch - QUIET_FRAMES, 0), deepest + 1)
+    place_noise = float(np.hypot(noise, _travel_noise_m(t[near], record.travel_m[near])))
     rises = (t >= contact_s) & (d > TOUCHED * noise) & np.isfinite(record.force_N)
     frames = np.flatnonzero(rises[: deepest + 1])
     if len(frames) < 3:
@@ -147,7 +152,7 @@ def rest_before_motion(
     place = float(record.travel_m[frames[0]] - d[frames[0]])
     target = (record.travel_m - d)[frames] - place
     step = np.maximum(np.diff(record.travel_m[frames], prepend=record.travel_m[frames[0]]), 0.0)
-    moves = -np.log(step + place_noise)
+    moves = -np.log(step + UNIFORM * place_noise)
     moves[0] = 0.0
     found = [
         _filtered(design, target, place_noise**2 + (prior * record.force_sigma_N[frames]) ** 2, prior)

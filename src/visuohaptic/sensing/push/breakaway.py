@@ -26,7 +26,7 @@ from jaxtyping import Float, Int
 
 from ...core.measurement import GRAVITY_M_S2
 from ...core.objects import Estimate
-from .at_rest import EXCESS_SIGMA, STATIC_EXCESS, FoamCurve, Rest
+from .at_rest import EXCESS_SIGMA, STATIC_EXCESS, UNIFORM, FoamCurve, Rest
 from .push_record import PushRecord
 
 __all__ = ["breakaway_force", "mixture_moments", "static_friction"]
@@ -156,7 +156,7 @@ def breakaway_force(record: PushRecord, rest: Rest, dynamic_N: float) -> tuple[f
     posterior = prior - 0.5 * chi2
     total = np.logaddexp.reduce(posterior, axis=None)
     step = np.maximum(np.diff(x[start.chosen], prepend=x[max(start.chosen[0] - 1, 0)]), 0.0)
-    otherwise = -np.sum(np.log(step + rest.noise_m))
+    otherwise = -np.sum(np.log(step + UNIFORM * rest.noise_m))
     evidence = total - np.sum(np.log(sigma * np.sqrt(2.0 * np.pi))) - otherwise
     value, width = _moments(static, np.exp(posterior - total).sum(axis=1))
     grid = float(np.ptp(static)) / TIMES / np.sqrt(12.0)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
-from ...core.measurement import Event, EventKind, ForceProfile, Reason
+from ...core.measurement import Contact, Event, EventKind, ForceProfile, Reason
 from .events import DeflectionEvents, EventSettings
 
 __all__ = [
@@ -117,7 +117,7 @@ class PushRecord:
     deflection_sigma_m: Float[np.ndarray, "N"]
     travel_m: Float[np.ndarray, "N"]  #: distance that the platform has driven along the push
     lateral_m: Float[np.ndarray, "N"]  #: platform's shift to the left of the push
-    contact_m: Float[np.ndarray, "N"]  #: centre of the contact along the strip, to the left
+    contact_m: Float[np.ndarray, "N"]  #: where the force acts along the strip, to the left
     angle_rad: Float[np.ndarray, "N"]  #: angle of the object to the world, counter-clockwise
     deepest_points_m: Float[np.ndarray, "k 2"] | None = None  #: contour at the largest force
 
@@ -192,7 +192,7 @@ def record_push(
         ]
         main = max(profile.contacts, key=lambda contact: contact.force_N, default=None)
         if seen and main is not None:
-            columns[5, i] = main.centre_m
+            columns[5, i] = _load_centre_m(profile, main)
         if profile.valid and profile.force_N > 0:
             scale[i] = float(np.hypot(budget.calibration_N, budget.model_N) / profile.force_N)
         if profile.valid and profile.force_N > largest:
@@ -214,6 +214,15 @@ def record_push(
         angle_rad=nothing if angle_rad is None else np.asarray(angle_rad, dtype=float),
         deepest_points_m=deepest,
     )
+
+
+def _load_centre_m(profile: ForceProfile, contact: Contact) -> float:
+    """Where the force of a contact acts along the strip [m]; where no pressure was read, the centre of its deflection."""
+    load = np.where(
+        (profile.s_m >= contact.s_start_m) & (profile.s_m <= contact.s_end_m), profile.pressure_Pa, 0.0
+    )
+    total = float(load.sum())
+    return float(load @ profile.s_m) / total if total > 0.0 else contact.centre_m
 
 
 @dataclass(frozen=True, slots=True)

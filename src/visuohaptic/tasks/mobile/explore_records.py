@@ -59,6 +59,10 @@ class ExploreSettings:
     free_ahead_m: float = 0.0  #: floor before the foam that is known to be free at the start
     expected_m: float | None = None  #: travel to what is known to stand ahead, of a laser or a map
     push_m_s: float = field(default=0.03, metadata=POSITIVE)
+    #: growth of the deflection from frame to frame until the object moves, and the speed right after the touch: the force
+    #: at which it breaks away then lies within a tenth of itself, a standard deviation of 3 %, also of what is light or wide
+    rise: float = field(default=0.1, metadata=POSITIVE)
+    touch_m_s: float = field(default=0.005, metadata=POSITIVE)
     back_off_m_s: float = field(default=0.08, metadata=POSITIVE)
     search_m: float = field(default=0.5, metadata=POSITIVE)  #: how far to drive without a contact
     #: an object that has moved by this much is movable; text: the sensor's width

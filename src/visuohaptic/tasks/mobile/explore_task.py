@@ -61,7 +61,8 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             self.settings.max_force_N, median_of=1, max_unread=self.settings.blind_frames
         )
         self._first: ExploreObservation | None = None
-        self._halted_s = self._back_travel_m = math.nan
+        self._contact = False  #: in the frame before
+        self._halted_s = self._back_travel_m = self._read_s = self._interval_s = math.nan
         self._command = ExploreCommand(self._blind_m_s())
 
     def _blind_m_s(self) -> float:
@@ -79,6 +80,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         if seen.sight and not self.touched:
             self.ahead.update(seen.sight_valid, seen.ahead_m, seen.travel_m, at_border=seen.at_border)
         self.reaction.update(seen.t_s, seen.base_t_s)
+        self._interval_s, self._read_s = seen.t_s - self._read_s, seen.t_s
         pressing = self.state in (ExploreState.APPROACH, ExploreState.PUSH)
         force_N = seen.force_N if seen.force_read else math.nan
         allowed = self._guard.update(force_N, seen.force_sigma_N, pressing=pressing)
@@ -94,6 +96,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             self._stop(StopReason.TOO_HEAVY, seen)
         else:
             self._follow(seen)
+        self._contact = seen.contact
         return self._command
 
     def _follow(self, seen: ExploreObservation) -> None:
@@ -109,8 +112,10 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             else:
                 slow_m_s = self._blind_m_s()
                 self.ahead.settings = replace(s, approach_m_s=slow_m_s)
-                self._command = ExploreCommand(
-                    self.ahead.speed_m_s(seen.travel_m) if seen.sight else slow_m_s
+                speed_m_s = self.ahead.speed_m_s(seen.travel_m) if seen.sight else slow_m_s
+                # The first frame with a contact is followed by a small step: the next one says whether it is a touch.
+                self._command = (
+                    self._push(seen) if seen.contact and not self._contact else ExploreCommand(speed_m_s)
                 )
         elif self.state is ExploreState.PUSH:
             reason = self._must_stop(seen)
@@ -130,14 +135,14 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             self.end(True, ExploreOutcome.TAGGED, f"stopped by {self.stopped_by}")
 
     def _push(self, seen: ExploreObservation) -> ExploreCommand:
-        """Slower as the foam fills: it stands before the foam is dense, and the force stays read."""
+        """Slowly until the object moves, and as the foam fills: it stands before the foam is dense."""
         s = self.settings
-        left_m = self.limits.deflection_m / s.strain_fraction - (
-            0.0 if math.isnan(seen.deflection_m) else seen.deflection_m
-        )
-        return ExploreCommand(
-            min(s.push_m_s, s.stopping_speed_m_s(max(left_m, 0.0), self.reaction.reaction_s))
-        )
+        depth_m = 0.0 if math.isnan(seen.deflection_m) else seen.deflection_m
+        left_m = max(self.limits.deflection_m / s.strain_fraction - depth_m, 0.0)
+        speed_m_s = min(s.push_m_s, s.stopping_speed_m_s(left_m, self.reaction.reaction_s))
+        if seen.contact and math.isnan(seen.motion_travel_m) and self._interval_s > 0.0:
+            speed_m_s = min(speed_m_s, max(s.touch_m_s, s.rise * depth_m / self._interval_s))
+        return ExploreCommand(speed_m_s)
 
     def _must_stop(self, seen: ExploreObservation) -> StopReason | None:
         """Stop condition that holds; none when the foam was not seen."""
