@@ -101,10 +101,10 @@ def test_a_notebook_has_none_of_the_replaced_phrases(path: Path) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    sorted((SOURCE / "cli").rglob("*.py")),
-    ids=lambda path: path.relative_to(SOURCE / "cli").as_posix(),
+    sorted(path for room in ("cli", "report", "viewer") for path in (SOURCE / room).rglob("*.py")),
+    ids=lambda path: path.relative_to(SOURCE).as_posix(),
 )
-def test_help_and_messages_of_the_command_line_have_none_of_the_replaced_phrases(path: Path) -> None:
+def test_texts_of_command_line_report_and_viewer_have_none_of_the_replaced_phrases(path: Path) -> None:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     texts = [
         node.value

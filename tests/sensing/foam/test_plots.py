@@ -60,7 +60,7 @@ def test_from_press_log_to_file_and_picture(tmp_path, press, material, reference
     assert result["hysteresis_loss"] == pytest.approx(loss, abs=0.01)
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert FoamMaterial.load(out).unloading is not None
-    assert any("working strain 0." in line for line in lines)
+    assert any("working range: strain 0." in line for line in lines)
 
 
 @pytest.mark.parametrize("section", ["trapezoid", "triangle"])

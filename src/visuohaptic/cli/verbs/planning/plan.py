@@ -69,15 +69,22 @@ def run(args: Any) -> dict[str, Any]:
     )
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
     limits = SearchLimits(budget_s, 0.0 if args.prove else SearchLimits().gap, int(args.memory * 1e6))
+
+    def plans_of() -> dict[str, Plan]:
+        if args.compare:
+            return alternatives(problem, limits=limits)
+        return {"cheapest": make_plan(problem, limits=limits)}
+
     before_s = compiled_s()
-    found = make_plan(problem, limits=limits)
+    plans = plans_of()
     if compiled_s() > before_s:  # the first run on a machine: compilation has used a part of the budget
-        found = make_plan(problem, limits=limits)
-    plans = alternatives(problem, limits=limits) if args.compare else {found.name: found}
-    found = plans.get("cheapest", found)
+        plans = plans_of()
+    found = plans["cheapest"]
     result = found.to_json()
     args.exit_code = 0 if found.reachable else NO_PLAN
     _report(args, found)
+    if found.gap > limits.gap and not found.proved:
+        args.report(f"  note: the search ended with its budget; --budget {2 * args.budget:g} searches longer")
     if args.compare:
         result["compare"] = {name: plan.to_json() for name, plan in plans.items() if name != "cheapest"}
         args.report()
@@ -95,7 +102,7 @@ def _line(plan: Plan) -> str:
     if not plan.reachable:
         return f"{plan.answer}: {plan.reason}"
     return (
-        f"{plan.answer}: {plan.cost_s:.1f} s, {plan.length_m:.2f} m, "
+        f"{plan.answer}{' of the optimum' * plan.answer.startswith('within')}: {plan.cost_s:.1f} s, {plan.length_m:.2f} m, "
         f"{len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}, "
         f"failure probability {plan.failure_probability:.2f}"
     )

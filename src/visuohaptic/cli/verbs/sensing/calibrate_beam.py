@@ -48,7 +48,7 @@ def run(args: Any) -> dict[str, Any]:
     save_beam(args.out, beam, found.correction)
     before = [100 * prior_correction(beam).row_covariance[k, k, k] ** 0.5 for k in range(6)]
     args.report(f"{len(record.load)} rows; residuals of the calibrated sensor and of the data sheet alone")
-    args.report("axis  residual rms   data sheet    explained   scale off   sigma   data sheet's")
+    args.report("axis  residual rms   data sheet    explained   scale err   sigma  data sheet's")
     for k, axis in enumerate(AXES):
         unit = "mN " if k < 3 else "mNm"
         args.report(

@@ -203,9 +203,9 @@ def _summary(
     args: Any, done: SensorRun, max_load: np.ndarray, noise: np.ndarray, exact: int
 ) -> dict[str, Any]:
     """Report, and the mapping for ``--json``; ``max_load`` and ``noise`` of six axes [N, Nm]."""
-    args.report(done.text(f", {exact} read by the exact rod"))
+    args.report(done.text(f", {exact} computed with the nonlinear rod model"))
     for name, value, sigma in zip(_AXES, max_load, noise, strict=True):
-        args.report(f"{name:6} maximum {value:9.4f}, noise of a frame {sigma:.5f}")
+        args.report(f"{name:6} maximum {value:9.4f}, standard deviation {sigma:.5f}")
     return {
         **picked(done, "frames reasons out"),
         "exact_frames": exact,
