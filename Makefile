@@ -30,8 +30,9 @@ demo: $(VENV)/.installed-demo ## The whole story: look, touch, plan, push, arriv
 	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --workers $(JOBS))
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
+# Each worker has a core: the threads of its libraries would take those of the others.
 test: $(VENV)/.installed-all ## All tests
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 bench: $(VENV)/.installed-all ## Every benchmark, each a ratio to a named peer in the same process
 	$(BIN)/python -m benchmarks
