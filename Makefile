@@ -30,8 +30,9 @@ demo: $(VENV)/.installed-demo ## Run the end-to-end demo
 	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --workers $(JOBS))
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
+# Each worker has one core: the threads of its libraries would compete for the others.
 test: $(VENV)/.installed-all ## Run all tests
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 bench: $(VENV)/.installed-all ## Run every benchmark, each as a ratio to a named peer
 	$(BIN)/python -m benchmarks

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_arc, follow_displacement, follow_load
+from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_arc, follow_displacement, reach_loads
 from visuohaptic.deformation.shapes import grid_mesh
 from visuohaptic.deformation.shells import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
 from visuohaptic.reproduce.worlds import mitc4_factor, mitc4_stiffness
@@ -287,7 +287,7 @@ def end_shear(n: int = 24) -> Walked:
         (0.5, 1.604, 4.933), (0.6, 2.002, 5.444), (0.7, 2.370, 5.855), (0.8, 2.705, 6.190),
         (0.9, 3.010, 6.467), (1.0, 3.286, 6.698),
     ]  # fmt: skip
-    path = follow_load(CorotationalShell(model), load, list(4 * np.linspace(0.05, 1, 20)))
+    path = reach_loads(CorotationalShell(model), load, list(4 * np.linspace(0.05, 1, 20)), past_limits=False)
     return _walked(path, 4.0, [(tip, X, -1), (tip, Z, 1)], model.mesh, reference)
 
 
@@ -301,7 +301,9 @@ def end_moment(n: int = 32) -> Walked:
     reference = np.column_stack(
         [angle / (2 * np.pi), 12 - 12 * np.sin(angle) / angle, 12 * (1 - np.cos(angle)) / angle]
     )
-    path = follow_load(CorotationalShell(model), load, list(top * np.linspace(0.0125, 1, 80)))
+    path = reach_loads(
+        CorotationalShell(model), load, list(top * np.linspace(0.0125, 1, 80)), past_limits=False
+    )
     return _walked(path, top, [(tip, X, -1), (tip, Z, 1)], model.mesh, reference)
 
 
@@ -326,7 +328,7 @@ def slit_annulus(n: int = 10) -> Walked:
         (0.8, 12.642, 16.202), (0.9, 13.282, 16.886), (1.0, 13.891, 17.528),
     ]  # fmt: skip
     factors = 0.8 * np.r_[0.0125, 0.025, 0.05, 0.075, np.linspace(0.1, 1, 19)]
-    path = follow_load(CorotationalShell(model), load, list(factors))
+    path = reach_loads(CorotationalShell(model), load, list(factors), past_limits=False)
     return _walked(path, 0.8, [(rows[0], Z, 1), (rows[-1], Z, 1)], mesh, reference)
 
 
@@ -338,7 +340,9 @@ def pulled_hemisphere(n: int = 44) -> Walked:
         (0.4, 3.158, 5.196), (0.5, 3.406, 5.902), (0.6, 3.598, 6.497), (0.7, 3.750, 7.006),
         (0.8, 3.875, 7.448), (0.9, 3.979, 7.835), (1.0, 4.067, 8.178),
     ]  # fmt: skip
-    path = follow_load(CorotationalShell(model), load, list(400 * np.linspace(0.05, 1, 20)))
+    path = reach_loads(
+        CorotationalShell(model), load, list(400 * np.linspace(0.05, 1, 20)), past_limits=False
+    )
     return _walked(path, 400.0, [(0, X, 1), (n, Y, -1)], model.mesh, reference)
 
 

@@ -10,7 +10,6 @@ from visuohaptic.deformation.maps import (
     contact_loads,
     couple,
     curve_coefficients,
-    explore_line,
     linear_features,
     nonlinear_features,
     normalised,
@@ -117,19 +116,6 @@ def test_features_of_curves_start_from_the_linear_ones() -> None:
     assert curved[7, 0, 0] == pytest.approx(linear[7, 0, 0], rel=0.1)
     assert curved[7, 2, 0] == pytest.approx(curved[7, 0, 0])  # round: computed once
     assert np.isnan(curved[0]).all()
-
-
-def test_sliding_along_a_line_finds_the_stiffness(elliptic: ShellObject) -> None:
-    height, found = explore_line(elliptic, "y+", (1.0, 3.0), samples=16)
-    wanted = linear_features(elliptic)
-    np.testing.assert_allclose(found[::-1], wanted.values[:, 2, 0], rtol=1e-9)
-    assert (np.diff(height) < 0).all()
-    rng = np.random.default_rng(0)
-    _, noisy = explore_line(elliptic, "y+", (1.0, 3.0), samples=400, noise_m=1e-5, rng=rng)
-    _, exact = explore_line(elliptic, "y+", (1.0, 3.0), samples=400)
-    # d_2 - d_1 = 2 N / k has an error of sqrt(2) 1e-5 m.
-    error = (2.0 / noisy - 2.0 / exact) / (np.sqrt(2) * 1e-5)
-    assert np.std(error) == pytest.approx(1.0, rel=0.15)
 
 
 def test_contacts_add_up_and_are_reciprocal(elliptic: ShellObject) -> None:

@@ -13,7 +13,6 @@ from visuohaptic.core import InputError
 from visuohaptic.deformation.nonlinear import (
     follow_arc,
     follow_displacement,
-    follow_load,
     pinch_curve,
     reach_loads,
 )
@@ -93,7 +92,7 @@ def test_pressure_blows_up_a_sphere_as_membrane_theory_says():
         shell = CorotationalShell(model, pressure=lambda volume, pressure=pressure: (pressure, 0.0))
         nothing = np.zeros((model.nodes, 6))
         nothing[0, 0] = 1e-9
-        path = follow_load(shell, nothing, [1.0])
+        path = reach_loads(shell, nothing, [1.0], past_limits=False)
         assert path.complete
         grown = np.linalg.norm(path.points[-1].state.points_m[6], axis=-1) / 0.05 - 1
         # p r^2 (1 - nu) / (2 E t r), to first order in the growth of the radius; the mesh's chord
@@ -172,7 +171,7 @@ def test_a_limit_load_stops_load_control_with_a_reason():
     assert path.control_m[-1] > 15
     np.testing.assert_allclose(path.load, [1000.0, 3000.0], rtol=1e-6)
     # 12 mm of displacement, where the load is falling, cannot be reached by raising the load.
-    path = follow_load(shell, load, [1000.0, 2000.0])
+    path = reach_loads(shell, load, [1000.0, 2000.0], past_limits=False)
     assert path.complete
     assert path.control_m[-1] < 11
 
@@ -199,7 +198,7 @@ def test_loads_on_what_is_held_are_refused():
     load = np.zeros((model.nodes, 6))
     load[0, 0] = 1
     with pytest.raises(InputError, match="zero on everything that can move"):
-        follow_load(CorotationalShell(model), load, [1.0])
+        reach_loads(CorotationalShell(model), load, [1.0], past_limits=False)
     flat = ShellMesh(np.array([[0.1, 0, 0], [0.2, 0, 0], [0.1, 0, 0.1]]), np.array([[0, 1, 2]]), 0.001)
     tips = opposing_points(flat, axis_point_m=(0.0, 0.0))
     with pytest.raises(InputError, match="no wall across"):

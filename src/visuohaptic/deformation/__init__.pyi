@@ -10,7 +10,6 @@ from .maps.confidence_band import object_stiffness as object_stiffness
 from .maps.curve_features import nonlinear_features as nonlinear_features
 from .maps.features import StiffnessFeatures as StiffnessFeatures
 from .maps.features import curve_coefficients as curve_coefficients
-from .maps.features import explore_line as explore_line
 from .maps.features import linear_features as linear_features
 from .maps.features import normalised as normalised
 from .maps.grasp_curves import GraspCurve as GraspCurve
@@ -34,7 +33,6 @@ from .nonlinear.equilibrium_path import EquilibriumPath as EquilibriumPath
 from .nonlinear.equilibrium_path import PathPoint as PathPoint
 from .nonlinear.load_stepping import follow_arc as follow_arc
 from .nonlinear.load_stepping import follow_displacement as follow_displacement
-from .nonlinear.load_stepping import follow_load as follow_load
 from .nonlinear.load_stepping import reach_loads as reach_loads
 from .nonlinear.pinch import pinch_curve as pinch_curve
 from .nonlinear.self_contact import SelfContactGuard as SelfContactGuard

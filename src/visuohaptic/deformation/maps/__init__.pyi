@@ -13,7 +13,6 @@ from .features import HEIGHTS as HEIGHTS
 from .features import SIDES as SIDES
 from .features import StiffnessFeatures as StiffnessFeatures
 from .features import curve_coefficients as curve_coefficients
-from .features import explore_line as explore_line
 from .features import feature_locations as feature_locations
 from .features import linear_features as linear_features
 from .features import normalised as normalised

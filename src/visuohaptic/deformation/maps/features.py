@@ -27,7 +27,6 @@ __all__ = [
     "SIDES",
     "StiffnessFeatures",
     "curve_coefficients",
-    "explore_line",
     "feature_locations",
     "linear_features",
     "normalised",
@@ -150,57 +149,6 @@ def linear_features(container: ShellObject, contents: Contents | None = None) ->
     known = np.isfinite(values)
     reason = np.where(known.all(axis=2), "", np.where(tips_valid, HELD, NOTHING_OPPOSITE))
     return StiffnessFeatures(values, points, known, reason)
-
-
-def explore_line(
-    container: ShellObject,
-    side: str,
-    force_N: tuple[float, float],
-    *,
-    noise_m: float = 0.0,
-    samples: int = 100,
-    rng: np.random.Generator | None = None,
-) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
-    """Virtual curve-based exploration: slide down one side twice with two forces.
-
-    Parameters
-    ----------
-    container, side
-        As of :func:`.side_vertex`.
-    force_N
-        Forces of the two passes, the smaller first [N].
-    noise_m
-        Standard deviation of a measured position [m].
-    samples
-        Places along the line.
-    rng
-        Source of the noise; needed where there is any.
-
-    Returns
-    -------
-    height_m, stiffness_N_per_m
-        From above downwards; ``(F_2 - F_1) / (d_2 - d_1)`` with noise of ``noise_m`` on each
-        measured position, so that the resting shape need not be known.
-    """
-    if side not in SIDES:
-        raise InputError("explore_line", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
-    low, high = force_N
-    if not 0 <= low < high:
-        raise InputError(
-            "explore_line", f"found {low} and {high} N, expected 0 <= first < second", field="force_N"
-        )
-    found = linear_features(container)
-    column = SIDES.index(side)
-    grid = found.points_m[:, column, 2]
-    height = np.linspace(grid[-1], grid[0], samples)
-    compliance = np.interp(height, grid, 1.0 / found.values[:, column, 0])
-    noise = np.zeros((2, samples))
-    if noise_m:
-        if rng is None:
-            raise InputError("explore_line", "noise needs a random generator", field="rng")
-        noise = rng.normal(0.0, noise_m, (2, samples))
-    with np.errstate(divide="ignore"):
-        return height, (high - low) / ((high * compliance + noise[1]) - (low * compliance + noise[0]))
 
 
 def _own(

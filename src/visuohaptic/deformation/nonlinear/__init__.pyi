@@ -8,7 +8,6 @@ from .equilibrium_path import EquilibriumPath as EquilibriumPath
 from .equilibrium_path import PathPoint as PathPoint
 from .load_stepping import follow_arc as follow_arc
 from .load_stepping import follow_displacement as follow_displacement
-from .load_stepping import follow_load as follow_load
 from .load_stepping import reach_loads as reach_loads
 from .pinch import pinch_curve as pinch_curve
 from .self_contact import SelfContactGuard as SelfContactGuard

@@ -23,7 +23,6 @@ from .equilibrium_path import EquilibriumPath, PathPoint
 __all__ = [
     "follow_arc",
     "follow_displacement",
-    "follow_load",
     "reach_loads",
 ]
 
@@ -37,25 +36,6 @@ MAX_ARCS = 60
 MAX_POINTS = 200
 #: Residual force at which a step has converged, relative to the larger of load and reactions.
 TOLERANCE = 1e-5
-
-
-def follow_load(
-    shell: CorotationalShell,
-    load: Float[np.ndarray, "v 6"],
-    factors: Sequence[float],
-) -> EquilibriumPath:
-    """Raise the load to each of some factors by load control; stops at a limit load.
-
-    Parameters
-    ----------
-    shell
-        Wall and contents.
-    load
-        Reference load q at the vertices [N], [N m]; directions do not follow the wall.
-    factors
-        Load factors, in the order in which they are reached.
-    """
-    return _Walk(shell, load).run(list(factors), "load", past_limits=False)
 
 
 def follow_displacement(
@@ -73,8 +53,10 @@ def follow_displacement(
 
     Parameters
     ----------
-    shell, load
-        As of :func:`follow_load`.
+    shell
+        Wall and contents.
+    load
+        Reference load q at the vertices [N], [N m]; directions do not follow the wall.
     targets_m
         Displacements of the control.
     control
@@ -91,24 +73,27 @@ def reach_loads(
     load: Float[np.ndarray, "v 6"],
     factors: Sequence[float],
     *,
-    control: Float[np.ndarray, "v 6"] | None = None,
+    past_limits: bool = True,
     max_iterations: int = 5000,
 ) -> EquilibriumPath:
-    """Raise the load to each of ``factors``, past limit loads.
+    """Raise the load to each of ``factors``.
 
-    As :func:`follow_load`, but where the load cannot be raised the path is followed by arc length
-    until it can: the point of a factor is then the next state on the path that carries it.
+    Where the load cannot be raised the path is followed by arc length until it can: the point of a factor is then
+    the next state on the path that carries it.
 
     Parameters
     ----------
-    shell, load, factors
-        As of :func:`follow_load`.
-    control
+    shell, load
         As of :func:`follow_displacement`.
+    factors
+        Load factors, in the order in which they are reached.
+    past_limits
+        Whether the path goes on beyond a limit load; otherwise it ends there.
     max_iterations
         Newton iterations of the whole path, which ends where they are used up.
     """
-    return _Walk(shell, load, control, max_iterations).run(list(factors), "load", past_limits=True)
+    walk = _Walk(shell, load, max_iterations=max_iterations)
+    return walk.run(list(factors), "load", past_limits=past_limits)
 
 
 def follow_arc(

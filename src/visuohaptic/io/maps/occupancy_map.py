@@ -183,9 +183,6 @@ class OccupancyMap:
         resolution_m: float,
         *,
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        occupied_thresh: float = 0.65,
-        free_thresh: float = 0.196,
-        negate: bool = False,
     ) -> OccupancyMap:
         """Read an image that has no YAML file.
 
@@ -198,10 +195,6 @@ class OccupancyMap:
         origin
             Place (x, y) of the image's lower left corner in the map frame [m], and turn about it
             [rad].
-        occupied_thresh, free_thresh
-            Occupancies 0..1 above which a cell is occupied and below which it is free.
-        negate
-            Whether bright, not dark, is occupied.
 
         Raises
         ------
@@ -209,7 +202,7 @@ class OccupancyMap:
             The image is missing, of another kind, too large or damaged.
         """
         image = read_map_image(Path(path))
-        cells = cells_from_image(image, "trinary", negate, occupied_thresh, free_thresh)
+        cells = cells_from_image(image, "trinary", False, 0.65, 0.196)  # as map_server writes them
         return cls(cells, resolution_m, origin)
 
     @classmethod

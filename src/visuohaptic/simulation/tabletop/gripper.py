@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 
 import numpy as np
 from jaxtyping import Float
@@ -189,15 +190,8 @@ class VirtualGripper(Closing, Gripper):
             return self._truths[0]
         a, b = self._truths[after - 1 : after + 1]
         fraction = (t_s - a.t_s) / (b.t_s - a.t_s)
-        return GripperTruth(
-            t_s,
-            *(
-                (1 - fraction) * getattr(a, name) + fraction * getattr(b, name)
-                for name in (
-                    "position_m", "speed_m_s", "force_N", "object_force_N", "shift_m", "front_m", "stripe_m",
-                )
-            ),
-        )  # fmt: skip
+        values = [(getattr(a, part.name), getattr(b, part.name)) for part in fields(GripperTruth)[1:]]
+        return GripperTruth(t_s, *((1 - fraction) * one + fraction * other for one, other in values))
 
     def scene(self, t_s: float) -> FoamScene:
         """What the camera sees at a time, in frame F of the finger.
