@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from visuohaptic.core import InputError
 from visuohaptic.io.ros._ros_definitions import _PARTS
 from visuohaptic.ros.wire import Shape, message_type, parse_definition
+from visuohaptic.ros.wire.graph import to_dds
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
@@ -91,7 +92,7 @@ def test_a_definition_is_read() -> None:
         "test_msgs/Point", "float64 x 1.0\nstring<=9[<=2] names\nuint8 A=1\nstring text '#1'\n# end\n"
     )
     assert kind.name == "test_msgs/msg/Point"
-    assert kind.dds_name == "test_msgs::msg::dds_::Point_"
+    assert to_dds(kind.name) == "test_msgs::msg::dds_::Point_"
     assert [(f.name, f.shape, f.capacity, f.text_capacity) for f in kind.fields] == [
         ("x", Shape.ONE, 0, 0),
         ("names", Shape.BOUNDED, 2, 9),

@@ -11,6 +11,7 @@ import pytest
 from visuohaptic.core import DeviceError, InputError
 from visuohaptic.ros import Received, RosNode, RosOptions
 from visuohaptic.ros.wire import NO_HASH, Attachment, EntityKind, Qos, message_type
+from visuohaptic.ros.wire.graph import to_dds
 
 from .conftest import free_endpoint, until
 
@@ -113,7 +114,7 @@ def test_bytes_that_are_no_message_are_counted(robot: RosNode, ours: RosNode) ->
     got: list[Received] = []
     subscription = ours.subscribe("chatter", STRING, got.append)
     kind = message_type(STRING)
-    key = f"0/chatter/{kind.dds_name}/{kind.type_hash()}"
+    key = f"0/chatter/{to_dds(kind.name)}/{kind.type_hash()}"
     good = b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00"
     put = robot._session.put
     assert until(lambda: put(key, good) or got)

@@ -6,7 +6,10 @@ import numpy as np
 
 from ..core.kernels import kernel
 
-__all__ = ["coarse_distances", "exact_distances", "smallest", "within"]
+__all__ = ["SEGMENT", "coarse_distances", "exact_distances", "smallest", "within"]
+
+#: Rows of which the lowest distance is kept: most segments cannot hold one of the few smallest.
+SEGMENT = 256
 
 
 @kernel(boundscheck=False)
@@ -36,7 +39,7 @@ def _add_eight(codes, features, query, j, sums):
 
 
 @kernel(boundscheck=False)
-def coarse_distances(codes, features, query, squared):
+def coarse_distances(codes, features, query, squared, lowest):
     """Squared distances of all rounded rows to a rounded query, in steps.
 
     Parameters
@@ -49,6 +52,8 @@ def coarse_distances(codes, features, query, squared):
         Their values, 0 to 63, int16, shape (k,).
     squared
         Squared distances, int32, shape (b, h); written.
+    lowest
+        Smallest of each :data:`SEGMENT` rows in a row, int32, shape (ceil(b h / SEGMENT),); written.
     """
     h = codes.shape[2]
     sums = np.zeros(h, np.int16)
@@ -65,28 +70,38 @@ def coarse_distances(codes, features, query, squared):
                 _add_eight(rows, features, query, j, sums)
             for i in range(h):
                 out[i] = np.int32(out[i] + np.int32(np.uint16(sums[i])))
+        for start in range(0, h, SEGMENT):
+            low = out[start]
+            for i in range(start, min(start + SEGMENT, h)):
+                low = min(low, out[i])
+            lowest[(block * h + start) // SEGMENT] = low
 
 
 @kernel(boundscheck=False)
-def smallest(values, found):
+def smallest(values, lowest, found):
     """Places of the smallest values, ascending.
 
     Parameters
     ----------
     values
         Numbers, int32, shape (m,).
+    lowest
+        As of :func:`coarse_distances`.
     found
         Places, int64, shape (k,) with k <= m; written.
     """
     count = 0
-    for i in range(values.shape[0]):
-        if count < found.shape[0] or values[i] < values[found[count - 1]]:
-            count = min(count + 1, found.shape[0])
-            j = count - 1
-            while j > 0 and values[found[j - 1]] > values[i]:
-                found[j] = found[j - 1]
-                j -= 1
-            found[j] = i
+    for start in range(0, values.shape[0], SEGMENT):
+        if count == found.shape[0] and lowest[start // SEGMENT] >= values[found[count - 1]]:
+            continue
+        for i in range(start, min(start + SEGMENT, values.shape[0])):
+            if count < found.shape[0] or values[i] < values[found[count - 1]]:
+                count = min(count + 1, found.shape[0])
+                j = count - 1
+                while j > 0 and values[found[j - 1]] > values[i]:
+                    found[j] = found[j - 1]
+                    j -= 1
+                found[j] = i
 
 
 @kernel(boundscheck=False)

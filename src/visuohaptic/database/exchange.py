@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..core.cards import decode, encode
-from ..core.errors import InputError, MissingExtraError
+from ..core.errors import InputError, needs
 from ..core.files import atomic_path, load_yaml_model, save_yaml
 from ..core.objects import Geometry, VisuoHapticObject
 from .shards import file_sha256, pack, unpack
@@ -204,8 +204,6 @@ def _from_glb(path: Path) -> Geometry:
 
 
 def _trimesh() -> Any:
-    try:
+    with needs("trimesh", "geometry", "reading and writing of GLB"):
         import trimesh
-    except ImportError as error:
-        raise MissingExtraError("trimesh", "geometry", "reading and writing of GLB") from error
     return trimesh

@@ -168,7 +168,9 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
         )
         for place in sorted({*one.provenance, *other.provenance})
     }
-    changes: dict[str, Any] = {"seen": _last(one.seen, other.seen)}
+    changes: dict[str, Any] = {
+        "seen": max(filter(None, (one.seen, other.seen)), key=_provenance_order, default=None)
+    }
     for f in fields(VisuoHapticObject):
         local, remote = getattr(one, f.name), getattr(other, f.name)
         if f.name in ("id", "evidence", "provenance", "seen"):
@@ -290,13 +292,6 @@ def _newer(
     origins: dict[str, Provenance],
 ) -> Any:
     """What is there, what is newer, or what a fixed order of the contents picks; notes where it came from."""
-    if one is other:
-        if _absent(local):
-            return local
-        origin = one.provenance.get(place) or one.provenance.get(place.partition(".")[0])
-        if origin is not None:
-            origins[place] = origin
-        return local
     there = [(value, obj) for value, obj in ((local, one), (remote, other)) if not _absent(value)]
     if not there:
         return local
@@ -316,14 +311,9 @@ def _absent(value: Any) -> bool:
     return value is None or (isinstance(value, str) and value == "")
 
 
-def _time(origin: Provenance | None) -> float:
+def _time(origin: Provenance | Sighting | None) -> float:
     return -math.inf if origin is None or math.isnan(origin.t_s) else origin.t_s
 
 
-def _provenance_order(origin: Provenance) -> tuple[float, str]:
+def _provenance_order(origin: Provenance | Sighting) -> tuple[float, str]:
     return _time(origin), repr(origin)
-
-
-def _last(one: Sighting | None, other: Sighting | None) -> Sighting | None:
-    some = (sighting for sighting in (one, other) if sighting is not None)
-    return max(some, key=lambda s: (-math.inf if math.isnan(s.t_s) else s.t_s, repr(s)), default=None)

@@ -56,6 +56,8 @@ class FeatureIndex:
 
     def __init__(self, ids: Sequence[str], vectors: Float[np.ndarray, "m n"]) -> None:
         self._ids, self._vectors = list(ids), _checked(ids, vectors)
+        from ._search_kernels import SEGMENT
+
         m, n = self._vectors.shape
         sample = self._vectors[:: max(1, m // 1000)]
         self._centre = np.median(sample, axis=0) if m else np.zeros(n)
@@ -70,6 +72,7 @@ class FeatureIndex:
             self._codes[block, :n, : len(code)] = code.T
             self._error[part] = error / self._step
         self._squared = np.empty((blocks, rows), np.int32)
+        self._lowest = np.empty(-(-self._squared.size // SEGMENT), np.int32)
 
     def __len__(self) -> int:
         return len(self._ids)
@@ -104,10 +107,12 @@ class FeatureIndex:
         code, error = _rounded(q[None, known] - self._centre[known], self._step)
         eights = -len(known) % 8
         padded = np.pad(known, (0, eights), constant_values=len(q))
-        coarse_distances(self._codes, padded, np.pad(code[0].astype(np.int16), (0, eights)), self._squared)
+        coarse_distances(
+            self._codes, padded, np.pad(code[0].astype(np.int16), (0, eights)), self._squared, self._lowest
+        )
         squared = self._squared.ravel()[:m]
         first = np.empty(min(count, m), np.int64)
-        smallest(squared, first)
+        smallest(squared, self._lowest, first)
         reach = (self._distances(first, known, q).max() + float(error[0])) / self._step
         near = np.empty(m, np.int64)
         # A little more, for the rounding of these sums themselves and of errors in 32 bits.

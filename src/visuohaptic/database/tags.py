@@ -15,6 +15,11 @@ from ..core.objects import Estimate, HapticTag
 
 __all__ = ["merge_tags"]
 
+_ESTIMATES = (
+    "static_friction_N", "dynamic_friction_N", "deceleration_s", "drift", "deformability", "stiffness_N_per_m",
+    "rotation_rad_per_m", "contact_offset_m",
+)  # fmt: skip
+
 
 def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
     """One tag from two sets of explorations of the same object.
@@ -39,17 +44,11 @@ def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
     score_1 = first.primitive.score if first.primitive else -1.0
     score_2 = second.primitive.score if second.primitive else -1.0
     shape = second if score_2 > score_1 or (first.deformation_shape_m is None) else first
+    estimates = {name: _merge(getattr(first, name), getattr(second, name)) for name in _ESTIMATES}
     return HapticTag(
-        static_friction_N=_merge(first.static_friction_N, second.static_friction_N),
-        dynamic_friction_N=_merge(first.dynamic_friction_N, second.dynamic_friction_N),
+        **estimates,
         # What has moved after all takes the bound back.
         min_static_friction_N=max(bounds) if bounds and fixed is not False else None,
-        deceleration_s=_merge(first.deceleration_s, second.deceleration_s),
-        drift=_merge(first.drift, second.drift),
-        deformability=_merge(first.deformability, second.deformability),
-        stiffness_N_per_m=_merge(first.stiffness_N_per_m, second.stiffness_N_per_m),
-        rotation_rad_per_m=_merge(first.rotation_rad_per_m, second.rotation_rad_per_m),
-        contact_offset_m=_merge(first.contact_offset_m, second.contact_offset_m),
         primitive=first.primitive if score_1 >= score_2 else second.primitive,
         deformation_shape_m=shape.deformation_shape_m,
         fixed=fixed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,7 +15,6 @@ from ..sensing.readers.sensor_reader import SensorReader
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
 from .channel import SensorChannel, SensorReport
 from .transports.open_node import open_node
-from .transports.topic_node import TopicNode
 
 __all__ = ["Bridge"]
 
@@ -44,25 +44,16 @@ class Bridge(Closing):
         self._problem: BaseException | None = None
         self._channels: list[SensorChannel] = []
         self.reports: tuple[SensorReport, ...] = ()
-        files = [(section, folder / section.config) for section in config.sensors]
-        kinds = [sensor_kind(path) for _, path in files]
-        readers: list[SensorReader[Any]] = []
-        node: TopicNode | None = None
-        try:
-            for (section, path), kind in zip(files, kinds, strict=True):
-                reader = load_reader(path, section.name)
-                readers.append(reader)
-                check_sensor(section, reader, path, kind)
-            self.node = node = open_node(config.node.name, config.node.options(folder), config.node.transport)
-            for (section, _), reader in zip(files, readers, strict=True):
+        with ExitStack() as opened:
+            readers = [
+                opened.enter_context(open_reader(each, folder / each.config)) for each in config.sensors
+            ]
+            node = open_node(config.node.name, config.node.options(folder), config.node.transport)
+            self.node = opened.enter_context(node)
+            for section, reader in zip(config.sensors, readers, strict=True):
                 channel = SensorChannel(node, section, reader, config.stale_s, self._stop, self._fail)
                 self._channels.append(channel)
-        except BaseException:
-            for reader in readers:
-                reader.close()
-            if node is not None:
-                node.close()
-            raise
+            opened.pop_all()
         for channel in self._channels:
             channel.start()
 
@@ -124,29 +115,34 @@ class Bridge(Closing):
         self.node.close()
 
 
-def check_sensor(section: SensorSection, reader: SensorReader[Any], path: Path, kind: str) -> None:
-    """Refuse a combination that cannot measure.
+def open_reader(section: SensorSection, path: Path, kind: str | None = None) -> SensorReader[Any]:
+    """A sensor, where it can measure as the section says.
 
     Parameters
     ----------
     section
         Names of its topics.
-    reader
-        The sensor.
     path
         Its file.
     kind
-        ``foam``, ``beam`` or ``scene``.
+        ``foam``, ``beam`` or ``scene``; any by default.
 
     Raises
     ------
     InputError
-        Odometry for a beam, or neither a zero reference nor frames to take one from.
+        It is of another kind, has odometry but is a beam, or neither a zero reference nor frames to take one from.
     """
-    if section.odometry is not None and kind == "beam":
+    found = sensor_kind(path)
+    if kind is not None and found != kind:
+        raise InputError(path, f"found the sensor {found}, expected {kind}", field="kind")
+    if section.odometry and found == "beam":
         raise InputError(path, "a beam sensor has no use for odometry", field=f"{section.name}.odometry")
-    if not section.zero_frames:
-        reader.require_zero("set zero_frames")
+    with ExitStack() as opened:
+        reader = opened.enter_context(load_reader(path, section.name))
+        if not section.zero_frames:
+            reader.require_zero("set zero_frames")
+        opened.pop_all()
+    return reader
 
 
 def summary(reports: tuple[SensorReport, ...]) -> list[dict[str, Any]]:

@@ -48,15 +48,9 @@ class NodeSection(_Section):
         folder
             Of ``bridge.yaml``, to which file names are relative.
         """
-        return RosOptions(
-            self.domain,
-            self.namespace,
-            self.type_hashes,
-            tuple(self.connect),
-            tuple(self.listen),
-            None if self.zenoh_config is None else folder / self.zenoh_config,
-            self.patience_s,
-        )
+        chosen = self.model_dump(exclude={"name", "transport", "connect", "listen", "zenoh_config"})
+        file = None if self.zenoh_config is None else folder / self.zenoh_config
+        return RosOptions(connect=tuple(self.connect), listen=tuple(self.listen), zenoh_config=file, **chosen)
 
 
 class SensorSection(_Section):
@@ -73,7 +67,7 @@ class SensorSection(_Section):
     @model_validator(mode="after")
     def _topics(self) -> SensorSection:
         for topic in (self.image, self.odometry):
-            if topic is not None:
+            if topic:
                 resolve_name(topic)
         return self
 

@@ -82,7 +82,7 @@ class SensorChannel:
         self.reader = reader
         self._node, self._section, self._stale_s, self._stop, self._fail = node, section, stale_s, stop, fail
         self._latest: LatestMessage | None = None
-        if section.odometry is not None:
+        if section.odometry:
             self._latest = LatestMessage(node, section.odometry, "nav_msgs/msg/Odometry", stale_s)
             reader.odometry = _odometry(self._latest)
         self.sink = RosSink(node, frame=section.frame or section.name)

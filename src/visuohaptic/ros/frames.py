@@ -186,7 +186,7 @@ class TopicFrames(Closing):
 
     def _frame(self, received: Received, index: int) -> Frame | None:
         """The image with its time; ``None`` where it cannot be decoded."""
-        message, image = received.message, None
+        image = None
         try:
             image = self._image(received)
             if self._camera is not None:
@@ -200,7 +200,7 @@ class TopicFrames(Closing):
                 _log.warning("%s: %d images cannot be used; %s", self.topic, self.damaged, error)
             return None
         self._fitted = True
-        return Frame(image, message_time_s(received, message.header.stamp), index)
+        return Frame(image, received.t_s, index)
 
     def _image(self, received: Received) -> UInt8[np.ndarray, "rows columns *colour"]:
         if self.topic.endswith("/compressed"):
@@ -248,12 +248,3 @@ def planar(message: Any) -> tuple[float, float, float]:
     turn = message.orientation
     heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
     return message.position.x, message.position.y, heading
-
-
-def message_time_s(received: Received, stamp: Any) -> float:
-    """Time of a header's stamp [s]; where it is zero, that of sending, or of receiving."""
-    t_s = stamp.sec + 1e-9 * stamp.nanosec
-    if t_s > 0:
-        return float(t_s)
-    beside = received.attachment
-    return 1e-9 * beside.source_ns if beside is not None else received.received_s

@@ -7,7 +7,7 @@ import secrets
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client
@@ -68,6 +68,16 @@ class RemoteRobot(Closing):
         self.arm, self.gripper = cast("ProbeArm", _Part(self, "arm")), cast("Gripper", _Part(self, "gripper"))
         self.senses: Any = _Part(self, "senses")
         self.camera, self.depth = _RemoteCamera(self), _RemoteDepthCamera(self)
+        #: newest pose in the map: the robot is its own ``Localizer``
+        self.locate: Callable[[], MapPose] = partial(self.call, "localizer", "locate")
+        #: what the finger's sensor says of a frame of :attr:`camera`
+        self.feel: Callable[[Frame], RemoteTouch] = partial(self.call, "feel", "touch")
+        #: what the beam sensor says of a frame
+        self.wrench: Callable[[Frame], Wrench] = partial(self.call, "wrench", "read")
+        #: downward load on the fingers [N], by a frame
+        self.weigh: Callable[[Frame], float] = partial(self.call, "weigh", "read")
+        #: lets time pass there [s]
+        self.wait: Callable[[float], None] = partial(self.call, "wait", "wait")
 
     def call(self, part: str, member: str, *arguments: Any) -> Any:
         """Call a member of a part there.
@@ -112,66 +122,11 @@ class RemoteRobot(Closing):
         except (OSError, EOFError) as problem:
             raise DeviceError(f"the robot has gone ({type(problem).__name__})") from problem
 
-    def locate(self) -> MapPose:
-        """Newest pose in the map: the robot is its own ``Localizer``."""
-        found: MapPose = self.call("localizer", "locate")
-        return found
-
-    def feel(self, frame: Frame) -> RemoteTouch:
-        """What the finger's sensor of the robot says of a frame.
-
-        Parameters
-        ----------
-        frame
-            Newest frame of :attr:`camera`.
-        """
-        found: RemoteTouch = self.call("feel", "touch", frame)
-        return found
-
-    def wrench(self, frame: Frame) -> Wrench:
-        """What the beam sensor of the robot says of a frame.
-
-        Parameters
-        ----------
-        frame
-            Newest frame of :attr:`camera`.
-        """
-        found: Wrench = self.call("wrench", "read", frame)
-        return found
-
-    def weigh(self, frame: Frame) -> float:
-        """Downward load on the fingers [N].
-
-        Parameters
-        ----------
-        frame
-            Newest frame of :attr:`camera`.
-        """
-        return float(self.call("weigh", "read", frame))
-
-    def wait(self, duration_s: float) -> None:
-        """Let time pass there.
-
-        Parameters
-        ----------
-        duration_s
-            How long [s].
-        """
-        self.call("wait", "wait", duration_s)
-
     def served(self) -> dict[str, Any]:
         """The parts of the robot that a contract knows, by name."""
-        made = {
-            "base": self.base,
-            "arm": self.arm,
-            "gripper": self.gripper,
-            "camera": self.camera,
-            "localizer": self,
-            "depth": self.depth,
-            "feel": self.feel,
-            "wait": self.wait,
-        }
-        return {name: part for name, part in made.items() if name in self.parts}
+        names = ("base", "arm", "gripper", "camera", "localizer", "depth", "feel", "wait")
+        own = {"localizer": self}
+        return {name: own.get(name) or getattr(self, name) for name in names if name in self.parts}
 
     def close(self) -> None:
         """Leave: the other process stops its robot; harmless when repeated."""

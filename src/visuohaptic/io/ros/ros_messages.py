@@ -30,6 +30,7 @@ __all__ = [
     "image",
     "pose",
     "profile_cloud",
+    "stamp",
     "stamp_ns",
     "wrench",
 ]
@@ -54,6 +55,18 @@ def stamp_ns(t_s: float) -> int:
     return whole * 1_000_000_000 + round((t_s - whole) * 1e9)
 
 
+def stamp(t_s: float) -> Message:
+    """``builtin_interfaces/Time``, or ``Duration``.
+
+    Parameters
+    ----------
+    t_s
+        Seconds since the epoch, or of the duration.
+    """
+    seconds, nanoseconds = divmod(stamp_ns(t_s), 1_000_000_000)
+    return {"sec": seconds, "nanosec": nanoseconds}
+
+
 def header(t_s: float, frame: str) -> Message:
     """``std_msgs/Header``.
 
@@ -64,8 +77,7 @@ def header(t_s: float, frame: str) -> Message:
     frame
         Name of the frame of coordinates.
     """
-    seconds, nanoseconds = divmod(stamp_ns(t_s), 1_000_000_000)
-    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
+    return {"stamp": stamp(t_s), "frame_id": frame}
 
 
 def _vector(values: Sequence[float] | np.ndarray) -> Message:
@@ -84,13 +96,13 @@ def wrench(measured: Wrench) -> Message:
         Force [N] and moment [Nm], in their frame.
     """
     trust = 1.0 if measured.valid else math.nan
-    return {
-        "header": header(measured.t_s, measured.frame),
-        "wrench": {
-            "force": _vector(np.asarray(measured.force_N) * trust),
-            "torque": _vector(np.asarray(measured.moment_Nm) * trust),
-        },
-    }
+    force_N, moment_Nm = np.asarray(measured.force_N) * trust, np.asarray(measured.moment_Nm) * trust
+    return _wrench(measured.t_s, measured.frame, force_N, moment_Nm)
+
+
+def _wrench(t_s: float, frame: str, force_N: Any, moment_Nm: Any) -> Message:
+    acting = {"force": _vector(force_N), "torque": _vector(moment_Nm)}
+    return {"header": header(t_s, frame), "wrench": acting}
 
 
 def force_wrench(profile: ForceProfile, frame: str) -> Message:
@@ -108,10 +120,7 @@ def force_wrench(profile: ForceProfile, frame: str) -> Message:
         Name of the sensor's frame of coordinates.
     """
     force = profile.force_N if profile.valid else math.nan
-    return {
-        "header": header(profile.t_s, frame),
-        "wrench": {"force": _vector((force, 0.0, 0.0)), "torque": _vector((0.0, 0.0, 0.0))},
-    }
+    return _wrench(profile.t_s, frame, (force, 0.0, 0.0), np.zeros(3))
 
 
 def diagnostics(
@@ -211,14 +220,12 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
         As of :func:`force_wrench`.
     """
     contacts = profile.contacts
-    points = np.concatenate(
-        [np.asarray(c.points_foam_m).reshape(-1, 2) for c in contacts] or [np.zeros((0, 2))]
-    )
+    points = np.concatenate([np.zeros((0, 2)), *(np.reshape(c.points_foam_m, (-1, 2)) for c in contacts)])
     pressure = [contact_pressure_Pa(profile, contact) for contact in contacts]
     numbers = [np.full(len(contact.delta_m), place) for place, contact in enumerate(contacts)]
 
     def joined(parts: list[np.ndarray]) -> np.ndarray:
-        return np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.zeros(0), *parts])
 
     return cloud(
         profile.t_s,

@@ -18,7 +18,7 @@ from ..transports.topic_node import Execute, RosPublisher, TopicNode
 from ..wire.graph import Qos
 from .parameters import NodeParameters
 
-__all__ = ["Component", "Host", "Status"]
+__all__ = ["WAIT_S", "Component", "Host", "Status", "Worker"]
 
 _log = logging.getLogger(__name__)
 
@@ -62,15 +62,7 @@ class Host:
             Called for each request; its mapping is the answer.
         """
 
-        def answer() -> str:
-            if not self.active.is_set():
-                raise DeviceError(f"the node {self.node.name} is not active; activate it first")
-            return dumps(work())
-
-        try:
-            self.node.offer(service, answer)
-        except InputError as error:
-            _log.warning("%s", error)
+        self._declare(lambda: self.node.offer(service, self._while_active(lambda: dumps(work()))))
 
     def act(self, action: str, datatype: str, execute: Execute) -> None:
         """Offer an action; where its interface or actions are not there, that is logged.
@@ -85,13 +77,19 @@ class Host:
             Called for each goal in a thread of its own; see :meth:`TopicNode.act`.
         """
 
-        def run(goal: Any, tell: Callable[[Mapping[str, Any]], None], cancelled: Callable[[], bool]) -> bool:
+        self._declare(lambda: self.node.act(action, datatype, self._while_active(execute)))
+
+    def _while_active(self, work: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*arguments: Any) -> Any:
             if not self.active.is_set():
                 raise DeviceError(f"the node {self.node.name} is not active; activate it first")
-            return execute(goal, tell, cancelled)
+            return work(*arguments)
 
+        return run
+
+    def _declare(self, offer: Callable[[], None]) -> None:
         try:
-            self.node.act(action, datatype, run)
+            offer()
         except InputError as error:
             _log.warning("%s", error)
 
@@ -113,6 +111,10 @@ class Host:
         motion = {"translation": moved["position"], "rotation": moved["orientation"]}
         stamped = {"header": messages.header(t_s, parent), "child_frame_id": child, "transform": motion}
         self._transforms.publish({"transforms": [stamped]})
+
+
+#: A node that is deactivated waits so long for its thread [s]; the search of a travel ends within 6 s.
+WAIT_S = 8.0
 
 
 class Component(Closing):
@@ -150,3 +152,43 @@ class Component(Closing):
 
     def close(self) -> None:
         """Give back what was configured; harmless when repeated."""
+
+
+class Worker(Component):
+    """A component with a thread of its own while it is active."""
+
+    _thread: threading.Thread | None = None
+
+    @abstractmethod
+    def run(self, end: threading.Event) -> None:
+        """What the thread does until ``end`` is set; an error of another kind than the library's ends the node.
+
+        Parameters
+        ----------
+        end
+            Of this activation; a later one has another.
+        """
+
+    def activate(self) -> None:
+        self._end = threading.Event()
+        self._thread = threading.Thread(
+            target=self._guarded, args=(self._end,), name=self.host.node.name, daemon=True
+        )
+        self._thread.start()
+
+    def _guarded(self, end: threading.Event) -> None:
+        try:
+            self.run(end)
+        except Exception as error:  # noqa: BLE001 - raised in the caller's thread
+            self.host.fail(error)
+
+    def deactivate(self) -> None:
+        if self._thread is not None:
+            self._end.set()
+            self._thread.join(WAIT_S)
+            if self._thread.is_alive():
+                _log.error("%s: still at work after %g s; its result is dropped", self._thread.name, WAIT_S)
+            self._thread = None
+
+    def close(self) -> None:
+        self.deactivate()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -67,10 +68,9 @@ class LifecycleProcess(Closing):
             "on_configure": lambda: attempt(lambda: self.running.configure(self._values())),
             "on_activate": lambda: attempt(self.running.activate),
             "on_deactivate": lambda: attempt(self.running.deactivate),
-            "on_cleanup": lambda: attempt(self.running.close),
-            "on_shutdown": lambda: attempt(self.running.close),
-            "on_error": lambda: attempt(self.running.close),
         }
+        ends = ("on_cleanup", "on_shutdown", "on_error")
+        steps |= dict.fromkeys(ends, lambda: attempt(self.running.close))
         try:
             for parameter in declared(kind.parameter_model):
                 self._declare(parameter, values.get(parameter.name, parameter.default))
@@ -86,15 +86,13 @@ class LifecycleProcess(Closing):
         described = ParameterDescriptor(description=parameter.description)
         if parameter.low is not None or parameter.high is not None:
             whole = isinstance(parameter.default, int)
-            far = 2**63 - 1 if whole else float("inf")
-            low = -far if parameter.low is None else parameter.low
-            high = far if parameter.high is None else parameter.high
-            if whole:
-                described.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
-            else:
-                described.floating_point_range = [
-                    FloatingPointRange(from_value=float(low), to_value=float(high))
-                ]
+            kind, span, far = (
+                (int, IntegerRange, 2**63 - 1) if whole else (float, FloatingPointRange, math.inf)
+            )
+            low = kind(-far if parameter.low is None else parameter.low)
+            high = kind(far if parameter.high is None else parameter.high)
+            described_range = "integer_range" if whole else "floating_point_range"
+            setattr(described, described_range, [span(from_value=low, to_value=high)])
         try:
             self._inner.declare_parameter(parameter.name, value, described)
         except Exception as error:

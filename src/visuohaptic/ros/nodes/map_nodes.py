@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import threading
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -33,7 +32,7 @@ from ...navigation.problem.robot_model import RobotModel
 from ..markers import LINES, POINTS, points_marker
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED
-from .component import Component, Status
+from .component import Status, Worker
 from .parameters import NodeParameters
 
 __all__ = [
@@ -45,11 +44,7 @@ __all__ = [
     "objects_text",
 ]
 
-_log = logging.getLogger(__name__)
-
 _GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
-#: A node that is deactivated waits so long for its thread [s]; the search of a travel ends within 6 s.
-WAIT_S = 8.0
 
 
 class MapParameters(NodeParameters):
@@ -60,7 +55,7 @@ class MapParameters(NodeParameters):
     map: str = Field("map", description="topic of nav_msgs/OccupancyGrid, latched")
 
 
-class MapNode(Component):
+class MapNode(Worker):
     """Reads robot and objects, keeps the newest map, and does its work in a thread of its own when it is asked."""
 
     def configure(self) -> None:
@@ -72,7 +67,6 @@ class MapNode(Component):
         self._map: Any = None
         self._told = Status(True, "nothing asked yet")
         self._due, self._end = threading.Event(), threading.Event()
-        self._thread: threading.Thread | None = None
         self.host.node.subscribe(parameters.map, _GRID, self._charted, LATCHED)
 
     def _charted(self, received: Received) -> None:
@@ -85,14 +79,7 @@ class MapNode(Component):
     def work(self) -> None:
         """What is asked for by setting ``_due``; an error of this library becomes the node's state."""
 
-    def activate(self) -> None:
-        self._end = threading.Event()
-        self._thread = threading.Thread(
-            target=self._run, args=(self._end,), name=self.host.node.name, daemon=True
-        )
-        self._thread.start()
-
-    def _run(self, end: threading.Event) -> None:
+    def run(self, end: threading.Event) -> None:
         while not end.is_set():
             if self._due.wait(0.1):
                 self._due.clear()
@@ -100,8 +87,6 @@ class MapNode(Component):
                     self.work()
                 except VisuohapticError as error:
                     self._told = Status(False, str(error))
-                except Exception as error:  # noqa: BLE001 - raised in the caller's thread
-                    self.host.fail(error)
 
     def still(self, end: threading.Event) -> None:
         """Refuse a result of an activation that is over.
@@ -118,17 +103,6 @@ class MapNode(Component):
         """
         if end.is_set():
             raise DeviceError(f"the node {self.host.node.name} was deactivated meanwhile")
-
-    def deactivate(self) -> None:
-        self._end.set()
-        if self._thread is not None:
-            self._thread.join(WAIT_S)
-            if self._thread.is_alive():
-                _log.error("%s: still at work after %g s; its result is dropped", self._thread.name, WAIT_S)
-            self._thread = None
-
-    def close(self) -> None:
-        self.deactivate()
 
 
 class LayersParameters(MapParameters):

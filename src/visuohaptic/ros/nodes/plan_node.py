@@ -21,8 +21,8 @@ from ...navigation.problem.planning_problem import PlanningProblem
 from ..markers import arrow
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED
-from .component import Status
-from .map_nodes import WAIT_S, MapNode, MapParameters
+from .component import WAIT_S, Status
+from .map_nodes import MapNode, MapParameters
 
 __all__ = ["PlanNode", "PlanParameters"]
 
@@ -96,7 +96,9 @@ class PlanNode(MapNode):
             self._answer(asked, error)
             raise
 
-    def _answer(self, asked: Iterable[Future[Mapping[str, Any]]], found: Mapping[str, Any] | Exception) -> None:
+    def _answer(
+        self, asked: Iterable[Future[Mapping[str, Any]]], found: Mapping[str, Any] | Exception
+    ) -> None:
         """Answer those who still wait."""
         with self._lock:
             for answer in set(asked).intersection(self._asked):

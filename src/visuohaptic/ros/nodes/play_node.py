@@ -8,13 +8,12 @@ from pathlib import Path
 
 from pydantic import Field
 
-from ...core.errors import VisuohapticError
 from ...io.ros.sqlite_bag import open_bag
 from ..sink import LATCHED_TYPES
 from ..transports.topic_node import RosPublisher
 from ..wire.graph import Qos
 from ..wire.message_types import message_type, parse_definition
-from .component import Component, Status
+from .component import Status, Worker
 from .parameters import NodeParameters
 
 __all__ = ["PlayNode", "PlayParameters"]
@@ -30,7 +29,7 @@ class PlayParameters(NodeParameters):
     )
 
 
-class PlayNode(Component):
+class PlayNode(Worker):
     """Plays from the beginning whenever it is activated; stamps in the messages stay."""
 
     summary = "a recording of rosbag2, SQLite or MCAP: its messages out, on their topics"
@@ -46,33 +45,15 @@ class PlayNode(Component):
             qos = Qos(latched=name in LATCHED_TYPES or topic.endswith("/tf_static"), depth=100)
             self._outlets[topic] = self.host.node.advertise(topic, kind, qos)
         self._told = Status(True, "not started")
-        self._end = threading.Event()
-        self._thread: threading.Thread | None = None
 
-    def activate(self) -> None:
-        self._end.clear()
-        self._thread = threading.Thread(target=self._play, name="play", daemon=True)
-        self._thread.start()
-
-    def _play(self) -> None:
-        try:
-            begin_s, first_ns = time.monotonic() + self.parameters.delay_s, None
-            for count, message in enumerate(self._file.messages()):
-                first_ns = message.log_time_ns if first_ns is None else first_ns
-                due_s = begin_s + 1e-9 * (message.log_time_ns - first_ns) / self.parameters.rate
-                if self._end.wait(max(due_s - time.monotonic(), 0.0)):
-                    return
-                self._outlets[message.topic].send(message.data)
-                self._told = Status(True, "playing", {"messages": count + 1})
-            damage = str(self._file.damage) if self._file.damage else ""
-            self._told = Status(not damage, damage or "played", self._told.values)
-        except VisuohapticError as error:
-            self.host.fail(error)
-
-    def deactivate(self) -> None:
-        self._end.set()
-        if self._thread is not None:
-            self._thread.join()  # of one message at most
-
-    def close(self) -> None:
-        self.deactivate()
+    def run(self, end: threading.Event) -> None:
+        begin_s, first_ns = time.monotonic() + self.parameters.delay_s, None
+        for count, message in enumerate(self._file.messages()):
+            first_ns = message.log_time_ns if first_ns is None else first_ns
+            due_s = begin_s + 1e-9 * (message.log_time_ns - first_ns) / self.parameters.rate
+            if end.wait(max(due_s - time.monotonic(), 0.0)):
+                return
+            self._outlets[message.topic].send(message.data)
+            self._told = Status(True, "playing", {"messages": count + 1})
+        damage = str(self._file.damage) if self._file.damage else ""
+        self._told = Status(not damage, damage or "played", self._told.values)

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import threading
 from abc import abstractmethod
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar
 
 from pydantic import Field
 
 from ...core.camera.model import Camera
-from ...core.errors import InputError
-from ...sensing.readers.load import load_reader
 from ...sensing.readers.sensor_reader import SensorReader
 from ...sensing.readers.template_reader import TemplateReader
 from ...tracking.templates.template import load_templates
 from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
-from ..bridge import check_sensor
-from ..bridge_config import SensorSection, sensor_kind
+from ..bridge import open_reader
+from ..bridge_config import SensorSection
 from ..channel import SensorChannel
 from .component import Component, Status
 from .parameters import NodeParameters
@@ -56,24 +55,15 @@ class ImageNode(Component):
 
     def configure(self) -> None:
         host, parameters = self.host, self.parameters
-        section = SensorSection(
-            name=host.node.name,
-            config=getattr(parameters, "config", ""),
-            image=parameters.image,
-            frame=parameters.frame or None,
-            odometry=getattr(parameters, "odometry", "") or None,
-            zero_frames=getattr(parameters, "zero_frames", 0),
-            queue=parameters.queue,
-        )
-        reader = self._reader(section)
+        given = parameters.model_dump(include=set(SensorSection.model_fields))
+        section = SensorSection.model_validate({"name": host.node.name, "config": ""} | given)
         self._stop = threading.Event()
-        try:
+        with ExitStack() as opened:
+            reader = opened.enter_context(self._reader(section))
             self._channel = SensorChannel(
                 host.node, section, reader, parameters.stale_s, self._stop, host.fail
             )
-        except BaseException:
-            reader.close()
-            raise
+            opened.pop_all()
 
     @abstractmethod
     def _reader(self, section: SensorSection) -> SensorReader[Any]:
@@ -105,17 +95,7 @@ class _SensorNode(ImageNode):
     parameter_model = SensorParameters
 
     def _reader(self, section: SensorSection) -> SensorReader[Any]:
-        path = Path(section.config)
-        kind = sensor_kind(path)
-        if kind != self.sensor:
-            raise InputError(path, f"found the sensor {kind}, expected {self.sensor}", field="kind")
-        reader = load_reader(path, section.name)
-        try:
-            check_sensor(section, reader, path, kind)
-        except BaseException:
-            reader.close()
-            raise
-        return reader
+        return open_reader(section, Path(section.config), self.sensor)
 
 
 class FoamNode(_SensorNode):

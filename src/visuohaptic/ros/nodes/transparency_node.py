@@ -19,7 +19,7 @@ from ...io.ros.ros_image import decode_depth
 from ...reconstruction.fusion.depth_noise import sensor_noise
 from ...reconstruction.fusion.volume import space_of_interest
 from ...reconstruction.pipeline import reconstruct
-from ..frames import info_topic, message_pose, message_time_s
+from ..frames import info_topic, message_pose
 from ..markers import text_marker
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED, Qos
@@ -69,12 +69,12 @@ class TransparentPartsNode(Component):
         self._camera = camera_from_message(received.message, info_topic(self.parameters.depth))
 
     def _place(self, received: Received) -> None:
-        header, posed = received.message.header, message_pose(received.message.pose)
+        posed = message_pose(received.message.pose)
         with self._lock:
-            self._poses.append((message_time_s(received, header.stamp), header.frame_id, posed))
+            self._poses.append((received.t_s, received.message.header.frame_id, posed))
 
     def _take(self, received: Received) -> None:
-        t_s, camera = message_time_s(received, received.message.header.stamp), self._camera
+        t_s, camera = received.t_s, self._camera
         if not self.host.active.is_set() or camera is None:
             return
         with self._lock:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import Any
 
 from ...core.errors import DeviceError, InputError
 from ...core.resources import Closing
 from ...core.robots import Gripper, GripperState
-from ...io.ros.ros_messages import header, stamp_ns
+from ...io.ros.ros_messages import header, stamp
 from ...tasks.robots.repeater import finite
-from ..frames import message_time_s
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
@@ -91,16 +89,14 @@ class RosGripper(Closing, Gripper):
     def _send(self, opening_m: float, after_s: float) -> None:
         self._publisher.wait_until_heard()
         # A controller refuses a point in the past; 50 ms is soon enough.
-        seconds, nanoseconds = divmod(stamp_ns(max(after_s, 0.05)), 1_000_000_000)
         point: dict[str, Any] = {
             "positions": [(opening_m - self._zero_m) / self._slope],
             "velocities": [],
             "accelerations": [],
             "effort": [],
-            "time_from_start": {"sec": seconds, "nanosec": nanoseconds},
+            "time_from_start": stamp(max(after_s, 0.05)),
         }
-        head = header(time.time(), "")
-        head["stamp"] = {"sec": 0, "nanosec": 0}  # zero: begin at once, whatever the clocks say
+        head = header(0.0, "")  # a stamp of zero: begin at once, whatever the clocks say
         self._publisher.publish({"header": head, "joint_names": [self.joint], "points": [point]})
 
     def state(self) -> GripperState:
@@ -116,7 +112,7 @@ class RosGripper(Closing, Gripper):
         received = self._states.get()
         position, speed = self._joint(received)
         return GripperState(
-            message_time_s(received, received.message.header.stamp),
+            received.t_s,
             self._zero_m + self._slope * position,
             self._slope * speed,
         )

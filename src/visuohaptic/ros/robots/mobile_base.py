@@ -7,7 +7,7 @@ import time
 from ...core.robots import BaseState
 from ...io.ros.ros_messages import header
 from ...tasks.robots.repeater import RepeatedBase, Repeater
-from ..frames import message_time_s, planar
+from ..frames import planar
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
@@ -92,5 +92,5 @@ class RosBase(RepeatedBase):
 def base_state(received: Received) -> BaseState:
     """Of a ``nav_msgs/Odometry``."""
     message = received.message
-    speed, t_s = message.twist.twist, message_time_s(received, message.header.stamp)
-    return BaseState(t_s, *planar(message.pose.pose), speed.linear.x, speed.angular.z)
+    speed = message.twist.twist
+    return BaseState(received.t_s, *planar(message.pose.pose), speed.linear.x, speed.angular.z)

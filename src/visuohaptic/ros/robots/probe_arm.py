@@ -15,7 +15,7 @@ from ...core.resources import Closing
 from ...core.robots import ProbeArm
 from ...io.ros import ros_messages as ros
 from ...tasks.robots.repeater import Repeater, finite
-from ..frames import message_pose, message_time_s
+from ..frames import message_pose
 from ..latest import LatestMessage
 from ..transports.topic_node import TopicNode
 
@@ -123,7 +123,7 @@ class RosArm(Closing, ProbeArm):
             There is none, or it is too old.
         """
         received = self._pose.get()
-        return message_time_s(received, received.message.header.stamp), message_pose(received.message.pose)
+        return received.t_s, message_pose(received.message.pose)
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
         """Smallest and largest distance of the tip from the base."""

@@ -15,10 +15,10 @@ from typing import Any
 from ...core.errors import DeviceError, needs
 from ..wire.attachment import Attachment
 from ..wire.cdr import decode, encode
-from ..wire.graph import LATCHED, Entity, EntityKind, Qos
+from ..wire.graph import LATCHED, Entity, EntityKind, Qos, from_dds
 from ..wire.message_types import Field, MessageType, Shape, parse_definition
 from .session import RosOptions, shown_error
-from .topic_node import RosSubscription, TopicNode
+from .topic_node import Outlet, RosSubscription, TopicNode
 
 __all__ = ["CycloneNode"]
 
@@ -77,19 +77,6 @@ def _raw_type(kind: MessageType) -> Any:
     return whole
 
 
-class _CycloneOutlet:
-    def __init__(self, kind: Any, writer: Any) -> None:
-        self._kind = kind
-        self.writer = writer  #: ``None`` once the node is closed: DDS deletes what nobody refers to
-
-    @property
-    def heard(self) -> bool:
-        return bool(self.writer.get_matched_subscriptions())
-
-    def send(self, data: bytes, number: int) -> None:
-        self.writer.write(self._kind.deserialize(data))
-
-
 class CycloneNode(TopicNode):
     """A node over Cyclone DDS, without ROS; a context manager. Topics only.
 
@@ -134,12 +121,9 @@ class CycloneNode(TopicNode):
             (EntityKind.PUBLISHER, BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)),
             (EntityKind.SUBSCRIPTION, BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)),
         )
-        discovery = "ros_discovery_info"
-        kind, topic = self._topic(discovery, _DISCOVERY)
+        self._discovery_type, topic = self._topic("ros_discovery_info", _DISCOVERY)
         self._nodes = self._reader(topic, _DISCOVERY, Qos(latched=True, depth=_MAX_TOLD))
-        writer = self._writer(topic, _DISCOVERY, LATCHED)
-        self._discovery = _CycloneOutlet(kind, writer)
-        self._outlets = [self._discovery]
+        self._discovery = self._writer(topic, _DISCOVERY, LATCHED)
         self._announce()
 
     def _topic(self, name: str, kind: MessageType) -> tuple[Any, Any]:
@@ -190,17 +174,21 @@ class CycloneNode(TopicNode):
         }
         message = {"gid": {"data": self._participant.guid.bytes}, "node_entities_info_seq": [info]}
         try:
-            self._discovery.send(encode(message, _DISCOVERY), 0)
+            self._discovery.write(self._discovery_type.deserialize(encode(message, _DISCOVERY)))
         except Exception as error:  # the binding's classes are not ours
             raise DeviceError(f"{self.name}: cannot be announced ({shown_error(error)})") from error
 
-    def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> _CycloneOutlet:
+    def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> Outlet:
         data_type, place = self._topic("rt" + topic, kind)
-        writer = self._writer(place, kind, qos, wait=wait)
-        self._endpoints[EntityKind.PUBLISHER].append(writer)
+        # DDS deletes what nobody refers to: of a writer, its place alone is kept, until the node is closed.
+        writers = self._endpoints[EntityKind.PUBLISHER]
+        at = len(writers)
+        writers.append(self._writer(place, kind, qos, wait=wait))
         self._announce()
-        self._outlets.append(_CycloneOutlet(data_type, writer))
-        return self._outlets[-1]
+        return Outlet(
+            lambda data, _: writers[at].write(data_type.deserialize(data)),
+            lambda: bool(writers[at].get_matched_subscriptions()),
+        )
 
     def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet
@@ -266,11 +254,9 @@ class CycloneNode(TopicNode):
         return tuple(found)
 
     def _leave(self) -> None:
-        for outlet in self._outlets:
-            outlet.writer = None
         for endpoints in self._endpoints.values():
             endpoints.clear()
-        del self._nodes, self._told, self._participants, self._participant
+        del self._discovery, self._nodes, self._told, self._participants, self._participant
 
 
 def _alive(reader: Any) -> list[Any]:
@@ -289,6 +275,5 @@ def _told_endpoint(sample: Any) -> tuple[str, str, str, Qos]:
     data = bytes(qos[Policy.Userdata].data).decode(errors="replace") if Policy.Userdata in qos else ""
     reliable = Policy.Reliability in qos and qos[Policy.Reliability] != Policy.Reliability.BestEffort
     latched = Policy.Durability in qos and qos[Policy.Durability] == Policy.Durability.TransientLocal
-    datatype = sample.type_name.replace("::dds_::", "::").removesuffix("_").replace("::", "/")
-    topic = sample.topic_name.removeprefix("rt")
+    topic, datatype = sample.topic_name.removeprefix("rt"), from_dds(sample.type_name)
     return topic, datatype, data.removeprefix("typehash=").rstrip(";\0"), Qos(reliable, latched)

@@ -18,7 +18,7 @@ from ..wire.attachment import Attachment
 from ..wire.graph import Entity, EntityKind, Qos, check_node
 from ..wire.message_types import MessageType
 from .session import RosOptions, shown_error
-from .topic_node import Execute, RosSubscription, TopicNode
+from .topic_node import Execute, Outlet, RosSubscription, TopicNode
 
 __all__ = ["RclpyNode", "RclpyProcess", "RclpyTopics", "import_rclpy", "interface"]
 
@@ -66,18 +66,6 @@ def interface(name: str) -> Any:
             "is not among the interfaces of this ROS 2",
             remedy=f"install ros-$ROS_DISTRO-{wheel} (apt) or ros-jazzy-{wheel} (pip)",
         ) from error
-
-
-class _RclpyOutlet:
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
-
-    @property
-    def heard(self) -> bool:
-        return bool(self._publisher.get_subscription_count())
-
-    def send(self, data: bytes, number: int) -> None:
-        self._publisher.publish(data)
 
 
 class RclpyTopics(TopicNode):
@@ -158,11 +146,11 @@ class RclpyTopics(TopicNode):
             durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else DurabilityPolicy.VOLATILE,
         )
 
-    def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> _RclpyOutlet:
+    def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> Outlet:
         profile = self._qos(qos, keep_all=wait)
         publisher = self.inner.create_publisher(interface(kind.name), topic, profile)
         self._closing.append(lambda: self.inner.destroy_publisher(publisher))
-        return _RclpyOutlet(publisher)
+        return Outlet(lambda data, _: publisher.publish(data), lambda: publisher.get_subscription_count() > 0)
 
     def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:
         def take(data: bytes, info: dict[str, int | None]) -> None:

@@ -11,7 +11,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from ...core.errors import DeviceError, InputError, VisuohapticError
 from ...core.resources import Closing
@@ -37,24 +37,22 @@ class Received:
     attachment: Attachment | None  #: number and time of sending; ``None`` where the sender tells neither
     received_s: float  #: seconds since 1970, by the clock of this machine
 
+    @property
+    def t_s(self) -> float:
+        """Time of the header's stamp [s]; where it is zero, that of sending, or of receiving."""
+        stamp, beside = self.message.header.stamp, self.attachment
+        if (t_s := float(stamp.sec + 1e-9 * stamp.nanosec)) > 0:
+            return t_s
+        return self.received_s if beside is None else 1e-9 * beside.source_ns
 
-class Outlet(Protocol):
+
+@dataclass(frozen=True, slots=True)
+class Outlet:
     """What a transport sends the bytes of one topic with."""
 
-    @property
-    def heard(self) -> bool:
-        """Whether anybody subscribes now."""
-
-    def send(self, data: bytes, number: int) -> None:
-        """Send CDR bytes; raises an error of its own where the transport is closed.
-
-        Parameters
-        ----------
-        data
-            A message, with its encapsulation header.
-        number
-            Counts the messages of the publisher from 1.
-        """
+    #: Sends CDR bytes, and the number of the message, from 1; raises an error of its own where the transport is closed.
+    send: Callable[[bytes, int], object]
+    heard: Callable[[], bool]  #: whether anybody subscribes now
 
 
 class RosPublisher:
@@ -120,7 +118,7 @@ class RosPublisher:
     @property
     def heard(self) -> bool:
         """Whether anybody subscribes to it now; over zenoh not known of a latched topic, and no then."""
-        return not self._closed() and self._outlet.heard
+        return not self._closed() and self._outlet.heard()
 
     def wait_until_heard(self, timeout_s: float = 1.0) -> None:
         """A command that nobody hears must not be taken for one that is carried out.

@@ -14,7 +14,7 @@ from ..wire.attachment import Attachment
 from ..wire.graph import Entity, EntityKind, Qos, all_tokens, topic_key
 from ..wire.message_types import NO_HASH, MessageType
 from .session import RosOptions, open_session
-from .topic_node import RosSubscription, TopicNode
+from .topic_node import Outlet, RosSubscription, TopicNode
 
 if TYPE_CHECKING:
     import zenoh
@@ -22,23 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["RosNode"]
 
 _log = logging.getLogger(__name__)
-
-
-class _ZenohOutlet:
-    """A publisher of zenoh with what rmw_zenoh sends beside each message."""
-
-    def __init__(self, entity: Entity, publisher: Any) -> None:
-        self._publisher = publisher
-        self._gid = publisher_gid(entity.token())
-
-    @property
-    def heard(self) -> bool:
-        status = getattr(self._publisher, "matching_status", False)
-        return bool(getattr(status, "matching", status))  # zenoh 1.4 has an object there
-
-    def send(self, data: bytes, number: int) -> None:
-        beside = Attachment(number, time.time_ns(), self._gid).pack()
-        self._publisher.put(data, attachment=beside)
 
 
 class RosNode(TopicNode):
@@ -82,7 +65,7 @@ class RosNode(TopicNode):
         token = self._session.liveliness().declare_token(entity.token())
         self._closing.append(token.undeclare)
 
-    def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> _ZenohOutlet:
+    def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> Outlet:
         import zenoh
         from zenoh import ext
 
@@ -101,7 +84,16 @@ class RosNode(TopicNode):
             publisher = self._session.declare_publisher(key, congestion_control=congestion)
         self._closing.append(publisher.undeclare)
         self._declare(entity)
-        return _ZenohOutlet(entity, publisher)
+        gid = publisher_gid(entity.token())
+
+        def send(data: bytes, number: int) -> None:
+            publisher.put(data, attachment=Attachment(number, time.time_ns(), gid).pack())
+
+        def heard() -> bool:
+            status = getattr(publisher, "matching_status", False)
+            return bool(getattr(status, "matching", status))  # zenoh 1.4 has an object there
+
+        return Outlet(send, heard)
 
     def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:
         from zenoh import ext

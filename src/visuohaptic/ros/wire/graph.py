@@ -93,7 +93,7 @@ class Entity:
         # The enclave is that of a system without SROS.
         words += [self.kind.value, "%", _mangled(self.namespace), _mangled(self.node)]
         if self.kind is not EntityKind.NODE:
-            words += [_mangled(self.topic), _dds(self.datatype), self.type_hash, self.qos.key()]
+            words += [_mangled(self.topic), to_dds(self.datatype), self.type_hash, self.qos.key()]
         return "/".join(words)
 
     @classmethod
@@ -123,7 +123,7 @@ class Entity:
         namespace, node = words[7].replace("%", "/"), words[8].replace("%", "/")
         if kind is EntityKind.NODE:
             return cls(domain, words[2], node_id, entity_id, kind, namespace, node)
-        topic, datatype = words[9].replace("%", "/"), _from_dds(words[10])
+        topic, datatype = words[9].replace("%", "/"), from_dds(words[10])
         qos = Qos.parse(words[12])
         return cls(
             domain, words[2], node_id, entity_id, kind, namespace, node, topic, datatype, words[11], qos
@@ -154,7 +154,7 @@ def topic_key(domain: int, topic: str, datatype: str, type_hash: str) -> str:
     >>> topic_key(0, "/chatter", "std_msgs/msg/String", "RIHS01_df66")
     '0/chatter/std_msgs::msg::dds_::String_/RIHS01_df66'
     """
-    return f"{domain}/{topic.strip('/')}/{_dds(datatype)}/{type_hash}"
+    return f"{domain}/{topic.strip('/')}/{to_dds(datatype)}/{type_hash}"
 
 
 def resolve_name(name: str, namespace: str = "/", node: str = "") -> str:
@@ -198,10 +198,24 @@ def _mangled(name: str) -> str:
     return name.replace("/", "%")
 
 
-def _dds(datatype: str) -> str:
+def to_dds(datatype: str) -> str:
+    """Name of a type on the wire, ``std_msgs::msg::dds_::String_``.
+
+    Parameters
+    ----------
+    datatype
+        As ``std_msgs/msg/String``.
+    """
     package, middle, short = datatype.split("/")
     return f"{package}::{middle}::dds_::{short}_"
 
 
-def _from_dds(name: str) -> str:
+def from_dds(name: str) -> str:
+    """Name of a type in ROS, ``std_msgs/msg/String``.
+
+    Parameters
+    ----------
+    name
+        As ``std_msgs::msg::dds_::String_``.
+    """
     return name.replace("::dds_::", "::").removesuffix("_").replace("::", "/")

@@ -82,12 +82,6 @@ class MessageType:
         """Its own fields."""
         return self.parts[self.name]
 
-    @property
-    def dds_name(self) -> str:
-        """Its name on the wire, as ``geometry_msgs::msg::dds_::WrenchStamped_``."""
-        package, middle, short = self.name.split("/")
-        return f"{package}::{middle}::dds_::{short}_"
-
     def type_hash(self) -> str:
         """``RIHS01_`` and the SHA-256 of its description (REP-2016).
 
