@@ -180,7 +180,7 @@ def speed() -> list[dict[str, Any]]:
         rays = ray_image(ViewDepth.of_frame(own, tracked), known, tracked)
         ratios = detector.ratios(own, rays, reading_tables([rays.code]))[None]
         weights = np.ones(1, np.float32)
-        RayEvidence.of_ratios([own], weights, rays.limit_m[None], ratios, 0.05).sums(grid, count=True)
+        RayEvidence.of_ratios([own], weights, rays.limit_m[None], ratios, 0.05).sums(grid)
 
     rows: list[dict[str, Any]] = []
     for name, work in (("published", printed), ("consistency", weighed)):

@@ -39,6 +39,7 @@ from visuohaptic.reconstruction.transparency import (
 from visuohaptic.reconstruction.transparency._background_kernels import (
     cast_rays,
     plane_equations,
+    smooth_points,
     view_moments,
     warp_views,
 )
@@ -460,20 +461,31 @@ def test_sums_of_evidence_are_those_of_every_voxel_by_itself(seed):
     reaching = (0.1 * found - 0.02).astype(np.float32)
     weights = rng.uniform(0.3, 1.0, len(frames)).astype(np.float32)
     grid = SpaceGrid.around((-0.2, -0.21, -0.1), (0.2, 0.2, 0.26), 0.013)
-    evidence, extent, seen = RayEvidence(frames, weights, limit_m, found, reaching).sums(grid, count=True)
-    points_m = grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool)))
-    truth = np.zeros((3, len(points_m)))
-    for k, pose in enumerate(poses):
-        local = pose.inverse().apply(points_m)
-        u, v = np.floor(camera.project(np.maximum(local, [-np.inf, -np.inf, 0.05])) + 0.5).astype(int).T
-        held = (local[:, 2] > 0.05) & (u >= 0) & (v >= 0) & (u < 60) & (v < 44)
-        at = v[held], u[held]
-        held[held] = local[held, 2] < limit_m[k][at]
-        at = v[held], u[held]
-        truth[:, held] += weights[k] * np.array([found[k][at], reaching[k][at], np.ones(held.sum())])
-    # A point on the edge of two pixels may fall to either, by single precision.
-    same = np.isclose(seen.ravel(), truth[2], atol=1e-5)
-    assert same.mean() > 0.999
+    evidence, extent, seen = RayEvidence(frames, weights, limit_m, found, reaching).sums(grid)
+
+    def each_by_itself(points_m):
+        """Sums at points, and whether all of them are away from the edge of a pixel and from the end of a ray."""
+        sums, plain = np.zeros((3, len(points_m))), np.ones(len(points_m), dtype=bool)
+        for k, pose in enumerate(poses):
+            local = pose.inverse().apply(points_m)
+            place = camera.project(np.maximum(local, [-np.inf, -np.inf, 0.05])) + 0.5
+            u, v = np.floor(place).astype(int).T
+            held = (local[:, 2] > 0.05) & (u >= 0) & (v >= 0) & (u < 60) & (v < 44)
+            plain &= ~held | (np.abs(place - np.rint(place)).min(axis=1) > 1e-4)
+            at = v[held], u[held]
+            plain[held] &= np.abs(local[held, 2] - limit_m[k][at]) > 1e-5
+            held[held] = local[held, 2] < limit_m[k][at]
+            at = v[held], u[held]
+            sums[:, held] += weights[k] * np.array([found[k][at], reaching[k][at], np.ones(held.sum())])
+        return sums, plain
+
+    truth, same = each_by_itself(grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool))))
+    assert same.mean() > 0.99
+    starts = [np.arange(0, size, 8) for size in grid.shape]
+    middles = [0.5 * (start + np.minimum(start + 8, n)) for start, n in zip(starts, grid.shape, strict=True)]
+    blocks = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
+    at_blocks, plain = each_by_itself(grid.low_m + grid.voxel_m * blocks.reshape(-1, 3))
+    np.testing.assert_allclose(seen.ravel()[plain], at_blocks[2][plain], atol=1e-5)
     either = ((truth[0] > 0) | (truth[1] > 0)) & same
     assert either.any()
     for ours, expected in zip((evidence.ravel(), extent.ravel()), truth[:2], strict=True):
@@ -489,16 +501,36 @@ def test_equations_of_poses_are_the_derivative_of_the_distances_from_planes():
     rng = np.random.default_rng(31)
     camera = Camera.simple(40, 30, 35.0)
     poses = [Camera.pose_of_view((x, -0.6, 0.8), (0.0, 0.1 * x, 0.0)) for x in (-0.2, 0.1, 0.3)]
-    depths = rng.uniform(0.7, 1.2, (3, 30, 40)).astype(np.float32)
-    normals = rng.normal(size=(3, 30, 40, 3))
-    normals = (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32)
-    normals[rng.random((3, 30, 40)) < 0.2] = np.nan
+    row, column = np.mgrid[:30, :40]
+    waves = [0.9 + 0.05 * np.sin(0.2 * a * column + 0.3 * b * row) for a, b in rng.uniform(0.3, 1.0, (3, 2))]
+    # A step, and what is not measured, have no normal.
+    depths = np.where(column < 30, waves, 1.2).astype(np.float32)
+    depths[rng.random((3, 30, 40)) < 0.03] = np.nan
+    surface = camera.rays(np.stack([column, row], axis=-1).reshape(-1, 2).astype(float)).reshape(30, 40, 3)
+    surface = surface * depths[..., None]
+    normals = np.full((3, 30, 40, 3), np.nan)
+    right, down = (
+        np.roll(surface, -2, axis) - np.roll(surface, 2, axis) for axis in (2, 1)
+    )  # of the middle of the images
+    normals[:, 2:-2, 2:-2] = np.cross(right, down)[:, 2:-2, 2:-2]
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals[np.maximum(np.abs(right[..., 2]), np.abs(down[..., 2])) > 0.1 * depths] = np.nan
+    for depth, normal in zip(depths, normals, strict=True):
+        found = np.empty((1200, 3))
+        found = found[: smooth_points(depth, 1, 35.0, 35.0, *camera.matrix[:2, 2], found)]
+        plain = np.isfinite(normal[..., 0]) & (depth > 0)
+        assert 100 < len(found) < 1000
+        np.testing.assert_allclose(
+            camera.project(found), np.column_stack([column[plain], row[plain]]), atol=1e-9
+        )
+        np.testing.assert_allclose(found[:, 2], depth[plain])
+    normals[~(depths > 0)] = np.nan
     points, firsts = rng.uniform((-0.4, -0.3, 0.7), (0.4, 0.3, 1.2), (60, 3)), np.array([0, 25, 40, 60])
     pairs, reach, (least, correlated) = np.array([[0, 1], [1, 0], [2, 0], [1, 2]]), 0.2, (5e-4, 2.0)
     squares, pulls = np.empty((4, 6, 6)), np.empty((4, 6))
     numbers = reach, 0.002, 0.001, 0.4, least, correlated
-    places = pairs, points, firsts, np.array([pose.matrix[:3] for pose in poses])
-    plane_equations(*places, depths, normals, 35.0, 35.0, *camera.matrix[:2, 2], *numbers, squares, pulls)
+    places = pairs, points, firsts, 1, np.array([pose.matrix[:3] for pose in poses])
+    plane_equations(*places, depths, 35.0, 35.0, *camera.matrix[:2, 2], *numbers, squares, pulls)
     for (i, k), square, pull in zip(pairs, squares, pulls, strict=True):
         here = points[firsts[i] : firsts[i + 1]]
 

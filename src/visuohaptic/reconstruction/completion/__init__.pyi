@@ -28,7 +28,6 @@ from .touch import TouchPlan as TouchPlan
 from .touch import best_vertex as best_vertex
 from .touch import reachable as reachable
 from .touch import read_touches as read_touches
-from .touch import rigid_fit as rigid_fit
 from .touch import starts as starts
 from .touch_registration import MIN_CONTACTS as MIN_CONTACTS
 from .touch_registration import register_touches as register_touches

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...io.meshes.mesh_state import face_parts
 from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion, load_hole_regions
 from .visibility import open_sight
@@ -45,21 +46,14 @@ def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
     mesh
         Mesh with welded vertices.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     faces = mesh.faces
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     rim = unique[counts == 1]
     if not len(rim):
         return []
-    n = len(mesh.vertices_m)
-    links = coo_matrix((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(n, n))
-    _, labels = connected_components(links, directed=False)
-    on_rim = np.unique(rim)
-    groups = [on_rim[labels[on_rim] == label] for label in np.unique(labels[on_rim])]
-    return sorted(groups, key=len, reverse=True)
+    part = face_parts(rim[:, [0, 1, 1]])
+    return sorted((np.unique(rim[part == k]) for k in range(part.max() + 1)), key=len, reverse=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,20 +177,14 @@ def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> Surface
 
 def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
     """How far each rim and each separate part of an outline is from the region."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     reach = region.distance_m(outline.vertices_m)
     max_m = _RIM_REACH * region.size_m
     # Rims beyond the band are where the outline was cut off.
     rims = [float(reach[loop].min()) for loop in boundary_loops(outline) if len(loop) > 4]
-    n = len(outline.vertices_m)
-    ends = outline.faces.ravel(), np.roll(outline.faces, 1, axis=1).ravel()
-    links = coo_matrix((np.ones(ends[0].size), ends), shape=(n, n))
-    _, labels = connected_components(links, directed=False)
-    areas = np.bincount(labels[outline.faces[:, 0]], weights=outline.face_areas_m2)
+    part = face_parts(outline.faces)
+    areas = np.bincount(part, weights=outline.face_areas_m2)
     whole = areas >= _MIN_PART * areas.sum()
-    parts = [float(reach[labels == label].min()) for label in np.flatnonzero(whole)]
+    parts = [float(reach[outline.faces[part == number]].min()) for number in np.flatnonzero(whole)]
     return [gap for gap in (*rims, *parts) if gap < max_m]
 
 

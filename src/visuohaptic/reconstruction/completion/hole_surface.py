@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...io.meshes.mesh_state import face_parts
 from ..mesh import SurfaceMesh
 from ..surfaces.rbf import Grid, RbfSurface, isosurface
 from .hole import SupportBand
@@ -85,20 +86,17 @@ def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near
     near_m
         Maximum distance of a support from a part [m].
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    n = len(mesh.vertices_m)
-    ends = mesh.faces[:, [0, 1, 2]], mesh.faces[:, [1, 2, 0]]
-    links = coo_matrix((np.ones(ends[0].size), (ends[0].ravel(), ends[1].ravel())), shape=(n, n))
-    count, labels = connected_components(links, directed=False)
-    if count == 1:
+    part = face_parts(mesh.faces)
+    if not part.any():
         return mesh
+    part_of_vertex = np.zeros(len(mesh.vertices_m), dtype=np.int64)
+    part_of_vertex[mesh.faces] = part[:, None]
     gaps, near = cKDTree(mesh.vertices_m).query(supports_m)
-    kept = np.bincount(labels[near[gaps < near_m]], minlength=count)
+    kept = np.bincount(part_of_vertex[near[gaps < near_m]], minlength=part.max() + 1)
     # A spurious component that one support brushes is no part of the object.
     good = kept >= max(1, 0.02 * kept.sum())
     if not good.any():
-        good = np.bincount(labels, minlength=count) == np.bincount(labels).max()
-    return mesh.submesh(np.flatnonzero(good[labels[mesh.faces[:, 0]]]))
+        good = np.bincount(part_of_vertex) == np.bincount(part_of_vertex).max()
+    return mesh.submesh(np.flatnonzero(good[part]))

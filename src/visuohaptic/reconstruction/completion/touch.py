@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.camera.pose import Pose
-from ...core.errors import CalibrationError, InputError
+from ...core.errors import InputError
 from ..mesh import SurfaceMesh
 
-__all__ = ["Touch", "TouchPlan", "best_vertex", "reachable", "read_touches", "rigid_fit", "starts"]
+__all__ = ["Touch", "TouchPlan", "best_vertex", "reachable", "read_touches", "starts"]
 
 _MAX_ROWS = 100_000
 
@@ -154,39 +154,6 @@ def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
 def _point(row: dict[str, str], prefix: str) -> Float[np.ndarray, "3"] | None:
     words = [(row.get(f"{prefix}{axis}_m") or "").strip() for axis in _AXES]
     return np.array([float(word) for word in words]) if any(words) else None
-
-
-def rigid_fit(
-    points_haptic_m: Float[np.ndarray, "n 3"], points_visual_m: Float[np.ndarray, "n 3"]
-) -> tuple[Pose, float]:
-    """``T_visual_haptic`` by least squares from pairs of points, and the root mean square residual [m].
-
-    Parameters
-    ----------
-    points_haptic_m
-        Points (n, 3) as touched [m].
-    points_visual_m
-        The same points (n, 3) as seen [m].
-
-    Raises
-    ------
-    CalibrationError
-        Fewer than three pairs, or all on one line.
-    """
-    a = np.asarray(points_haptic_m, dtype=np.float64)
-    b = np.asarray(points_visual_m, dtype=np.float64)
-    if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 3 or len(a) < 3:
-        raise CalibrationError("rigid_fit", f"found {a.shape} and {b.shape}, expected 3 or more pairs")
-    if not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise CalibrationError("rigid_fit", "points must be finite")
-    ca, cb = a.mean(axis=0), b.mean(axis=0)
-    left, spread, right = np.linalg.svd((a - ca).T @ (b - cb))
-    if not spread[1] > 1e-6 * max(spread[0], 1e-12):
-        raise CalibrationError("rigid_fit", "all points lie on one line, expected three apart")
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
-    rotation = right.T @ flip @ left.T
-    pose = Pose(rotation, cb - rotation @ ca)
-    return pose, float(np.sqrt(np.mean(np.sum((pose.apply(a) - b) ** 2, axis=1))))
 
 
 def reachable(

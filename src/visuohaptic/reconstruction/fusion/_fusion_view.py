@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 from . import _fusion_kernels as kernels
 
-__all__ = ["NO_COLOR", "FusionView", "checked_sizes"]
+__all__ = ["NO_COLOR", "FusionView", "checked_sizes", "pinhole_images"]
 
 NO_COLOR: Float32[np.ndarray, "1 1 1 3"] = np.zeros((1, 1, 1, 3), dtype=np.float32)
 
@@ -53,13 +52,10 @@ class FusionView:
     """
 
     def __init__(self, frame: DepthFrame, color: bool) -> None:
-        camera = frame.camera
-        depth, image = frame.depth_m, frame.color
-        if camera.distortion.any() or camera.matrix[0, 1]:
-            depth, image = _undistorted(camera, depth, image)
-        k = camera.matrix
+        k = frame.camera.matrix
+        self.use_color = color and frame.color is not None
+        depth, image = pinhole_images(frame, color=self.use_color)
         self.depth: Float32[np.ndarray, "rows columns"] = np.ascontiguousarray(depth, dtype=np.float32)
-        self.use_color = color and image is not None
         self.image = np.ascontiguousarray(image) if image is not None else np.zeros((1, 1, 3), np.uint8)
         self.intrinsics: Float32[np.ndarray, "4"] = np.array(
             [k[0, 0], k[1, 1], k[0, 2], k[1, 2]], dtype=np.float32
@@ -91,10 +87,19 @@ class FusionView:
         return low, high, holes
 
 
-def _undistorted(
-    camera: Camera, depth: np.ndarray, image: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Pixels of the ideal camera; depth from the nearest pixel, so that edges are not mixed."""
+def pinhole_images(frame: DepthFrame, *, color: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """Depth and color as a pinhole without distortion or skew would see them; depth of the nearest pixel, edges are not mixed.
+
+    Parameters
+    ----------
+    frame
+        View of any camera.
+    color
+        Whether its color image is wanted.
+    """
+    camera, image = frame.camera, frame.color if color else None
+    if not (camera.distortion.any() or camera.matrix[0, 1]):
+        return frame.depth_m, image
     import cv2
 
     matrix = camera.matrix.copy()
@@ -102,7 +107,5 @@ def _undistorted(
     x, y = cv2.initUndistortRectifyMap(
         camera.matrix, camera.distortion, None, matrix, (camera.width, camera.height), cv2.CV_32FC1
     )
-    depth = cv2.remap(depth, x, y, cv2.INTER_NEAREST, borderValue=float("nan"))
-    if image is not None:
-        image = cv2.remap(image, x, y, cv2.INTER_LINEAR)
-    return depth, image
+    depth = cv2.remap(frame.depth_m, x, y, cv2.INTER_NEAREST, borderValue=float("nan"))
+    return depth, None if image is None else cv2.remap(image, x, y, cv2.INTER_LINEAR)

@@ -48,15 +48,17 @@ class DepthNoise:
         """
         return max(1, round(self.edge_rad * focal_px))
 
-    def window_px(self, focal_px: float) -> int:
+    def window_px(self, focal_px: float, stride: int = 1) -> float:
         """Width of the window whose readings are not independent: that of the camera's matching [px].
 
         Parameters
         ----------
         focal_px
             Focal length [px].
+        stride
+            Pixels of the camera from one pixel to the next, of images of which every n-th pixel was kept.
         """
-        return 2 * self.edge_px(focal_px) + 3
+        return (2 * self.edge_px(stride * focal_px) + 3) / stride
 
     def with_tracking(self, tracking_m: float) -> DepthNoise:
         """The same camera with another accuracy of the poses.

@@ -9,7 +9,7 @@ from numba import prange
 
 from ...core.kernels import kernel
 
-__all__ = ["cast_rays", "error_score", "plane_equations", "view_moments", "warp_views"]
+__all__ = ["cast_rays", "error_score", "plane_equations", "smooth_points", "view_moments", "warp_views"]
 
 
 @kernel(parallel=True)
@@ -234,8 +234,57 @@ def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
                     break
 
 
+@kernel
+def _plane(depth, i, j, fx, fy, cx, cy, normal):
+    """Whether there is a smooth surface at a pixel; its plane's normal (3) in the frame of the camera, filled."""
+    rows, columns = depth.shape
+    if not (2 <= i < rows - 2 and 2 <= j < columns - 2):
+        return False
+    z = np.float64(depth[i, j])
+    left, right = np.float64(depth[i, j - 2]), np.float64(depth[i, j + 2])
+    above, below = np.float64(depth[i - 2, j]), np.float64(depth[i + 2, j])
+    # A step of a tenth of the depth over four pixels is an edge; what is not measured is none.
+    if not (z > 0 and abs(right - left) <= 0.1 * z and abs(below - above) <= 0.1 * z):
+        return False
+    x, y = (j - cx) / fx, (i - cy) / fy
+    ax, ay, az = (x + 2 / fx) * right - (x - 2 / fx) * left, y * (right - left), right - left
+    bx, by, bz = x * (below - above), (y + 2 / fy) * below - (y - 2 / fy) * above, below - above
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if not length > 0:
+        return False
+    normal[0], normal[1], normal[2] = nx / length, ny / length, nz / length
+    return True
+
+
+@kernel
+def smooth_points(depth, stride, fx, fy, cx, cy, points):
+    """Points of a view, every so many pixels down and across, where there is a smooth surface; returns their number.
+
+    Parameters
+    ----------
+    depth
+        Depth image (h, w) [m]; NaN: not measured.
+    stride
+        Distance of the points in the image [px].
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    points
+        Points (n, 3) in the frame of the camera [m], filled as far as they go.
+    """
+    rows, columns = depth.shape
+    normal, count = np.empty(3), 0
+    for i in range(stride // 2, rows, stride):
+        for j in range(stride // 2, columns, stride):
+            if _plane(depth, i, j, fx, fy, cx, cy, normal):
+                z = np.float64(depth[i, j])
+                points[count, 0], points[count, 1], points[count, 2] = (j - cx) / fx * z, (i - cy) / fy * z, z
+                count += 1
+    return count
+
+
 @kernel(parallel=True)
-def plane_equations(pairs, points, firsts, poses, depths, normals, fx, fy, cx, cy, reach, quadratic, constant, offset, least, correlated, squares, pulls):  # fmt: skip
+def plane_equations(pairs, points, firsts, stride, poses, depths, fx, fy, cx, cy, reach, quadratic, constant, offset, least, correlated, squares, pulls):  # fmt: skip
     """Normal equations that lay points of views on the planes that other views see there (Geman and McClure's weights).
 
     Parameters
@@ -246,10 +295,12 @@ def plane_equations(pairs, points, firsts, poses, depths, normals, fx, fy, cx, c
         Points of all views in the frames of their cameras (m, 3) [m].
     firsts
         First point of each view, and their number (n + 1).
+    stride
+        Every n-th point is laid on a plane.
     poses
         ``T_world_camera`` (n, 3, 4).
-    depths, normals
-        Depth images (n, h, w) [m] and normals (n, h, w, 3) in the frames of the cameras; NaN: no smooth surface.
+    depths
+        Depth images (n, h, w) [m]; NaN: not measured.
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     reach
@@ -265,14 +316,14 @@ def plane_equations(pairs, points, firsts, poses, depths, normals, fx, fy, cx, c
     """
     rows, columns = depths.shape[1:]
     for p in prange(len(pairs)):
-        row = np.empty(6)
+        row, normal = np.empty(6), np.empty(3)
         a, b = poses[pairs[p, 0]], poses[pairs[p, 1]]
-        depth, normal = depths[pairs[p, 1]], normals[pairs[p, 1]]
+        depth = depths[pairs[p, 1]]
         for c in range(6):
             pulls[p, c] = 0.0
             for d in range(c + 1):
                 squares[p, c, d] = 0.0
-        for q in range(firsts[pairs[p, 0]], firsts[pairs[p, 0] + 1]):
+        for q in range(firsts[pairs[p, 0]], firsts[pairs[p, 0] + 1], stride):
             px, py, pz = points[q, 0], points[q, 1], points[q, 2]
             x = a[0, 0] * px + a[0, 1] * py + a[0, 2] * pz + a[0, 3]
             y = a[1, 0] * px + a[1, 1] * py + a[1, 2] * pz + a[1, 3]
@@ -287,7 +338,9 @@ def plane_equations(pairs, points, firsts, poses, depths, normals, fx, fy, cx, c
             if not (u >= 0 and v >= 0 and u < columns and v < rows):
                 continue
             i, j = int(v), int(u)
-            nx, ny, nz, there = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2], depth[i, j]
+            if not _plane(depth, i, j, fx, fy, cx, cy, normal):
+                continue
+            nx, ny, nz, there = normal[0], normal[1], normal[2], np.float64(depth[i, j])
             away = (lx - (u - cx) / fx * there) * nx + (ly - (v - cy) / fy * there) * ny + (lz - there) * nz
             if not abs(away) < reach:
                 continue

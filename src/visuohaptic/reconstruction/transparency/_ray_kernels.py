@@ -300,7 +300,7 @@ def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthe
 
 
 @kernel
-def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, first, shape, each, summed, counted, evidence, extent, seen):  # fmt: skip
+def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, first, shape, evidence, extent):  # fmt: skip
     """Add what one view says of the voxels of a block."""
     rows, columns = limit.shape
     half = np.float32(0.5)
@@ -323,11 +323,19 @@ def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, fir
                     continue
                 a, b = int(v), int(u)
                 if z < limit[a, b]:
-                    if summed:
-                        evidence[i, j, k] += weight * found[a, b]
-                        extent[i, j, k] += weight * reaching[a, b]
-                    if counted and not each:
-                        seen[i, j, k] += weight
+                    evidence[i, j, k] += weight * found[a, b]
+                    extent[i, j, k] += weight * reaching[a, b]
+
+
+@kernel
+def _sees(limit, m, fx, fy, cx, cy, x, y, w):
+    """Whether a view says something of a point of the world."""
+    z = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
+    if z <= np.float32(0.05):
+        return False
+    u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * w + m[0, 3]) / z + cx + np.float32(0.5)
+    v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * w + m[1, 3]) / z + cy + np.float32(0.5)
+    return u >= 0 and v >= 0 and u < limit.shape[1] and v < limit.shape[0] and z < limit[int(v), int(u)]
 
 
 @kernel(parallel=True)
@@ -355,13 +363,12 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
     evidence, extent
         Sums of each voxel (x, y, z) of both kinds of evidence [nat], filled: where neither can be positive the bounds.
     seen
-        Sum of the weights of each voxel (x, y, z), filled; of no size: not wanted.
+        Sum of the weights at the middle of each block (blocks along x, y, z), filled.
     """
     views, rows, columns = limits.shape
-    nx, ny, nz = evidence.shape
-    by, bz = -(-ny // EDGE), -(-nz // EDGE)
-    counted, half = seen.size > 0, np.float32(0.5)
-    for block in prange(-(-nx // EDGE) * by * bz):
+    bx, by, bz = seen.shape
+    half = np.float32(0.5)
+    for block in prange(bx * by * bz):
         first, shape = np.empty(3, np.int64), np.empty(3, np.int64)
         first[0], first[1], first[2] = block // (by * bz) * EDGE, block // bz % by * EDGE, block % bz * EDGE
         corner, size = np.empty(3, np.float32), np.empty(3, np.float32)
@@ -369,6 +376,7 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
             shape[axis] = min(EDGE, evidence.shape[axis] - first[axis])
             corner[axis] = low[axis] + voxel * (np.float32(first[axis]) + half)
             size[axis] = voxel * np.float32(shape[axis] - 1)
+        x, y, w = corner[0] + half * size[0], corner[1] + half * size[1], corner[2] + half * size[2]
         sight = np.empty(views, np.uint8)
         bound, reach, whole = np.float32(0), np.float32(0), np.float32(0)
         for n in range(views):
@@ -378,20 +386,18 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
             if sight[n] != NO_VOXEL:
                 bound += weights[n] * most
                 reach += weights[n] * wide
-            if sight[n] == EACH_VOXEL:
-                whole += weights[n]
+                if sight[n] == EACH_VOXEL or _sees(limits[n], motions[n], fx, fy, cx, cy, x, y, w):
+                    whole += weights[n]
+        seen[first[0] // EDGE, first[1] // EDGE, first[2] // EDGE] = whole
         summed = bound > 0 or reach > 0
         for i in range(first[0], first[0] + shape[0]):
             for j in range(first[1], first[1] + shape[1]):
                 for k in range(first[2], first[2] + shape[2]):
                     evidence[i, j, k] = np.float32(0) if summed else bound
                     extent[i, j, k] = np.float32(0) if summed else reach
-                    if counted:
-                        seen[i, j, k] = whole
         for n in range(views):
-            each = sight[n] == EACH_VOXEL
-            if sight[n] != NO_VOXEL and (summed or (counted and not each)):
+            if summed and sight[n] != NO_VOXEL:
                 _add_view(
-                    limits[n], found[n], reaching[n], weights[n], motions[n], fx, fy, cx, cy, low, voxel, first, shape, each,
-                    summed, counted, evidence, extent, seen
+                    limits[n], found[n], reaching[n], weights[n], motions[n], fx, fy, cx, cy, low, voxel, first, shape,
+                    evidence, extent
                 )  # fmt: skip

@@ -13,12 +13,14 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
+from ..fusion._fusion_view import pinhole_images
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 
 __all__ = [
     "HELLINGER_WEIGHT",
     "BackgroundModel",
     "LocalViews",
+    "back_motions",
     "background_model",
     "ideal_depth",
     "intrinsics",
@@ -117,15 +119,7 @@ def ideal_depth(frame: DepthFrame) -> Float32[np.ndarray, "h w"]:
     frame
         View with lens distortion.
     """
-    camera = frame.camera
-    if not camera.distortion.any():
-        return np.ascontiguousarray(frame.depth_m)
-    import cv2
-
-    column, row = cv2.initUndistortRectifyMap(
-        camera.matrix, camera.distortion, None, camera.matrix, (camera.width, camera.height), cv2.CV_32FC1
-    )
-    return cv2.remap(frame.depth_m, column, row, cv2.INTER_NEAREST, borderValue=math.nan)
+    return np.ascontiguousarray(pinhole_images(frame, color=False)[0])
 
 
 def motions(T_world_this: Pose, others: Sequence[Pose]) -> Float32[np.ndarray, "n 3 4"]:
@@ -138,8 +132,27 @@ def motions(T_world_this: Pose, others: Sequence[Pose]) -> Float32[np.ndarray, "
     others
         Poses ``T_world_other``.
     """
-    inverse = T_world_this.inverse()
-    return np.array([(inverse @ other).matrix[:3] for other in others], dtype=np.float32).reshape(-1, 3, 4)
+    turns = np.array([other.rotation for other in others]).reshape(-1, 3, 3)
+    places_m = np.array([other.translation_m for other in others]).reshape(-1, 3)
+    rotation = T_world_this.rotation
+    moved = np.concatenate(
+        [rotation.T @ turns, ((places_m - T_world_this.translation_m) @ rotation)[..., None]], axis=2
+    )
+    return moved.astype(np.float32)
+
+
+def back_motions(T_world_this: Pose, others: Sequence[Pose]) -> Float32[np.ndarray, "n 3 4"]:
+    """``T_other_this`` of each other view.
+
+    Parameters
+    ----------
+    T_world_this
+        Pose of this view.
+    others
+        Poses ``T_world_other``.
+    """
+    moved = [motions(other, [T_world_this])[0] for other in others]
+    return np.array(moved, np.float32).reshape(-1, 3, 4)
 
 
 def intrinsics(camera: Camera) -> tuple[np.float32, np.float32, np.float32, np.float32]:

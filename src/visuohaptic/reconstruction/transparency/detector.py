@@ -20,7 +20,14 @@ from ...core.camera.pose import Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .background import BackgroundModel, LocalViews, background_model, ideal_depth, intrinsics
+from .background import (
+    BackgroundModel,
+    LocalViews,
+    back_motions,
+    background_model,
+    ideal_depth,
+    intrinsics,
+)
 from .regions import TransparentRegion, find_regions
 from .search_report import SearchReport
 
@@ -89,7 +96,7 @@ def error_image(
     from ._background_kernels import error_score
 
     settings = settings or TransparencySettings()
-    there = np.array([(pose.inverse() @ T_world_camera).matrix[:3] for pose in model_poses], dtype=np.float32)
+    there = back_motions(T_world_camera, model_poses)
     error = np.empty_like(depth_m)
     numbers = (settings.theta, min(settings.min_views, len(there)))
     arrays = (depth_m, model.mean_m, model.sigma_m, model.reliability)

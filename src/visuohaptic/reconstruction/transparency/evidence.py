@@ -46,6 +46,7 @@ from .ray_readings import (
     ViewDepth,
     ray_image,
     reading_tables,
+    thinned,
 )
 from .regions import TransparentRegion, region_of
 from .search_report import SearchReport, next_eye
@@ -95,7 +96,9 @@ class EvidenceDetector:
     settings: EvidenceSettings = field(default_factory=EvidenceSettings)
     evidence: Float32[np.ndarray, "x y z"] = field(init=False)  #: that glass is here, below 0 a bound [nat]
     extent: Float32[np.ndarray, "x y z"] = field(init=False)  #: that it is not beside, likewise [nat]
-    seen: Float32[np.ndarray, "x y z"] = field(init=False)  #: independent views that say anything of a voxel
+    seen: Float32[np.ndarray, "a b c"] = field(
+        init=False
+    )  #: independent views that say anything of a block of voxels
     threshold: float = field(init=False)  #: evidence that founds a part [nat]
     look_alike: float = field(init=False, default=_LOOK_ALIKE)  #: fraction of windows that look like glass
     views: int = field(init=False, default=0)  #: views that were given
@@ -106,10 +109,12 @@ class EvidenceDetector:
     _outlines: list[OutlineView] = field(init=False)
     _inside: Bool[np.ndarray, "x y z"] = field(init=False)
     _found: tuple[TransparentRegion, ...] = field(init=False)
+    _stride: int = field(init=False, default=1)
 
     def __post_init__(self) -> None:
         shape = self.grid.shape
-        self.evidence, self.extent, self.seen = (np.zeros(shape, np.float32) for _ in range(3))
+        self.evidence, self.extent = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        self.seen = np.zeros((1, 1, 1), np.float32)
         self._inside = np.zeros(shape, dtype=bool)
         none = np.zeros((0, 0, 0), np.float32)
         self._rays, self._tables = RayEvidence((), none.ravel(), none, none, none), none.reshape(0, 0)
@@ -170,11 +175,12 @@ class EvidenceDetector:
         windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, limit_m, strict=True)]
         self.look_alike = _mixing_fraction(np.concatenate(windows))
         self._rays = RayEvidence.of_ratios(frames, weights, limit_m, ratios, self.look_alike)
-        self.evidence, self.extent, seen = self._rays.sums(self.grid, count=first)
+        self.evidence, self.extent, seen = self._rays.sums(self.grid)
         if first:
             # What is explained later was seen.
             self.seen = seen
-            places = np.count_nonzero(seen) * self.grid.voxel_m**3 / (2 * self.settings.radius_m) ** 3
+            space_m3 = float(np.mean(seen > 0) * np.prod(self.grid.high_m - self.grid.low_m))
+            places = space_m3 / (2 * self.settings.radius_m) ** 3
             self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
 
     def _outline_views(self) -> list[OutlineView]:
@@ -184,12 +190,16 @@ class EvidenceDetector:
             views = zip(rays.frames, self._images, rays.limit_m, rays.weights.tolist(), strict=True)
             for frame, image, limit_m, weight in views:
                 readings = [np.take(table, image.code) for table in self._tables]
-                self._outlines.append(OutlineView.of_view(frame, readings, limit_m, self.noise, weight))
+                self._outlines.append(
+                    OutlineView.of_view(frame, readings, limit_m, self.noise, weight, self._stride)
+                )
         return self._outlines
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
         """Views that have others to compare them with, and their weights; their readings are kept."""
         graph, settings = view_graph(frames), self.settings
+        self._stride = self._ray_stride(frames)
+        frames = [thinned(frame, self._stride) for frame in frames]
         apart_rad = settings.independent_rad, settings.min_angle_rad
         near = [graph.neighbours(i, settings.neighbours, *apart_rad) for i in range(len(frames))]
         nearest = [graph.neighbours(i, 1, settings.min_angle_rad) for i in range(len(frames))]
@@ -210,6 +220,20 @@ class EvidenceDetector:
             weights.append(weight)
         return read, np.array(weights, np.float32)
 
+    def _away_m(self, frame: DepthFrame) -> float:
+        """Distance of a camera from the middle of the space [m]."""
+        middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
+        return max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
+
+    def _ray_stride(self, frames: Sequence[DepthFrame]) -> int:
+        """Distance of the rays of a view that are read: half a voxel there, at least two in a matching window [px].
+
+        A voxel takes the ray through its middle, and what a matching window covers counts as one reading.
+        """
+        focal_px = frames[0].camera.focal_px
+        voxel_px = focal_px * self.grid.voxel_m / float(np.median([self._away_m(one) for one in frames]))
+        return max(1, min(round(voxel_px / 2), int(self.noise.window_px(focal_px)) // 2))
+
     def ratios(
         self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
     ) -> Float32[np.ndarray, "h w"]:
@@ -227,10 +251,9 @@ class EvidenceDetector:
         import cv2
 
         focal_px = frame.camera.focal_px
-        middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
-        away_m = max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
-        matching = self.noise.window_px(focal_px)
-        object_px = max(matching, 2 * round(focal_px * self.settings.radius_m / away_m) + 1)
+        matching = self.noise.window_px(focal_px, self._stride)
+        radius_px = focal_px * self.settings.radius_m / self._away_m(frame)
+        object_px = 2 * round(max(0.5 * (matching - 1), radius_px)) + 1
         total = np.zeros(rays.reading.shape, np.float32)
         for table in tables / np.float32(matching**2):
             window = cv2.boxFilter(

@@ -68,6 +68,7 @@ class OutlineView:
         limit_m: Float32[np.ndarray, "h w"],
         noise: DepthNoise,
         weight: float,
+        stride: int = 1,
     ) -> OutlineView:
         """Thin a view to a quarter of a window.
 
@@ -83,13 +84,15 @@ class OutlineView:
             Of the camera: where its second eye is, and the window whose readings count as one.
         weight
             Part of an independent view.
+        stride
+            Pixels of the camera from one pixel of the view to the next.
         """
         import cv2
 
-        window_px = noise.window_px(frame.camera.focal_px)
-        step = max(1, window_px // 4)
+        window_px = noise.window_px(frame.camera.focal_px, stride)
+        step, width = max(1, int(window_px) // 4), round(window_px)
         ratio = np.mean(
-            [cv2.exp(cv2.blur(part, (window_px, window_px))[::step, ::step]) for part in log_ratios], axis=0
+            [cv2.exp(cv2.blur(part, (width, width))[::step, ::step]) for part in log_ratios], axis=0
         )
         evidence = np.log((1 - _HIDDEN) * ratio + _HIDDEN) * (step / window_px) ** 2
         fx, fy, cx, cy = (float(value) / step for value in intrinsics(frame.camera))

@@ -13,10 +13,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
+from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
-from ...core.geometry import so3_log
+from ...core.geometry import hat, so3_exp, so3_log
 from ...core.resources import one_blas_thread
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
@@ -33,32 +34,26 @@ _ALL_POINTS, _POINTS = 24_000, 500
 _CORRELATED = 2.0
 #: Deviation that even the best depth has [m].
 _LEAST_M = 5e-4
-#: Steps of the solution at most, each looks the matching points up anew; the motion that ends it [m] or [rad].
-_STEPS, _STILL = 12, 5e-5
+#: Steps of the solution, each looks the matching points up anew.
+_STEPS = 8
+#: Over-relaxation of a step, and fraction of the step before that it goes on with (heavy ball, Polyak 1964): reweighting
+#: minimises a bound, so that twice its step still descends; along surfaces its steps shrink by no more than a tenth.
+_RELAXED, _MOMENTUM = 1.5, 0.5
 
 
-def _surface(frame: DepthFrame, count: int) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "n 3"]]:
-    """Normals of a view in the frame of its camera, NaN where there is no smooth surface, and some points that have one [m]."""
-    depth_m = ideal_depth(frame).astype(np.float64)
-    height, width = depth_m.shape
-    matrix = frame.camera.matrix
-    v, u = np.mgrid[:height, :width]
-    rays = np.stack(
-        [(u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1], np.ones_like(u)], axis=-1
-    )
-    points = rays * depth_m[..., None]
-    right, down = np.full_like(points, np.nan), np.full_like(points, np.nan)
-    right[:, 2:-2] = points[:, 4:] - points[:, :-4]
-    down[2:-2] = points[4:] - points[:-4]
-    normals = np.cross(right, down)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-        # A step of a tenth of the depth over four pixels is an edge.
-        rough = (np.abs(right[..., 2]) > 0.1 * depth_m) | (np.abs(down[..., 2]) > 0.1 * depth_m)
-    normals[rough] = np.nan
-    good = np.flatnonzero((np.isfinite(normals[..., 0]) & (depth_m > 0)).ravel())
-    spread = good[np.linspace(0, len(good) - 1, min(count, len(good))).astype(int)] if len(good) else good
-    return normals.astype(np.float32), points.reshape(-1, 3)[spread]
+def _points(depth_m: Float32[np.ndarray, "h w"], camera: Camera, count: int) -> Float[np.ndarray, "n 3"]:
+    """As many points of a view where it has a smooth surface, spread over it, in the frame of its camera [m]."""
+    from ._background_kernels import smooth_points
+
+    # A view of which a quarter is smooth still gives all of them.
+    stride = max(1, math.isqrt(depth_m.size // (4 * count)))
+    found = np.empty((math.ceil(depth_m.shape[0] / stride) * math.ceil(depth_m.shape[1] / stride), 3))
+    found = found[: smooth_points(depth_m, stride, *_numbers(camera), found)]
+    return found[np.linspace(0, len(found) - 1, min(count, len(found))).astype(int)]
+
+
+def _numbers(camera: Camera) -> list[float]:
+    return [float(value) for value in intrinsics(camera)]
 
 
 @one_blas_thread()
@@ -86,43 +81,54 @@ def refine_poses(
     if count < 2:
         return list(frames)
     graph = view_graph(frames)
-    pairs = sorted(
-        {(i, k) for i in range(count) for k in graph.neighbours(i, _NEIGHBOURS)}
-        | {(k, i) for i in range(count) for k in graph.neighbours(i, _NEIGHBOURS)}
-    )
-    normals, points = zip(*(_surface(one, max(_POINTS, _ALL_POINTS // count)) for one in frames), strict=True)
-    planes = np.stack([ideal_depth(frame) for frame in frames]), np.stack(normals)
+    near = {(i, k) for i in range(count) for k in graph.neighbours(i, _NEIGHBOURS)}
+    pairs = np.array(sorted(near | {(k, i) for i, k in near}), np.int64).reshape(-1, 2)
+    depths, camera = np.stack([ideal_depth(frame) for frame in frames]), frames[0].camera
+    points = [_points(depth_m, camera, max(_POINTS, _ALL_POINTS // count)) for depth_m in depths]
     firsts = np.cumsum([0, *(len(chosen) for chosen in points)])
-    places = np.array(pairs, np.int64).reshape(-1, 2), np.concatenate(points), firsts
-    camera = [float(value) for value in intrinsics(frames[0].camera)]
-    numbers = noise.quadratic_per_m, noise.constant_m, noise.offset_m, _LEAST_M, _CORRELATED
+    places = pairs, np.concatenate(points), firsts
+    numbers = noise.quadratic_per_m, noise.constant_m, noise.offset_m, _LEAST_M
     squares, pulls = np.empty((len(pairs), 6, 6)), np.empty((len(pairs), 6))
-    measured = [frame.T_world_camera for frame in frames]
-    poses = list(measured)
+    measured = np.array([frame.T_world_camera.matrix[:3] for frame in frames])
+    present = measured.copy()
     stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
+    each, moved = np.arange(count), np.zeros((count, 6))
     for step in range(_STEPS):
         # Far matches help a poor start and spoil a good one.
         reach_m = 4 * sigma_m * max(0.25, 0.6**step)
-        matrix, right = np.zeros((count, 6, count, 6)), np.zeros((count, 6))
-        present = np.array([pose.matrix[:3] for pose in poses])
-        plane_equations(*places, present, *planes, *camera, reach_m, *numbers, squares, pulls)
-        for (i, k), square, pull in zip(pairs, squares, pulls, strict=True):
-            # A motion of the view i in the world moves its points, one of k its planes.
-            matrix[i, :, i] += square
-            matrix[k, :, k] += square
-            matrix[i, :, k] -= square
-            matrix[k, :, i] -= square
-            right[i] -= pull
-            right[k] += pull
-        for i in range(count):
-            to_measured, local = _offset(poses[i], measured[i])
-            matrix[i, :, i] += local.T @ (stiffness[:, None] * local)
-            right[i] -= local.T @ (stiffness * to_measured)
-        moved = np.linalg.solve(matrix.reshape(6 * count, -1), right.ravel()).reshape(count, 6)
-        poses = [Pose.from_rotation_vector(x[:3], x[3:]) @ pose for x, pose in zip(moved, poses, strict=True)]
-        if step > 4 and np.abs(moved).max() < _STILL:
-            break
+        # Fewer points lead as far as they match poorly; each of them stands for those that are left out.
+        stride = 4 if step < _STEPS // 2 else 1
+        last = _CORRELATED / stride, squares, pulls
+        plane_equations(*places, stride, present, depths, *_numbers(camera), reach_m, *numbers, *last)
+        matrix, right = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
+        # A motion of the first view of a pair in the world moves its points, one of the second its planes.
+        i, k = pairs.T
+        for rows, columns, sign in ((i, i, 1), (k, k, 1), (i, k, -1), (k, i, -1)):
+            np.add.at(matrix, (rows, columns), sign * squares)
+        np.add.at(right, i, -pulls)
+        np.add.at(right, k, pulls)
+        away, local = _offsets(present, measured)
+        firm = local.transpose(0, 2, 1) * stiffness
+        matrix[each, each] += firm @ local
+        right -= (firm @ away[..., None])[..., 0]
+        whole = matrix.transpose(0, 2, 1, 3).reshape(6 * count, -1)
+        newton = np.linalg.solve(whole, right.ravel()).reshape(count, 6)
+        moved = _RELAXED * newton + _MOMENTUM * moved
+        present = so3_exp(moved[:, :3]) @ present
+        present[:, :, 3] += moved[:, 3:]
+    poses = (Pose.from_matrix(matrix) for matrix in present)
     return [replace(frame, T_world_camera=pose) for frame, pose in zip(frames, poses, strict=True)]
+
+
+def _offsets(
+    present: Float[np.ndarray, "n 3 4"], measured: Float[np.ndarray, "n 3 4"]
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
+    """Turn [rad] and shift of the eye [m] of each pose from the measured one, and how a motion in the world changes them."""
+    turned = so3_log(present[:, :, :3] @ measured[:, :, :3].transpose(0, 2, 1))
+    away = np.concatenate([turned, present[:, :, 3] - measured[:, :, 3]], axis=1)
+    local = np.tile(np.eye(6), (len(present), 1, 1))
+    local[:, 3:, :3] = -hat(present[:, :, 3])
+    return away, local
 
 
 def common_sigma_m(
@@ -145,17 +151,3 @@ def common_sigma_m(
     ]
     found: Float[np.ndarray, "3"] = np.std(shifts, axis=0, ddof=1) / math.sqrt(len(shifts))
     return found
-
-
-def _offset(pose: Pose, measured: Pose) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
-    """Turn [rad] and shift of the eye [m] of a pose from the measured one, and how a motion in the world changes it."""
-    away = np.concatenate(
-        [so3_log(pose.rotation @ measured.rotation.T), pose.translation_m - measured.translation_m]
-    )
-    local = np.eye(6)
-    local[3:, :3] = -_cross_matrix(pose.translation_m)
-    return away, local
-
-
-def _cross_matrix(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

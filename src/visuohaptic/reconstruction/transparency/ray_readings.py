@@ -11,20 +11,23 @@ views; the rates of each context are counted in the sequence itself (:mod:`.evid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .background import ideal_depth, intrinsics, motions
+from .background import back_motions, ideal_depth, intrinsics, motions
 
 __all__ = [
     "CONTEXTS",
     "DROPPED",
     "FAR",
+    "HIDDEN",
     "NEAR",
     "SAME",
     "RayImage",
@@ -32,6 +35,7 @@ __all__ = [
     "ViewDepth",
     "ray_image",
     "reading_tables",
+    "thinned",
 ]
 
 #: Values of :attr:`RayImage.reading`; 0 is unknown.
@@ -49,7 +53,7 @@ _KINDS = np.array(
 #: Rays that the prior of a context weighs: glass and nothing are equally likely to be read so.
 _PRIOR_RAYS = 50.0
 #: Probability that a view through glass shows nothing of it.
-_HIDDEN = 0.1
+HIDDEN = 0.1
 #: Fraction of the rays beside glass that still pass it.
 _BESIDE = 0.85
 #: Standard deviations within which depths agree: 1 % of those that do are missed.
@@ -176,6 +180,26 @@ class RayImage:
     clear: Bool[np.ndarray, "h w"]  #: whether a ray is away from where the camera fails
 
 
+def thinned(frame: DepthFrame, stride: int) -> DepthFrame:
+    """A view as a pinhole camera without distortion would see it, with every n-th pixel down and across.
+
+    Parameters
+    ----------
+    frame
+        View.
+    stride
+        Distance of the pixels that are kept [px].
+    """
+    camera, first = frame.camera, stride // 2
+    depth_m = np.ascontiguousarray(ideal_depth(frame)[first::stride, first::stride])
+    matrix = camera.matrix.copy()
+    matrix[0, 1] = 0.0
+    matrix[:2, 2] -= first
+    matrix[:2] /= stride
+    height, width = depth_m.shape
+    return replace(frame, depth_m=depth_m, color=None, camera=Camera(width, height, matrix))
+
+
 def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise) -> RayImage:
     """Compare every ray of a view with other views of the same camera.
 
@@ -197,7 +221,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     poses = [other.frame.T_world_camera for other in others]
     warped = np.empty_like(depths)
     warp_views(depths, motions(pose, poses), *camera, warped)
-    there = np.array([(other.inverse() @ pose).matrix[:3] for other in poses], np.float32)
+    there = back_motions(pose, poses)
     deepest_m = np.float32(noise.factor * noise.device.with_tracking(0.0).sigma_m(np.array(1.0)))
     numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * noise.tracking_m)
     shape = view.depth_m.shape
@@ -303,9 +327,9 @@ class RayEvidence:
         return cls(frames, weights, limit_m, _log_ratio(ratios, look_alike), _log_ratio(ratios, _BESIDE))
 
     def sums(
-        self, grid: SpaceGrid, *, count: bool = False
-    ) -> tuple[Float32[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"], Float32[np.ndarray, "..."]]:
-        """Both kinds of evidence of every voxel [nat], and the weights of the views that say anything of it.
+        self, grid: SpaceGrid
+    ) -> tuple[Float32[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"], Float32[np.ndarray, "a b c"]]:
+        """Both kinds of evidence of every voxel [nat], and the weights of the views that say anything of each block of voxels.
 
         Where neither kind can be positive both are upper bounds of it.
 
@@ -313,8 +337,6 @@ class RayEvidence:
         ----------
         grid
             Volume.
-        count
-            Whether the weights are wanted, otherwise none are returned.
         """
         from ._ray_kernels import EDGE, sum_evidence, tile_bounds
 
@@ -322,10 +344,10 @@ class RayEvidence:
         n, h, w = self.limit_m.shape
         bounds = [np.empty((n, -(-h // EDGE), -(-w // EDGE)), np.float32) for _ in range(4)]
         tile_bounds(*rays, *bounds)
-        poses = [frame.T_world_camera.inverse().matrix[:3] for frame in self.frames]
-        views = np.array(poses, np.float32).reshape(-1, 3, 4)
+        views = back_motions(Pose.identity(), [frame.T_world_camera for frame in self.frames])
         camera = intrinsics(self.frames[0].camera) if self.frames else np.zeros(4, np.float32)
-        sums = [np.empty(grid.shape if wanted else (0, 0, 0), np.float32) for wanted in (True, True, count)]
+        blocks = tuple(-(-size // EDGE) for size in grid.shape)
+        sums = [np.empty(shape, np.float32) for shape in (grid.shape, grid.shape, blocks)]
         place = grid.low_m.astype(np.float32), np.float32(grid.voxel_m)
         sum_evidence(*rays, self.weights, views, *camera, *bounds, *place, *sums)
         return sums[0], sums[1], sums[2]
@@ -378,6 +400,6 @@ def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndar
 def _log_ratio(ratio: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32[np.ndarray, "n h w"]:
     """Evidence of windows for glass here, against glass elsewhere on the ray with a probability [nat]."""
     found: Float32[np.ndarray, "n h w"] = np.log(
-        ((1 - _HIDDEN) * ratio + _HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
+        ((1 - HIDDEN) * ratio + HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
     ).astype(np.float32)
     return found

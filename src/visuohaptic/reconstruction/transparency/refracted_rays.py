@@ -50,10 +50,7 @@ def mask_refracted_rays(
         last = np.array([[camera.height - 1], [camera.width - 1]])
         first_last = np.clip(np.stack([np.floor(box[:, 0]), np.ceil(box[:, 1])], axis=1), 0, last)
         rows, columns = first_last.astype(np.int64)
-        a, b, c = (corners[region.faces[:, k]] for k in range(3))
-        normals = np.cross(b - a, c - a)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
-        planes = np.column_stack([normals, -(normals * a).sum(axis=1)])
+        planes = region.planes @ pose.matrix
         if depth_m is None:
             depth_m = frame.depth_m.copy()
         mask_through(

@@ -30,6 +30,14 @@ class TransparentRegion:
     volume_m3: float  #: of the hull [m3]
     body: UprightBody | None = None  #: upright body that its outlines show
 
+    @property
+    def planes(self) -> Float[np.ndarray, "faces 4"]:
+        """Unit normals outwards and offsets of the hull's triangles, n . x + o <= 0 inside [m]."""
+        a, b, c = (self.hull_m[self.faces[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+        return np.column_stack([normal, -(normal * a).sum(axis=1)])
+
     def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Whether points of the world are in the hull.
 
@@ -38,13 +46,10 @@ class TransparentRegion:
         points_m
             Points (..., 3) of the world [m].
         """
-        a, b, c = (self.hull_m[self.faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
         points = np.asarray(points_m, dtype=np.float64)
         inside = np.ones(points.shape[:-1], dtype=bool)
-        for n, offset in zip(normal, (normal * a).sum(axis=1), strict=True):
-            inside &= points @ n <= offset + 1e-9
+        for plane in self.planes:
+            inside &= points @ plane[:3] + plane[3] <= 1e-9
         return inside
 
 

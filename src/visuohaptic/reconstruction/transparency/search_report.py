@@ -15,6 +15,7 @@ from ...core.camera.model import Camera
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.volume import SpaceGrid
 from .background import ideal_depth, intrinsics, motions
+from .ray_readings import HIDDEN
 
 __all__ = ["Cause", "SearchReport", "chance_of_finding", "next_eye"]
 
@@ -23,11 +24,11 @@ Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold
 
 #: Probability that a view through glass looks like glass at its strongest place: thin walls bend little in the middle.
 _SHOWS = 0.75
-#: Evidence that a view loses which does not look like it: half of what it can lose at most, log 10 [nat].
-_LOSS = 1.15
+#: Evidence that a view loses which does not look like it: half of what it can lose at most [nat].
+_LOSS = -0.5 * math.log(HIDDEN)
 #: Directions around the space that are tried for the next view, and the part of the pixels and views that is used.
 _DIRECTIONS, _STRIDE, _VIEWS = 16, 4, 12
-#: Voxels at which a next view is valued, along each axis.
+#: Places at which a next view is valued, along each axis.
 _PLACES = 12
 
 
@@ -56,7 +57,7 @@ class SearchReport:
     def of_search(
         cls,
         evidence: Float[np.ndarray, "x y z"],
-        seen: Shaped[np.ndarray, "x y z"],
+        seen: Shaped[np.ndarray, "a b c"],
         *,
         views: int,
         compared: int,
@@ -72,7 +73,7 @@ class SearchReport:
         evidence
             Of every voxel (x, y, z).
         seen
-            Independent views that say anything of a voxel (x, y, z).
+            Independent views that say anything of a voxel, or of a block of voxels (a, b, c).
         views, compared, skipped
             Numbers of views.
         rate
@@ -156,7 +157,7 @@ def chance_of_finding(seen: Float[np.ndarray, "n"], rate: float, threshold: floa
 def next_eye(
     frames: Sequence[DepthFrame],
     grid: SpaceGrid,
-    seen: Float[np.ndarray, "x y z"],
+    seen: Float[np.ndarray, "a b c"],
     rate: float,
     threshold: float,
 ) -> tuple[float, float, float]:
@@ -172,7 +173,7 @@ def next_eye(
     grid
         Space of interest.
     seen
-        Independent views that say anything of a voxel (x, y, z).
+        Independent views that say anything of each block of the space (a, b, c).
     rate, threshold
         See :func:`chance_of_finding`.
     """
@@ -181,11 +182,11 @@ def next_eye(
     middle = 0.5 * (grid.low_m + grid.high_m)
     offset = np.array([frame.T_world_camera.translation_m for frame in frames]) - middle
     radius, height = (float(np.median(part)) for part in (np.hypot(offset[:, 0], offset[:, 1]), offset[:, 2]))
-    cells = np.stack(
-        np.meshgrid(*((np.arange(_PLACES) + 0.5) * n / _PLACES for n in grid.shape), indexing="ij"), -1
+    parts = np.stack(np.meshgrid(*[(np.arange(_PLACES) + 0.5) / _PLACES] * 3, indexing="ij"), -1).reshape(
+        -1, 3
     )
-    cells = cells.reshape(-1, 3).astype(int)
-    places, now = grid.centres_m(cells), seen[tuple(cells.T)]
+    places = grid.low_m + parts * (grid.high_m - grid.low_m)
+    now = seen[tuple((parts * seen.shape).astype(int).T)]
     gain = chance_of_finding(now + 1, rate, threshold) - chance_of_finding(now, rate, threshold)
     # Where one view more is not enough either, it is a step.
     gain = gain + 1e-3 / (1 + now)

@@ -97,7 +97,11 @@ def view_graph(frames: Sequence[DepthFrame]) -> ViewGraph:
         overlap[i] = held.mean(axis=1)
         sight = points - eyes[:, None]
         sight /= np.maximum(np.linalg.norm(sight, axis=2, keepdims=True), 1e-9)
-        between = np.arccos(np.clip((sight * sight[i]).sum(axis=2), -1.0, 1.0))
-        seen = held.any(axis=1)
-        angle[i, seen] = np.nanmedian(np.where(held, between, np.nan)[seen], axis=1)
+        cosine = np.clip((sight * sight[i]).sum(axis=2), -1.0, 1.0)
+        cosine = np.sort(np.where(held, cosine, np.inf), axis=1)
+        # The median angle: one of the middle, or the mean of both.
+        number = held.sum(axis=1)
+        seen = np.flatnonzero(number)
+        both = [np.arccos(cosine[seen, (number[seen] - k) // 2]) for k in (0, 1)]
+        angle[i, seen] = np.mean(both, axis=0)
     return ViewGraph(np.minimum(overlap, overlap.T), np.minimum(angle, angle.T))
