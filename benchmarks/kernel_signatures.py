@@ -298,42 +298,56 @@ def run_worlds() -> None:
 
 
 def run_foam() -> None:
-    """Edges of two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
-    from visuohaptic.sensing.foam._chain_kernels import join
+    """Edges of a few lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
+    from visuohaptic.sensing.foam._bridge_kernels import bridge, drop_bridged
+    from visuohaptic.sensing.foam._chain_kernels import edge_crossing, join, place_odds
     from visuohaptic.sensing.foam._light_kernels import local_medians, mean_between
-    from visuohaptic.sensing.foam._posterior_kernels import foam_bands, shadow_odds
-    from visuohaptic.sensing.foam._profile_kernels import integrate_regions
+    from visuohaptic.sensing.foam._posterior_kernels import shadow_odds
+    from visuohaptic.sensing.foam._profile_kernels import integrate_regions, shared_variance
+    from visuohaptic.sensing.foam._texture_kernels import foam_bands, level_odds, texture_odds
+    from visuohaptic.sensing.foam.material import StressCurve
     from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
+    from visuohaptic.sensing.foam.strip._reference import fit_motion
 
-    grey, points_px, one_px, seen = np.zeros((8, 8), np.uint8), np.zeros((2, 2)), np.ones(2), np.ones(2, bool)
-    now, rest = np.zeros((2, 5, 40), np.float32), np.zeros((2, 5, 40), np.uint8)
-    rectify(grey, points_px, points_px, one_px, one_px, np.zeros(2, np.int64), now)
-    front, states = np.full(2, 20.0), np.zeros((2, 4))
-    foam_bands(now, rest, front, front, one_px, 1.0, seen, np.zeros((2, 9)))
+    grey, points_px, one_px, seen = np.zeros((8, 8), np.uint8), np.zeros((6, 2)), np.ones(6), np.ones(6, bool)
+    now, rest = np.zeros((6, 5, 40), np.float32), np.zeros((6, 5, 40), np.uint8)
+    rectify(grey, points_px, points_px, one_px, one_px, np.zeros(6, np.int64), now)
+    front, states, against = np.full(6, 20.0), np.zeros((6, 4)), np.zeros((6, 6))
+    bands, found, s_m = np.zeros((6, 9)), np.zeros((6, 7)), one_px.cumsum()
+    foam_bands(now, rest, front, front, one_px, 1.0, seen, bands)
+    texture_odds(bands, states, against, one_px.copy())
     for image in (now, rest):
-        mean_between(image, points_px, np.zeros((2, 1)))
-    local_medians(front, np.zeros((3, 2)))
+        mean_between(image, points_px, np.zeros((6, 1)))
+    local_medians(front, np.zeros((3, 6)))
     edges = front, front + 9.0, one_px
-    shadow_odds(now, rest, np.ones((2, 6)), *edges, 1.0, 1.0, 1.0, seen, np.zeros((2, 7)))
-    rules, pairs = (1.0, 0.0, 0.0), np.zeros((2, 2))
+    shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, 1.0, 1.0, seen, found)
+    level_odds(np.full((6, 7), np.nan), one_px, one_px, one_px, one_px, 1.0, against)
+    place_odds(1.0, one_px, one_px, one_px, 0.0 * one_px, one_px, 1.0, one_px, 1.0, 1.0, 0.0, against, states)
+    crossing = edge_crossing(one_px, 0.01 * one_px, s_m, 1.0)
+    rules, pairs = (1.0, 0.0, 0.0), np.zeros((6, 6))
     join(
         states,
-        points_px,
+        crossing,
         one_px,
         one_px,
         one_px,
-        one_px.cumsum(),
+        s_m,
         np.zeros(4),
         *rules,
         states.copy(),
         pairs,
-        states[:, 3],
+        against[:, 3],
     )
+    bridge(s_m, one_px, one_px, seen, np.int64(2), np.int64(3), front, one_px.copy())
+    drop_bridged(s_m, one_px, one_px, seen, front, one_px.copy(), seen.copy())
+    shared_variance(one_px, one_px, 0, 5)
+    fit_motion(np.ones((6, 4)), one_px, one_px, seen)
+    StressCurve("cubic", np.array([0.0, 0.6]), np.array([4e4, -1e5, 1e5]), np.eye(3)).stress(one_px)
     # Only compiled: its arguments are the tables of a calibrated foam.
     one, two, three = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]"
-    numbers = "f8, f8, f8, f8, i8, f8, f8, i8, b1"
+    numbers = "f8, f8, f8, f8, f8, i8, f8, f8, i8, b1"
     integrate_regions.compile(
-        f"({one}, {one}, {two}, i8[::1], {one}, {two}, {numbers}, {one}, {two}, {three}, {one}, f8)"
+        f"({one}, {one}, {two}, i8[::1], {two}, {two}, {numbers}, {one}, {two}, {three}, {one}, f8)"
     )
 
 

@@ -47,7 +47,7 @@ def test_what_is_hidden_is_bounded_by_what_it_draws_along(continuum, reference_l
 
 def test_a_finger_beside_nothing_hides_little_and_a_hand_hides_anything(material) -> None:
     force = [
-        filled(np.zeros(K), np.abs(GEOMETRY.s_m) < half_m).hidden_force_N(material, GEOMETRY.s_m)
+        filled(np.zeros(K), np.abs(GEOMETRY.s_m) < half_m).hidden_force_N(material, GEOMETRY.cell_m)
         for half_m in (0.007, 0.04)
     ]
     # 5 points of 3 mm, at most 9 mm from the last one seen: 10 um exp(9 / 3) each at 0.1 N per mm and point.
@@ -94,7 +94,7 @@ def read_with(material, delta, runs) -> tuple[FoamReading, FoamReading, float]:
     found = filled(delta, np.zeros(K, dtype=bool))
     found = replace(found, states=replace(found.states, runs=runs))
     before = read_profile(found.contour(GEOMETRY, 0.0), material)
-    return before, *with_states(before, found, material, GEOMETRY.s_m)
+    return before, *with_states(before, found, material, GEOMETRY.cell_m)
 
 
 def test_texture_in_the_residual_is_not_counted_twice() -> None:
@@ -137,7 +137,7 @@ def test_light_shifts_all_points_of_a_contact_alike(material) -> None:
     before = read_profile(found.contour(GEOMETRY, 0.0), material)
     light_m = 2e-5
     without, after = (
-        with_states(before, replace(found, light_m=np.full(K, shift)), material, GEOMETRY.s_m)[0]
+        with_states(before, replace(found, light_m=np.full(K, shift)), material, GEOMETRY.cell_m)[0]
         for shift in (0.0, light_m)
     )
     # The force of the same contact without tension, deflected by so much more.

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from visuohaptic.sensing.foam._chain_kernels import join
-from visuohaptic.sensing.foam._posterior_kernels import (
+from visuohaptic.sensing.foam._chain_kernels import edge_crossing, join
+from visuohaptic.sensing.foam._posterior_kernels import _fit, shadow_odds
+from visuohaptic.sensing.foam._texture_kernels import (
     COV_PRESSED,
     COV_REST,
     OWN,
     VAR_PRESSED,
-    _fit,
     foam_bands,
-    shadow_odds,
 )
-from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH, edge_crossing
+from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH
 from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
 
 ENTER = np.log([0.05, 0.01, 0.01, 0.01])

@@ -8,9 +8,115 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
+from ...tracking.contours.contour import PIXEL_PX
 
 #: States of the chain.
 FOAM, SHADOW, OCCLUDER, NOTHING = range(4)
+#: Columns of the evidence against foam: speed and blur.
+SPEED, BLUR = 2, 5
+#: Error of the place of any edge by the width of the strip.
+OPTICS = 0.0025
+#: Scale of the logarithm of a foam edge's blur by the lens's (Laplace: 0.08 at 16 and 84 %, 0.3 at 99 %, over 2,000
+#: edges in focus and out of it, moving and not), and range of that of any edge.
+_SAME_BLUR, _ANY_BLUR = 0.08, math.log(30.0)
+#: Neighbours share their surfaces: five are as good as one.
+ALIKE = 0.2
+
+
+@kernel(nogil=True)
+def log_sum(a, b):
+    """Logarithm of the sum of two exponentials.
+
+    Parameters
+    ----------
+    a, b
+        Exponents.
+    """
+    return max(a, b) + math.log1p(math.exp(-abs(a - b)))
+
+
+@kernel(nogil=True, error_model="numpy")
+def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary):
+    """Log-likelihood of place and blur of each edge as foam, by that of an edge anywhere on the strip, with any blur.
+
+    Parameters
+    ----------
+    t
+        Time [s].
+    delta, sigma
+        Deflection and its standard deviation [m], (K,).
+    trusted, since
+        Deflection of foam that was seen last [m], and when [s], NaN where it never was, (K,).
+    blur, lens, pixel
+        Blur of each edge [px], (K,), that of the lens [px], and length of a pixel [m], (K,).
+    width, speed, bulge
+        Width of the strip [m], largest speed of a contact [m/s], and how far foam bulges beside contacts [m].
+    against
+        Columns ``SPEED`` and ``BLUR`` are set, (K, 6).
+    unary
+        The column of foam is raised, (K, 4).
+    """
+    n, lens = len(delta), math.hypot(lens, PIXEL_PX)
+    for k in range(n):
+        rest = width / (math.sqrt(2.0 * math.pi) * sigma[k]) * math.exp(-0.5 * (delta[k] / sigma[k]) ** 2)
+        # A contact may also come from the side: what a neighbour had is no surprise.
+        before = -math.inf
+        for j in range(max(k - 1, 0), min(k + 2, n)):
+            if trusted[j] > before:
+                before = trusted[j]
+        waited = t - since[k]
+        known = before > -math.inf and waited > 0.0
+        reach = max(before, 0.0) + speed * waited if known else width
+        blunt = math.hypot(sigma[k], OPTICS * width)
+        surprise = 0.5 * (max(delta[k] - reach, 0.0) / blunt) ** 2
+        surprise += 0.5 * (max(-delta[k] - bulge, 0.0) / (2.0 * blunt)) ** 2
+        anywhere = near = width / min(max(reach, blunt), width)
+        moved = abs(delta[k] - trusted[k])
+        if known:
+            step = 2.0 * (speed * waited + blunt)
+            near = width / step if moved < 0.5 * step else 0.0
+        # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
+        smear = moved / pixel[k] / math.sqrt(12.0) if moved < math.inf else 0.0
+        excess = math.log(math.hypot(blur[k], PIXEL_PX) / math.hypot(lens, smear))
+        sharp = -(excess if excess > 0.0 else 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
+        against[k, BLUR] = ALIKE * (log_sum(math.log(0.5) + sharp, -math.log(2.0 * _ANY_BLUR)) - sharp)
+        against[k, SPEED] = min(surprise, 40.0)
+        pressed = math.log(max(0.3 * anywhere + 0.7 * near, 0.3)) - surprise - against[k, BLUR]
+        unary[k, FOAM] += min(max(log_sum(math.log(0.5 * rest + 1e-30), pressed), -40.0), 8.0)
+
+
+@kernel(nogil=True, error_model="numpy")
+def edge_crossing(delta, sigma, s, width):
+    """Log-likelihood of the step where an occluder's edge crosses the foam's, against that of one edge going on.
+
+    Of each point beside the one before, (K, 2); with the foam before it, and with the foam at it.
+
+    The step r is that from the straight line on through the foam. An occluder crosses at any angle alike, so that r
+    has a Cauchy distribution with the distance of the points; that of one edge has no scale between its error
+    and the width of the strip. A step that says less than nothing is a kink.
+
+    Parameters
+    ----------
+    delta, sigma
+        Deflection and its standard deviation [m], (K,).
+    s
+        Position along the strip [m], (K,).
+    width
+        Width of the strip [m].
+    """
+    n = len(s)
+    result = np.zeros((n, 2))
+    for k in range(1, n):
+        apart = s[k] - s[k - 1]
+        error = min(2.0 * math.hypot(sigma[k], sigma[k - 1]), 0.3 * width)
+        for side in range(2):
+            i = k - 1 if side == 0 else k + 1  # the line goes through this point and the one before it
+            slope = (delta[i] - delta[i - 1]) / (s[i] - s[i - 1]) if 0 < i < n else 0.0
+            r = abs(delta[k] - delta[k - 1] - slope * apart)
+            same = 0.5 / ((r + error) * math.log(width / error))
+            cauchy = 1.0 / (math.pi * apart * (1.0 + (r / apart) ** 2))
+            result[k, side] = math.log(min(cauchy / same, 1.0))
+    return result
 
 
 @kernel(nogil=True)

@@ -1,4 +1,4 @@
-"""Compiled evidence of the pixels beside the edges; the model is in ``posterior.py``."""
+"""Compiled evidence of the pixels beyond the edges: a shadow's edge on foam, or a body; the model is in ``posterior.py``."""
 
 # mypy: disable-error-code="no-untyped-def, assignment"
 from __future__ import annotations
@@ -17,74 +17,6 @@ LAGS = 10
 EDGE = 2.0
 #: A shadow's edge is as sharp as the lens, or softer by this factor or its square.
 SOFTNESS, SOFT = 3.0, 3
-#: Columns of the bands: samples, mean grey now, gain against the zero where it was and as if the foam was
-#: compressed; variance now, and covariance and variance of both predictions.
-COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
-
-
-@kernel(nogil=True)
-def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
-    """Compare the foam just behind each edge with the zero, both without their linear trend.
-
-    Parameters
-    ----------
-    now, rest
-        Strip in this image and at rest, (K, parallels, samples).
-    front, resting
-        Place of the edge now and at rest [samples], (K,).
-    slope
-        Shift of the edge from one parallel to the next [samples], (K,).
-    blur
-        Standard deviation of the edges' blur [samples].
-    seen
-        Points with an edge, (K,).
-    bands
-        Filled, (K, 9), columns as above; zero where nothing can be compared.
-    """
-    for k in range(len(front)):
-        for i in range(9):
-            bands[k, i] = 0.0
-        if not seen[k]:
-            continue
-        ratio = resting[k] / front[k]
-        s = np.zeros(13)
-        for lane in range(now.shape[1]):
-            edge = front[k] + (lane - 0.5 * (now.shape[1] - 1)) * slope[k]
-            last = min(int(min(edge, resting[k] + BAND) - EDGE * blur), rest.shape[2] - 2)
-            first = max(last - BAND, int(0.12 * resting[k]))
-            if last - first < 3:
-                continue
-            for j in range(first, last + 1):
-                t = j - 0.5 * (first + last)
-                i = float(now[k, lane, j])
-                z = float(rest[k, lane, j])
-                at = min(max(j * ratio, 0.0), rest.shape[2] - 1.001)
-                m = int(at)
-                p = rest[k, lane, m] + (at - m) * (float(rest[k, lane, m + 1]) - rest[k, lane, m])
-                s[0] += 1.0
-                s[1] += t * t
-                s[2] += i
-                s[3] += z
-                s[4] += p
-                s[5] += i * i
-                s[6] += z * z
-                s[7] += p * p
-                s[8] += i * z
-                s[9] += i * p
-                s[10] += t * i
-                s[11] += t * z
-                s[12] += t * p
-        n = s[0]
-        if n == 0.0:
-            continue
-        b = bands[k]
-        b[COUNT], b[MEAN] = n, s[2] / n
-        b[GAIN_REST], b[GAIN_PRESSED] = s[2] / max(s[3], 1.0), s[2] / max(s[4], 1.0)
-        b[OWN] = (s[5] - s[2] * s[2] / n - s[10] * s[10] / s[1]) / n
-        b[COV_REST] = b[GAIN_REST] * (s[8] - s[2] * s[3] / n - s[10] * s[11] / s[1]) / n
-        b[VAR_REST] = b[GAIN_REST] ** 2 * (s[6] - s[3] * s[3] / n - s[11] * s[11] / s[1]) / n
-        b[COV_PRESSED] = b[GAIN_PRESSED] * (s[9] - s[2] * s[4] / n - s[10] * s[12] / s[1]) / n
-        b[VAR_PRESSED] = b[GAIN_PRESSED] ** 2 * (s[7] - s[4] * s[4] / n - s[12] * s[12] / s[1]) / n
 
 
 @kernel(nogil=True)
@@ -124,12 +56,24 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
             foam = mean + transfer * (template[lane, j] - mean)
             p1, p0, tau = over[lane, j], out[lane, j], (j - first) / 20.0
             if shaded:
+                square += value * value
+                # Away from both edges only one of the lights is there.
+                if p1 == 0.0 and p0 == 0.0:
+                    n00 += foam * foam
+                    r0 += foam * value
+                    continue
+                if p0 == 0.0 and p1 == 1.0:
+                    b, c = foam, foam * tau
+                    n11, n21, n22 = n11 + b * b, n21 + b * c, n22 + c * c
+                    r1, r2 = r1 + b * value, r2 + c * value
+                    continue
                 inside = foam * (1.0 - p0)
                 a, b, d = inside * (1.0 - p1), inside * p1, 100.0 * p0
                 c, e = b * tau, d * tau
             else:
                 a, b = foam * (1.0 - p1), 100.0 * p1
                 c, d, e = b * tau, a * tau, 0.0
+                square += value * value
             n00 += a * a
             n10 += a * b
             n11 += b * b
@@ -150,7 +94,6 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
             r2 += c * value
             r3 += d * value
             r4 += e * value
-            square += value * value
     normal[0, 0], normal[1, 0], normal[1, 1] = n00, n10, n11
     normal[2, 0], normal[2, 1], normal[2, 2] = n20, n21, n22
     normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = n30, n31, n32, n33
@@ -226,9 +169,14 @@ def _ramp(over, at, slope, width, taps, apart, first, last):
         x1 = at + (lane - 0.5 * (lanes - 1)) * slope
         for j in range(first, last + 1):
             scale = 1.0 / math.sqrt(2.0 * (width * width + taps[2, lane, j]))
-            away, part = x1 - taps[0, lane, j], taps[1, lane, j]
-            value = (1.0 - part) * _beyond(away * scale) + part * _beyond((away - apart) * scale)
-            over[lane, j] = 0.5 * value
+            away, part = (x1 - taps[0, lane, j]) * scale, taps[1, lane, j]
+            other = away - apart * scale
+            if min(away, other) >= _OVER:
+                over[lane, j] = 0.0
+            elif max(away, other) <= -_OVER:
+                over[lane, j] = 1.0
+            else:
+                over[lane, j] = 0.5 * ((1.0 - part) * _beyond(away) + part * _beyond(other))
 
 
 @kernel(nogil=True)
@@ -270,7 +218,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
     Parameters
     ----------
     now, rest, front, resting, slope, blur
-        As of :func:`foam_bands`.
+        As of :func:`~visuohaptic.sensing.foam._texture_kernels.foam_bands`.
     lines
         Origin (x, y) [px] and unit direction of each line, distance of its samples and of its parallels [px], (K, 6).
     transfer
@@ -318,13 +266,14 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
         result[k, 4] = beyond / (3.0 * parallels)
         if x0 - front[k] > 2.0 * EDGE * blur:
             best, width = 1e300, blur
-            for i in range(SOFT):
+            for i in range(SOFT - 1, -1, -1):
                 _ramp(over, front[k], slope[k], SOFTNESS**i * blur, taps, apart, first, last)
                 fit = _fit(now[k], template, over, out, first, last, mean, transfer, True, normal, solution)
-                if fit < best:
+                if fit <= best:
                     best, width = fit, SOFTNESS**i * blur
-            _ramp(over, front[k], slope[k], width, taps, apart, first, last)
             given = template, over, out, first, last, mean
+            if width > blur:
+                _ramp(over, front[k], slope[k], width, taps, apart, first, last)
             _fit(now[k], *given, 0.0, True, normal, solution)
             without = _residuals(now[k], *given, 0.0, solution, left, texture)
             _fit(now[k], *given, transfer, True, normal, solution)

@@ -8,9 +8,11 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
+from ...tracking.contours.contour import SHARED_POINTS
+from .material.stress_curve import curve_values
 
 #: Columns of the region table, named in ``profile.py``.
-COLUMNS = 14
+COLUMNS = 16
 #: Flanks of simulated foams bend as if their tension were this many times that of the force law.
 FLANK = 2.5
 #: A point bears load when the pressure left by the tension exceeds this fraction of m(eps).
@@ -25,8 +27,6 @@ END_PER_WIDTH = 0.8
 #: A region ends one point beyond the last one that is deflected by more than this, in the mean of three neighbours.
 EDGE_SIGMAS = 1.0
 OF_THREE = EDGE_SIGMAS / math.sqrt(3.0)
-#: So many points inside and outside of an end may become the end by noise.
-INSIDE, OUTSIDE = 6, 3
 
 
 @kernel
@@ -36,46 +36,35 @@ def _total(sigma, uncertainty, zero_sigma, i):
 
 
 @kernel
-def _end_variance(s, mean, sigma, uncertainty, stress, factor, height, end, side, limit):
-    """Variance of a force by points at one end of its region that come and go with the noise [N^2].
+def shared_variance(alone, noise, first, last):
+    """What neighbours add to the variance of a force [N^2] for a correlation of one.
 
-    The region ends one point beyond the outermost one above its threshold. With the chance of each
-    point to be above it, from the outermost candidate inwards, mean and variance of what is left out.
+    The tracker fits the levels on both sides of the edge over neighbouring points together; their error is common to
+    these points.
 
     Parameters
     ----------
-    end, side, limit
-        Last point of the region, +1 or -1 outwards, the region's other end.
+    alone, noise
+        Derivative of the force by each deflection [N/m], and the noise of that [m], (n,).
+    first, last
+        Points of the force.
     """
-    outermost = end
-    for _ in range(OUTSIDE):
-        if 0 <= outermost + side < len(s) and mean[outermost + side] > 0.0:
-            outermost += side
-    left_out = 0.0
-    open_still = 1.0
-    average = 0.0
-    square = 0.0
-    j = outermost
-    for _ in range(INSIDE + OUTSIDE + 1):
-        threshold = OF_THREE * _total(sigma, uncertainty, 0.0, j)
-        above = 0.5 * math.erfc((threshold - mean[j]) / (math.sqrt(2.0 / 3.0) * max(sigma[j], 1e-12)))
-        chance = open_still * above
-        average += chance * left_out
-        square += chance * left_out * left_out
-        open_still -= chance
-        if j == limit or open_still < 1e-6:
-            break
-        # Once the end is farther in, the point beyond this one is left out.
-        beyond = j + side
-        if 0 <= beyond < len(s):
-            spread = 0.5 * abs(s[min(beyond + 1, len(s) - 1)] - s[max(beyond - 1, 0)])
-            left_out += height * spread * factor[beyond] * stress[beyond]
-        j -= side
-    total = 1.0 - open_still
-    if total <= 0.0:
-        return 0.0
-    average /= total
-    return max(square / total - average * average, 0.0)
+    total = 0.0
+    for j in range(first, last + 1):
+        for i in range(j + 1, min(j + SHARED_POINTS, last) + 1):
+            total += 2.0 * alone[j] * noise[j] * alone[i] * noise[i]
+    return total
+
+
+@kernel
+def _run_variance(alone, error, first, last):
+    """What neighbours add to the variance [N^2] where runs of them have the same error."""
+    total, run = 0.0, 0.0
+    for j in range(first, last + 1):
+        own = alone[j] * error[j]
+        total += 2.0 * run * own
+        run = run + own if own != 0.0 else 0.0
+    return total
 
 
 @kernel
@@ -127,28 +116,31 @@ def _share(
 
 
 @kernel
-def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, height, kappa, mode, seed_pair, seed_single,
-                      max_gap, averaged, knots, pieces, basis_pieces, soft, soft_end):  # fmt: skip
+def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, shared_noise, width, height, kappa, mode,
+                      seed_pair, seed_single, max_gap, averaged, knots, pieces, basis_pieces, soft, soft_end):  # fmt: skip
     """Find contact regions and integrate stress, noise and derivatives over each.
 
     All points given are valid. Returns the number of regions, pressure, pressure sigma, the region
-    table, the sums of basis functions per region, and the weight of each point [m].
+    table, and the sums of basis functions per region.
 
     Parameters
     ----------
     s, delta
         Position along the strip and deflection of the seen points [m], (n,).
     errors
-        Noise, systematic error and error that all points share of each deflection [m], (3, n).
+        Of each deflection [m], (5, n): noise, systematic error, error that all points share, the part of the noise that
+        neighbours share, and the part of the systematic error that runs of points share.
     index
         Number of each point on the strip, (n,); a jump in it is a gap.
-    factor
-        Stress by the loading stress (hysteresis), (n,).
+    history
+        Stress by the loading stress (hysteresis), its standard deviation, and 1 where a point is unloading, (3, n).
     ends
         Length of foam beyond the first and the last point that was seen, and positions of the strip's free ends
         [m], (2, 2).
     zero_sigma
         Error that is common to all points [m].
+    shared_noise
+        Correlation of the noise of neighbouring points.
     width, height
         Size of the strip along the compression and across the contour [m].
     kappa
@@ -167,10 +159,13 @@ def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, 
         Softening at even strains from 0 [Pa], and the last of these strains.
     """
     n = len(s)
-    sigma, uncertainty, shared = errors[0], errors[1], errors[2]
+    sigma, uncertainty, shared, factor = errors[0], errors[1], errors[2], history[0]
     terms = basis_pieces.shape[1]
-    stress = np.zeros(n)
-    slope = np.zeros(n)
+    strain, values = np.empty(n), np.empty((2, n))
+    for i in range(n):
+        strain[i] = delta[i] / width
+    curve_values(strain, knots, pieces, values)
+    stress, slope = values[0], values[1]
     pressure = np.zeros(n)
     pressure_sigma = np.zeros(n)
     weight = np.zeros(n)
@@ -178,17 +173,10 @@ def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, 
     end = knots[-1]
     last_piece = len(knots) - 2
     for i in range(n):
-        eps = delta[i] / width
-        x = min(max(eps, 0.0), end)
-        k = 0
-        while k < last_piece and x >= knots[k + 1]:
-            k += 1
-        piece_of[i] = k
-        x -= knots[k]
-        a, b, c, d = pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3]
-        slope[i] = b + x * (2 * c + 3 * x * d)
+        while piece_of[i] < last_piece and strain[i] >= knots[piece_of[i] + 1]:
+            piece_of[i] += 1
         # A point that noise has beyond the resting front takes from the force what it gives elsewhere.
-        stress[i] = a + x * (b + x * (c + x * d)) + slope[i] * (max(eps - end, 0.0) + min(eps, 0.0))
+        stress[i] += slope[i] * min(strain[i], 0.0)
         pressure_sigma[i] = (
             factor[i]
             * slope[i]
@@ -200,7 +188,7 @@ def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, 
     sums = np.zeros((n, terms))
     count = 0
     step = soft_end / (len(soft) - 1)
-    gradient = np.zeros(n)
+    gradient, alone = np.zeros(n), np.zeros(n)
     # Noise must not cut off the shallow end of a contact: three neighbours say where it is.
     mean = np.zeros(n)
     for i in range(n):
@@ -297,11 +285,15 @@ def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, 
                 drift = kappa * height * scale * ds * sine2 * rise / step / (2 * width)
                 gradient[j] += turn - drift
                 gradient[j + 1] -= turn + drift
-        force = 0.0
+        force, turned, branch = 0.0, 0.0, 0.0
         for j in range(first, last + 1):
             force += height * weight[j] * factor[j] * stress[j]
-            gradient[j] += height * weight[j] * factor[j] * slope[j] / width
-            top = max(top, delta[j] / width)
+            turned += height * weight[j] * history[2, j] * stress[j]
+            branch += height * weight[j] * history[1, j] * stress[j]
+            alone[j] = height * weight[j] * factor[j] * slope[j] / width
+            gradient[j] += alone[j]
+            top = max(top, strain[j])
+        enlarged = force
         touch_first, touch_last = first, last
         if mode != 1:
             if mode == 2:
@@ -309,9 +301,9 @@ def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, 
             touch_first, touch_last, force = _share(
                 s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
             )  # fmt: skip
-        image = _end_variance(s, mean, sigma, uncertainty, stress, factor, height, first, -1, last)
-        image += _end_variance(s, mean, sigma, uncertainty, stress, factor, height, last, 1, first)
-        systematic = 0.0
+        image = shared_noise * shared_variance(alone, errors[3], first, last)
+        # One hysteresis law for all points: its error is common to them.
+        systematic = branch * branch + _run_variance(alone, errors[4], first, last)
         zero = 0.0
         common = 0.0
         for j in range(first, last + 1):
@@ -321,9 +313,8 @@ def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, 
             systematic += (gradient[j] * uncertainty[j]) ** 2
             zero += gradient[j]
             common += gradient[j] * shared[j]
-            eps = delta[j] / width
-            x = min(eps, end) - knots[piece_of[j]]
-            beyond = max(eps - end, 0.0)
+            x = min(strain[j], end) - knots[piece_of[j]]
+            beyond = max(strain[j] - end, 0.0)
             for k in range(terms):
                 a = basis_pieces[piece_of[j], k, 0]
                 b = basis_pieces[piece_of[j], k, 1]
@@ -335,5 +326,6 @@ def integrate_regions(s, delta, errors, index, factor, ends, zero_sigma, width, 
         row[0], row[1], row[2], row[3], row[4] = first, last, force, image, zero
         row[5], row[6], row[7], row[8] = relief, sampling, top, cut
         row[9], row[10], row[11], row[12], row[13] = touch_first, touch_last, systematic, freed, common
+        row[14], row[15] = enlarged, turned
         count += 1
-    return count, pressure, pressure_sigma, table, sums, weight
+    return count, pressure, pressure_sigma, table, sums

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from ...tracking.contours.contour import SHARED_NOISE, quick_median
+from ._bridge_kernels import bridge, drop_bridged
 from .material.foam_material import FoamMaterial
 from .posterior import DECAY_PER_WIDTH, REST_PX, EdgePosterior, EdgeStates
 from .profile import FoamContour, FoamReading
@@ -26,10 +27,6 @@ _KINK_NOISE, _BRIDGE_NOISE = 0.08, 0.33
 _MISFIT = 2.0
 #: Gaps of up to this many points are bridged by the shape of their neighbours.
 _BRIDGED_POINTS = 2
-#: A flank is free foam where the next point beyond its upper end rises on by this part of its rise ...
-_RISES_ON = 0.3
-#: ... and where it does not fall by more than this factor: steeper than any foam, an edge lies between.
-_STEEPEST = 8.0
 #: Error of the shift by an encoding that is there: exponents of cameras of 2.07 and 2.33 make so much of it.
 _SHIFT_ERROR = 0.1
 #: Error that a frame may have beside its standard deviations [N].
@@ -59,18 +56,20 @@ class Deflection:
         """Hidden points, more than can be bridged."""
         return ~self.seen & (self.hidden_m > 0.0)
 
-    def hidden_force_N(self, material: FoamMaterial, s_m: Float[np.ndarray, "K"]) -> float:
+    def hidden_force_N(self, material: FoamMaterial, cell_m: Float[np.ndarray, "K"]) -> float:
         """What the hidden points may press with at most [N].
 
         Parameters
         ----------
         material
             Calibrated foam.
-        s_m
-            Position of the points along the strip [m].
+        cell_m
+            Length of foam that each point stands for [m].
         """
+        if not self.hidden_m.any():
+            return 0.0
         pressure = material.stress(np.minimum(self.hidden_m / material.width_m, 1.0))
-        return material.height_m * float(np.gradient(s_m) @ pressure)
+        return material.height_m * float(cell_m @ pressure)
 
     def contour(self, geometry: StripGeometry, zero_sigma_m: float) -> FoamContour:
         """The same as input of :func:`~visuohaptic.sensing.foam.profile.read_profile`.
@@ -228,32 +227,31 @@ def fill_gaps(
         What the edges are.
     """
     s_m, width_m, seen = geometry.s_m, geometry.width_m, states.foam | states.shadow
-    delta, sigma, bridge = delta_m.copy(), sigma_m.copy(), np.zeros(len(s_m))
-    hidden = np.zeros(len(s_m))
-    seen = seen & ~_better_bridged(s_m, delta_m, sigma_m, uncertainty_m, seen)
-    known = np.flatnonzero(seen)
+    delta, sigma, error = delta_m.copy(), sigma_m.copy(), np.zeros(len(s_m))
+    hidden, kept = np.zeros(len(s_m)), np.empty(len(s_m), dtype=bool)
+    drop_bridged(s_m, delta_m, np.hypot(sigma_m, uncertainty_m), seen, delta, error, kept)
+    delta[kept], error[kept], seen = delta_m[kept], 0.0, kept
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         gap = np.arange(first, stop)
         ends = [k for k in (first - 1, stop) if 0 <= k < len(s_m)]
         if len(ends) == 2 and len(gap) <= _BRIDGED_POINTS:
-            delta[gap], bridge[gap] = _bridge(s_m, delta_m, sigma_m, known, gap)
+            bridge(s_m, delta_m, sigma_m, seen, first, stop, delta, error)
             sigma[gap] = sigma_m[ends].max()
             continue
         sigma[gap], delta[gap] = 0.0, np.nan
         hidden[gap] = np.inf
         for k in ends:
-            error = np.hypot(sigma_m[k], uncertainty_m[k])
-            drawn = (max(delta_m[k], 0.0) + error) * np.exp(
+            drawn = (max(delta_m[k], 0.0) + np.hypot(sigma_m[k], uncertainty_m[k])) * np.exp(
                 np.abs(s_m[gap] - s_m[k]) / (DECAY_PER_WIDTH * width_m)
             )
             hidden[gap] = np.minimum(hidden[gap], np.minimum(drawn, 1.0))
         if ends:
             delta[gap] = np.interp(s_m[gap], s_m[ends], delta_m[ends])
-    bridge = np.where(np.isfinite(hidden) & (hidden > 0.0), hidden, bridge)
-    total = np.hypot(sigma, np.where(seen, uncertainty_m, bridge))
+    error = np.where(np.isfinite(hidden) & (hidden > 0.0), hidden, error)
+    total = np.hypot(sigma, np.where(seen, uncertainty_m, error))
     noise = np.where(seen, np.minimum(noise_m, total), 0.0)
-    own = np.where(seen, _KINK_NOISE * uncertainty_m, np.where(hidden > 0.0, 0.0, _BRIDGE_NOISE * bridge))
+    own = np.where(seen, _KINK_NOISE * uncertainty_m, np.where(hidden > 0.0, 0.0, _BRIDGE_NOISE * error))
     own = np.minimum(own, np.sqrt(np.maximum(total**2 - noise**2, 0.0)))
     none = np.zeros(len(s_m))
     return Deflection(
@@ -261,68 +259,8 @@ def fill_gaps(
     )
 
 
-def _better_bridged(
-    s: Float[np.ndarray, "K"],
-    delta: Float[np.ndarray, "K"],
-    sigma: Float[np.ndarray, "K"],
-    uncertainty: Float[np.ndarray, "K"],
-    seen: Bool[np.ndarray, "K"],
-) -> Bool[np.ndarray, "K"]:
-    """Points between two better ones that say more about them than they do themselves."""
-    result = np.zeros(len(s), dtype=bool)
-    error = np.hypot(sigma, uncertainty)
-    doubt = (
-        np.flatnonzero(
-            seen[1:-1] & seen[:-2] & seen[2:] & (error[1:-1] > 2.0 * np.fmax(error[:-2], error[2:]))
-        )
-        + 1
-    )
-    for k in doubt:
-        known = np.flatnonzero(np.delete(seen, k))
-        known[known >= k] += 1
-        result[k] = _bridge(s, delta, error, known, np.array([k]))[1][0] < error[k]
-    return result
-
-
-def _bridge(
-    s: Float[np.ndarray, "K"],
-    value: Float[np.ndarray, "K"],
-    sigma: Float[np.ndarray, "K"],
-    known: Int[np.ndarray, "k"],
-    gap: Int[np.ndarray, "g"],
-) -> tuple[Float[np.ndarray, "g"], Float[np.ndarray, "g"]]:
-    """One or two points between their neighbours, and what that may be wrong by."""
-    at = int(np.searchsorted(known, gap[0]))
-    a, b = int(known[at - 1]), int(known[at])
-    part = (s[gap] - s[a]) / (s[b] - s[a])
-    line = value[a] + part * (value[b] - value[a])
-    noise = 2.0 * max(float(sigma[a]), float(sigma[b]))
-    low, high = (a, b) if value[a] < value[b] else (b, a)
-    beyond = high + (1 if high > low else -1)
-    rise = value[high] - value[low]
-    if (
-        0 <= beyond < len(s)
-        and 0.0 < value[low] < value[high] < _STEEPEST * value[low]
-        and value[beyond] - value[high] > _RISES_ON * rise
-    ):
-        # Free foam beside a contact falls off exponentially; a straight line is far above it.
-        curve = value[a] ** (1.0 - part) * value[b] ** part
-        return curve, np.hypot(noise, 0.5 * (line - curve))
-    # Where both flanks rise towards each other the front lies between the straight line and the tip in which they
-    # meet: half way for a circle, at the tip for an edge.
-    bulge = np.zeros(len(gap))
-    if at - 1 > 0 and at + 1 < len(known) and known[at - 2] >= a - 2 and known[at + 1] <= b + 2:
-        before, after = known[at - 2], known[at + 1]
-        left = (value[a] - value[before]) / (s[a] - s[before])
-        right = (value[after] - value[b]) / (s[after] - s[b])
-        if left > (value[b] - value[a]) / (s[b] - s[a]) > right:
-            tip = np.minimum(value[a] + left * (s[gap] - s[a]), value[b] + right * (s[gap] - s[b]))
-            bulge = 0.5 * np.maximum(tip - line, 0.0)
-    return line + bulge, np.hypot(np.hypot(noise, 0.5 * abs(rise)), bulge)
-
-
 def with_states(
-    reading: FoamReading, found: Deflection, material: FoamMaterial, s_m: Float[np.ndarray, "K"]
+    reading: FoamReading, found: Deflection, material: FoamMaterial, cell_m: Float[np.ndarray, "K"]
 ) -> tuple[FoamReading, float]:
     """The reading with what the states leave open in its budget, and the probability that it is wrong nevertheless.
 
@@ -338,39 +276,40 @@ def with_states(
         Deflection of the same frame.
     material
         Calibrated foam.
-    s_m
-        Position of the points along the strip [m].
+    cell_m
+        Length of foam that each point stands for [m].
     """
-    inside = np.zeros(len(s_m), dtype=bool)
+    inside = np.zeros(len(cell_m), dtype=bool)
     runs, states = found.states.runs, found.states
-    pressed = np.where(states.foam | states.shadow, np.clip(found.raw_m / material.width_m, 0.0, 1.0), 0.0)
-    each_N = material.height_m * np.gradient(s_m) * material.stress(np.nan_to_num(pressed))
+    known = (states.foam | states.shadow) & np.isfinite(found.raw_m)
+    pressed = np.where(known, np.minimum(found.raw_m / material.width_m, 1.0), 0.0)
+    each_N = material.height_m * cell_m * material.stress(pressed)
     contacts = []
     for contact in reading.contacts:
         part = slice(contact.first, contact.last + 1)
         inside[part] = True
-        open_N = float(np.sqrt(each_N[part] @ runs[part, part] @ each_N[part]))
-        model = float(np.hypot(contact.budget.model_N, open_N))
+        open_var = float(each_N[part] @ runs[part, part] @ each_N[part])
+        model = math.sqrt(contact.budget.model_N**2 + open_var)
         contacts.append(replace(contact, budget=replace(contact.budget, model_N=model)))
     delta, sigma = found.delta_m, found.sigma_m
     # Too small against the error of the zero to count as a contact, it may be one.
     with np.errstate(invalid="ignore"):
-        unexplained = np.where(found.seen & ~inside & (delta > 2.0 * sigma), delta, 0.0) + np.where(
-            np.isfinite(found.hidden_m) & ~inside, found.hidden_m, 0.0
-        )
-    pressure = material.stress(np.minimum(unexplained / material.width_m, 1.0))
-    loose = material.height_m * float(np.trapezoid(pressure, s_m))
-    # Light that is not even shifts neighbours alike.
-    strain = np.maximum(np.nan_to_num(delta), 0.0) / material.width_m
-    shift = np.where(
-        inside | (not inside.any()), found.light_m * material.slope(strain) / material.width_m, 0.0
+        unexplained = np.where(found.seen & (delta > 2.0 * sigma), delta, 0.0)
+    unexplained = np.where(
+        inside, 0.0, unexplained + np.where(np.isfinite(found.hidden_m), found.hidden_m, 0.0)
     )
-    loose = float(np.hypot(loose, material.height_m * np.trapezoid(shift, s_m)))
-    budget = reading.budget
-    budget = replace(budget, zero_N=float(np.hypot(budget.zero_N, loose)))
+    loose = 0.0
+    if unexplained.any():
+        pressure = material.stress(np.minimum(unexplained / material.width_m, 1.0))
+        loose = material.height_m * float(cell_m @ pressure)
+    # Light that is not even shifts neighbours alike.
+    light = found.light_m if not reading.contacts else np.where(inside, found.light_m, 0.0)
+    if light.any():
+        slope = material.slope(np.where(np.isfinite(delta), delta, 0.0) / material.width_m) / material.width_m
+        loose = math.hypot(loose, material.height_m * float(cell_m @ (light * slope)))
+    budget = replace(reading.budget, zero_N=math.hypot(reading.budget.zero_N, loose))
     wrong = _wrong(each_N, runs, 3.0 * budget.total_N + NEGLIGIBLE_N)
-    variance = float(each_N @ runs @ each_N)
-    budget = replace(budget, model_N=float(np.sqrt(budget.model_N**2 + variance)))
+    budget = replace(budget, model_N=math.sqrt(budget.model_N**2 + float(each_N @ runs @ each_N)))
     return replace(reading, contacts=tuple(contacts), budget=budget), wrong
 
 

@@ -26,18 +26,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...tracking.contours.contour import PIXEL_PX
-from ._chain_kernels import FOAM, NOTHING, SHADOW, join
-from .pixel_evidence import ALIKE, MAX_ODDS, image_evidence
+from ._chain_kernels import FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, join, place_odds
+from ._texture_kernels import MAX_ODDS
+from .pixel_evidence import image_evidence
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates", "edge_crossing"]
+__all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
 
-#: Shortest decay length of free foam by the width of the strip: continuum simulations of five foams under
-#: plates, wedges and cylinders stay above it with 3 % of the higher point and a four-hundredth of the width.
+#: Shortest decay length of free foam by the width of the strip: continuum simulations of five foams under plates,
+#: wedges and cylinders stay above it with 3 % of the higher point and a four-hundredth (``OPTICS``) of the width.
 DECAY_PER_WIDTH = 0.15
-_CHORD, _OPTICS = 0.03, 0.0025
+_CHORD = 0.03
 #: Foam bulges beside a contact by this part of its depth, at the most.
 BULGE = 0.067
 #: Probability that a run of points is none of the foam, and a frame that is read wrong by its force: one in a thousand.
@@ -53,9 +53,6 @@ _ONSET = 0.01
 REST_PX = 0.5
 #: Names of what may speak, in the order of :attr:`EdgeStates.against`.
 _CHANNELS = ("texture", "shadow", "speed", "steepness", "no edge", "blur")
-#: Scale of the logarithm of a foam edge's blur by the lens's (Laplace: 0.08 at 16 and 84 %, 0.3 at 99 %, over 2,000
-#: edges in focus and out of it, moving and not), and range of that of any edge.
-_SAME_BLUR, _ANY_BLUR = 0.08, math.log(30.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,8 +151,10 @@ class EdgePosterior:
         else:
             image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
-        against[:, 5] = self._blurred(strip, delta)
-        unary[:, FOAM] += self._place(strip.t_s, delta, np.hypot(sigma, strip.common_sigma_m), against)
+        place_odds(
+            strip.t_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s, strip.front.blur_px,
+            strip.lens_px, strip.pixel_m, self._width, self._speed, BULGE * max(float(delta.max()), 0.0), against, unary,
+        )  # fmt: skip
         against[~seen, :] = 0.0
         against[~seen, 4] = MAX_ODDS
         unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
@@ -165,7 +164,7 @@ class EdgePosterior:
             # Neighbours share what they were: a run of ten counts once.
             unary += 0.1 * np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
-        rules = DECAY_PER_WIDTH * self._width, _CHORD, _OPTICS * self._width
+        rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
         crossing = edge_crossing(delta, sigma, self._s, self._width)
         s_m, rest_m = self._s, REST_PX * strip.pixel_m
         join(unary, crossing, delta, sigma, rest_m, s_m, _ENTER, *rules, probability, runs, against[:, 3])
@@ -184,36 +183,8 @@ class EdgePosterior:
         delta_m
             Deflection of each edge [m].
         """
-        return np.nan_to_num(np.abs(delta_m - self._trusted_m))
-
-    def _place(
-        self,
-        t_s: float,
-        delta: Float[np.ndarray, "K"],
-        sigma: Float[np.ndarray, "K"],
-        against: Float[np.ndarray, "K 6"],
-    ) -> Float[np.ndarray, "K"]:
-        """Log-likelihood of the edges' places as foam, by that of an edge anywhere on the strip."""
-        at_rest = self._width / (math.sqrt(2.0 * math.pi) * sigma) * np.exp(-0.5 * (delta / sigma) ** 2)
-        # A contact may also come from the side: what a neighbour had is no surprise.
-        padded = np.concatenate([[np.nan], self._trusted_m, [np.nan]])
-        before = np.fmax(np.fmax(padded[:-2], padded[1:-1]), padded[2:])
-        waited = t_s - self._since_s
-        known = np.isfinite(before) & (waited > 0.0)
-        reach = np.where(known, np.maximum(before, 0.0) + self._speed * waited, self._width)
-        blunt = np.hypot(sigma, _OPTICS * self._width)
-        fast = 0.5 * (np.maximum(delta - reach, 0.0) / blunt) ** 2
-        thick = 0.5 * (np.maximum(-delta - BULGE * max(float(delta.max()), 0.0), 0.0) / (2.0 * blunt)) ** 2
-        anywhere = self._width / np.clip(reach, blunt, self._width)
-        step = 2.0 * (self._speed * np.where(known, waited, np.inf) + blunt)
-        near = np.where(np.abs(delta - self._trusted_m) < 0.5 * step, self._width / step, 0.0)
-        near = np.where(known, near, anywhere)
-        pressed = np.log(np.maximum(0.3 * anywhere + 0.7 * near, 0.3)) - fast - thick - against[:, 5]
-        against[:, 2] = np.clip(fast + thick, 0.0, 40.0)
-        result: Float[np.ndarray, "K"] = np.clip(
-            np.logaddexp(np.log(0.5 * at_rest + 1e-30), pressed), -40.0, 8.0
-        )
-        return result
+        moved = np.abs(delta_m - self._trusted_m)
+        return np.where(np.isfinite(moved), moved, 0.0)
 
     def _confirm(
         self, foam: Float[np.ndarray, "K"], deflected: Bool[np.ndarray, "K"], runs: Float[np.ndarray, "K K"]
@@ -223,49 +194,3 @@ class EdgePosterior:
         fresh = deflected & ~grown
         runs[np.ix_(fresh, fresh)] = np.minimum(runs[np.ix_(fresh, fresh)] / _ONSET, 1.0)
         self._pressed = (foam > 0.5) & deflected & (grown | (runs.diagonal() < FALSE_ALARM))
-
-    def _blurred(self, strip: ObservedStrip, delta: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """Log-odds against a foam edge by its blur, which the base in the same image has but for its motion."""
-        lens = np.hypot(strip.lens_px, PIXEL_PX)
-        # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
-        moved = self.moved_m(delta) / strip.pixel_m / math.sqrt(12.0)
-        excess = np.log(np.hypot(strip.front.blur_px, PIXEL_PX) / np.hypot(lens, moved))
-        foam = -np.maximum(np.nan_to_num(excess), 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
-        result: Float[np.ndarray, "K"] = ALIKE * (
-            np.logaddexp(math.log(0.5) + foam, -math.log(2.0 * _ANY_BLUR)) - foam
-        )
-        return result
-
-
-def edge_crossing(
-    delta: Float[np.ndarray, "K"], sigma: Float[np.ndarray, "K"], s: Float[np.ndarray, "K"], width: float
-) -> Float[np.ndarray, "K 2"]:
-    """Log-likelihood of the step where an occluder's edge crosses the foam's, against that of one edge going on.
-
-    Of each point beside the one before; with the foam before it, and with the foam at it.
-
-    The step r is that from the straight line on through the foam. An occluder crosses at any angle alike, so that r
-    has a Cauchy distribution with the distance of the points; that of one edge has no scale between its error
-    and the width of the strip. A step that says less than nothing is a kink.
-
-    Parameters
-    ----------
-    delta, sigma
-        Deflection and its standard deviation [m].
-    s
-        Position along the strip [m].
-    width
-        Width of the strip [m].
-    """
-    padded, place = np.pad(delta, 1, mode="edge"), np.pad(s, 1, mode="reflect", reflect_type="odd")
-    slope = np.diff(padded) / np.diff(place)  # before each point, and after the last one
-    apart = np.diff(s)
-    result = np.zeros((len(s), 2))
-    error = np.minimum(2.0 * np.hypot(sigma[1:], sigma[:-1]), 0.3 * width)
-    for column, side in enumerate((slope[:-2], slope[2:])):
-        r = np.abs(np.diff(delta) - side * apart)
-        same = 0.5 / ((r + error) * np.log(width / error))
-        result[1:, column] = np.log(
-            np.minimum(1.0 / (math.pi * apart * (1.0 + (r / apart) ** 2)) / same, 1.0)
-        )
-    return result

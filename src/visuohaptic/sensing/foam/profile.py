@@ -23,7 +23,6 @@ from jaxtyping import Bool, Float, Int
 from ...core.errors import InputError
 from ...core.measurement import ErrorBudget, Reason
 from ...core.ranges import NON_NEGATIVE, check_ranges
-from ...tracking.contours.contour import SHARED_POINTS
 from .material.boundary import BODIES, BOUNDARIES, Boundary, contour_force
 from .material.foam_material import FoamMaterial
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState
@@ -46,7 +45,7 @@ SHEAR_SIGMA, END_SIGMA = 0.1, 0.7
 NEGLIGIBLE_PART = 0.02
 #: Columns of the kernel's table of regions.
 _FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)
-_TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR, _FREED, _SHARED = 9, 10, 11, 12, 13
+_TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR, _FREED, _SHARED, _ENLARGED, _TURNED = range(9, 16)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,9 +118,9 @@ class FoamContour:
     #: Length of foam before the first and after the last point, as of
     #: :attr:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry.end_cells_m`.
     end_cells_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=NON_NEGATIVE)
+    seen: Bool[np.ndarray, "K"] = field(init=False)  #: points that are used
 
     def __post_init__(self) -> None:
-        check_ranges(self)
         shape = self.s_m.shape
         if not (len(self.s_m) >= 2 and self.delta_m.shape == self.noise_m.shape == self.valid.shape == shape):
             raise InputError(
@@ -133,13 +132,11 @@ class FoamContour:
             values = getattr(self, name)
             if values is not None and values.shape != shape:
                 raise InputError("FoamContour", f"found shape {values.shape}, expected {shape}", field=name)
-        if not np.all(np.diff(self.s_m[self.seen]) > 0):
+        seen = self.valid & np.isfinite(self.delta_m) & np.isfinite(self.noise_m) & (self.noise_m >= 0)
+        object.__setattr__(self, "seen", seen)
+        check_ranges(self)
+        if not np.all(np.diff(self.s_m[seen]) > 0):
             raise InputError("FoamContour", "found positions that do not increase", field="s_m")
-
-    @property
-    def seen(self) -> Bool[np.ndarray, "K"]:
-        """Points that are used."""
-        return self.valid & np.isfinite(self.delta_m) & np.isfinite(self.noise_m) & (self.noise_m >= 0)
 
 
 def read_profile(
@@ -180,7 +177,7 @@ def read_profile(
     seen, unloading = _seen_points(contour, material, memory)
     regions = _integrated(contour, seen, material, boundary)
     each = range(len(regions.table))
-    contacts = tuple(_contact(k, regions, seen, contour, material, boundary, unloading) for k in each)
+    contacts = tuple(_contact(k, regions, seen, contour, material, boundary) for k in each)
     strain = seen.delta / material.width_m
     pressure, pressure_sigma = np.zeros(points), np.full(points, np.nan)
     pressure[seen.index], pressure_sigma[seen.index] = regions.pressure_Pa, regions.pressure_sigma_Pa
@@ -215,13 +212,11 @@ class _SeenPoints:
     index: Int[np.ndarray, "n"]  #: number on the strip
     s: Float[np.ndarray, "n"]
     delta: Float[np.ndarray, "n"]
-    common: Float[np.ndarray, "n"]  #: noise that neighbours may share
-    sigma: Float[np.ndarray, "n"]  #: all noise
-    uncertainty: Float[np.ndarray, "n"]  #: systematic error
-    unclean: Float[np.ndarray, "n"]  #: part of it that neighbours share where they have it
-    shared: Float[np.ndarray, "n"]  #: error that all points have at once
-    factor: Float[np.ndarray, "n"]  #: stress by the loading stress, from the hysteresis
-    factor_sigma: Float[np.ndarray, "n"]
+    #: Of each deflection [m]: all noise, systematic error, error that all points have at once, noise that neighbours may
+    #: share, and the part of the systematic error that neighbours share where they have it.
+    errors: Float[np.ndarray, "5 n"]
+    #: Stress by the loading stress (hysteresis), its standard deviation, and 1 where a point is unloading.
+    history: Float[np.ndarray, "3 n"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,9 +225,8 @@ class _Regions:
 
     pressure_Pa: Float[np.ndarray, "n"]
     pressure_sigma_Pa: Float[np.ndarray, "n"]
-    table: Float[np.ndarray, "R 14"]  #: columns ``_FIRST`` to ``_SHARED``
+    table: Float[np.ndarray, "R 16"]  #: columns ``_FIRST`` to ``_TURNED``
     sums: Float[np.ndarray, "R p"]  #: derivative of the force by the parameters of the loading curve
-    weight: Float[np.ndarray, "n"]  #: length that each point stands for [m]
 
 
 def _seen_points(
@@ -241,29 +235,29 @@ def _seen_points(
     """Seen points with their place on the hysteresis, and which points of the strip are unloading."""
     shown = contour.seen
     index = np.flatnonzero(shown)
-    delta, common = contour.delta_m[index].astype(np.float64), contour.noise_m[index].astype(np.float64)
-    own, uncertainty, unclean, shared = (
-        np.zeros(len(index)) if error is None else np.nan_to_num(error[index].astype(np.float64))
-        for error in (contour.own_noise_m, contour.uncertainty_m, contour.unclean_m, contour.shared_m)
-    )
-    sigma = np.hypot(common, own)
-    factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
+    delta, errors = contour.delta_m[index].astype(np.float64), np.zeros((5, len(index)))
+    given = contour.own_noise_m, contour.uncertainty_m, contour.shared_m, contour.noise_m, contour.unclean_m
+    for row, error in zip(errors, given, strict=True):
+        if error is not None:
+            row[:] = np.where(np.isfinite(error[index]), error[index], 0.0)
+    errors[0] = np.hypot(errors[0], errors[3])
+    history = np.zeros((3, len(index)))
+    history[0] = 1.0
     unloading = np.zeros(len(shown), dtype=bool)
     if memory is not None:
-        strain = delta / material.width_m
-        full, full_sigma, noise = np.zeros(len(shown)), np.zeros(len(shown)), np.zeros(len(shown))
-        full[index], full_sigma[index] = strain, np.hypot(sigma, uncertainty) / material.width_m
-        noise[index] = sigma / material.width_m
+        strain, width = delta / material.width_m, material.width_m
+        full, full_sigma, noise = np.zeros((3, len(shown)))
+        full[index], full_sigma[index] = strain, np.hypot(errors[0], errors[1]) / width
+        noise[index] = errors[0] / width
         moved = shown if contour.measured is None else shown & contour.measured
         unloading = memory.update(full, full_sigma, moved, material.hysteresis, noise_sigma=noise)
         if material.hysteresis is not None and memory.xi is not None:
             up = material.stress(strain)
             missing, missing_sigma = material.hysteresis.reduction(up, memory.xi[index])
-            factor = 1.0 - missing / np.maximum(up, 1e-9)
-            factor_sigma = missing_sigma / np.maximum(up, 1e-9)
-    s = contour.s_m[index].astype(np.float64)
-    seen = _SeenPoints(index, s, delta, common, sigma, uncertainty, unclean, shared, factor, factor_sigma)
-    return seen, unloading
+            history[0] = 1.0 - missing / np.maximum(up, 1e-9)
+            history[1] = missing_sigma / np.maximum(up, 1e-9)
+        history[2] = unloading[index]
+    return _SeenPoints(index, contour.s_m[index].astype(np.float64), delta, errors, history), unloading
 
 
 def _integrated(
@@ -278,9 +272,9 @@ def _integrated(
     cells_m = np.array(contour.end_cells_m)
     free_m = contour.s_m[[0, -1]] + np.where(cells_m > 0.0, cells_m, np.inf) * [-1.0, 1.0]
     ends_m = np.stack([np.where(seen_ends, cells_m, 0.0), free_m])
-    count, pressure, pressure_sigma, table, sums, weight = integrate_regions(
-        seen.s, seen.delta, np.stack([seen.sigma, seen.uncertainty, seen.shared]), seen.index, seen.factor, ends_m,
-        contour.zero_sigma_m, material.width_m, material.height_m, material.tension.ratio,
+    count, pressure, pressure_sigma, table, sums = integrate_regions(
+        seen.s, seen.delta, seen.errors, seen.index, seen.history, ends_m, contour.zero_sigma_m,
+        contour.shared_noise, material.width_m, material.height_m, material.tension.ratio,
         BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS, MAX_GAP_POINTS,
         contour.averaged, curve.knots, curve.pieces, curve.basis_pieces, material.softening_table_Pa,
         material.softening_end,
@@ -292,7 +286,7 @@ def _integrated(
     spurious = (table[:, _MAX_STRAIN] < RELEASE_STRAIN) & narrow
     for k in np.flatnonzero(spurious):
         pressure[first[k] : last[k] + 1] = 0.0
-    return _Regions(pressure, pressure_sigma, table[~spurious], sums[~spurious], weight)
+    return _Regions(pressure, pressure_sigma, table[~spurious], sums[~spurious])
 
 
 def _contact(
@@ -302,15 +296,10 @@ def _contact(
     contour: FoamContour,
     material: FoamMaterial,
     boundary: Boundary,
-    unloading: Bool[np.ndarray, "K"],
 ) -> ContactRegion:
     """One region with its budget, and the first reason not to trust it."""
     row = regions.table[k]
     first, last = int(row[_FIRST]), int(row[_LAST])
-    inside = slice(first, last + 1)
-    weight, factor = regions.weight[inside], seen.factor[inside]
-    strain = seen.delta[inside] / material.width_m
-    stress = material.stress(strain)
     force = float(row[_FORCE])
     model2 = (MODEL_FLOOR[boundary] * force) ** 2 + float(row[_SAMPLING_VAR]) + float(row[_UNCERTAINTY_VAR])
     if boundary == "tension":
@@ -318,32 +307,26 @@ def _contact(
         model2 += (material.tension.ratio * math.hypot(*sheared)) ** 2
     elif boundary == "enlarged":
         # What unit kappa would take away: the published law declares it as its model error.
+        inside = slice(first, last + 1)
         relief = contour_force(seen.s[inside], seen.delta[inside], material)[1] if last > first else 0.0
         model2 += (relief * material.tension.ratio) ** 2
-    # One hysteresis law for all points: its error is common to them.
-    model2 += (material.height_m * float(weight @ (seen.factor_sigma[inside] * stress))) ** 2
-    slope = material.slope(strain) / material.width_m
-    each = material.height_m * weight * factor * slope
-    image2 = float(row[_IMAGE_VAR]) + contour.shared_noise * _shared_variance(each * seen.common[inside])
-    model2 += _run_variance(each * seen.unclean[inside])
     budget = ErrorBudget(
-        image_N=float(np.sqrt(image2)),
+        image_N=float(np.sqrt(row[_IMAGE_VAR])),
         calibration_N=material.force_sigma_N(regions.sums[k], -float(row[_RELIEF])),
         model_N=float(np.sqrt(model2)),
         zero_N=math.hypot(row[_ZERO_SLOPE] * contour.zero_sigma_m, row[_SHARED]),
     )
-    turned_N = material.height_m * float((weight * stress) @ unloading[seen.index[inside]])
     reason = Reason.OK
     if row[_CUT] > 0:
         reason = Reason.OCCLUDED
     elif row[_MAX_STRAIN] > material.densification_strain:
         reason = Reason.SATURATED
-    elif material.hysteresis is None and turned_N > NEGLIGIBLE_PART * abs(force):
+    elif material.hysteresis is None and row[_TURNED] > NEGLIGIBLE_PART * abs(force):
         reason = Reason.UNLOADING
     return ContactRegion(
         int(seen.index[first]), int(seen.index[last]), float(seen.s[first]), float(seen.s[last]),
         float(seen.s[int(row[_TOUCH_FIRST])]), float(seen.s[int(row[_TOUCH_LAST])]),
-        force, material.height_m * float(weight @ (factor * stress)), budget, float(row[_MAX_STRAIN]),
+        force, float(row[_ENLARGED]), budget, float(row[_MAX_STRAIN]),
         reason is Reason.OK, reason,
     )  # fmt: skip
 
@@ -363,30 +346,15 @@ def _total_budget(
 
 def _budget_at_rest(seen: _SeenPoints, contour: FoamContour, material: FoamMaterial) -> ErrorBudget:
     """Nothing stands out of the noise: the force is zero within the noise of the whole strip."""
+    from ._profile_kernels import shared_variance
+
     each = material.height_m * np.gradient(seen.s) * float(material.slope(np.zeros(1))[0]) / material.width_m
-    shared = contour.shared_noise * _shared_variance(each * seen.common)
+    shared = contour.shared_noise * shared_variance(each, seen.errors[3], 0, len(each) - 1)
     return ErrorBudget(
-        image_N=float(np.sqrt(np.sum((each * seen.sigma) ** 2) + shared)),
-        model_N=float(np.linalg.norm(each * seen.uncertainty)),
-        zero_N=math.hypot(each.sum() * contour.zero_sigma_m, each @ seen.shared),
+        image_N=float(np.sqrt(np.sum((each * seen.errors[0]) ** 2) + shared)),
+        model_N=float(np.linalg.norm(each * seen.errors[1])),
+        zero_N=math.hypot(each.sum() * contour.zero_sigma_m, each @ seen.errors[2]),
     )
-
-
-def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
-    """What neighbours add to the variance [N^2] for a correlation of one, from the noise of each alone.
-
-    The tracker fits the levels on both sides of the edge over neighbouring points together;
-    their error is common to these points.
-    """
-    window = np.ones(2 * SHARED_POINTS + 1)
-    around = np.convolve(alone_N, window)[SHARED_POINTS:-SHARED_POINTS]
-    return float(alone_N @ (around - alone_N))
-
-
-def _run_variance(alone_N: Float[np.ndarray, "k"]) -> float:
-    """What neighbours add to the variance [N^2] where runs of them have the same error, from that of each alone."""
-    clean = np.flatnonzero(alone_N == 0.0)
-    return float(sum(run.sum() ** 2 - run @ run for run in np.split(alone_N, clean)))
 
 
 def _nothing_seen(points: int) -> FoamReading:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
@@ -237,7 +238,7 @@ class FoamSensor:
         found = measure_deflection(strip, watch.zero, geometry, rest_px, self._edges)
         contour = found.contour(geometry, float(np.hypot(strip.common_sigma_m, watch.sigma_m)))
         reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
-        reading, wrong = with_states(reading, found, material, geometry.s_m)
+        reading, wrong = with_states(reading, found, material, geometry.cell_m)
         reading = self.reading = self._with_unknown_branch(reading, strip.t_s, found)
         reason = self._reason(reading, found, strip, wrong)
         if reason is Reason.OK:
@@ -280,23 +281,20 @@ class FoamSensor:
         """Uncertainty of the hysteresis of points that were out of sight and may have turned round meanwhile."""
         material, seen = self.setup.material, ~found.covered
         # Whether it was touched before or not: a contact may have begun and turned meanwhile.
-        away = np.nan_to_num(np.where(seen, t_s - self._seen_t_s, 0.0))
-        self._unseen_s += np.where(away > 1.5 * self._frame_s, away - self._frame_s, 0.0)
+        away = t_s - self._seen_t_s
+        late = seen & (away > 1.5 * self._frame_s)
+        self._unseen_s[late] += away[late] - self._frame_s
         self._seen_t_s[seen] = t_s
-        delta = np.nan_to_num(found.delta_m)
-        self._unseen_s[
-            seen & (delta < np.maximum(RELEASE_STRAIN * material.width_m, 3.0 * found.sigma_m))
-        ] = 0.0
         if not reading.contacts:
             self._unseen_s[:] = 0.0
+        if not self._unseen_s.any():
+            return reading
+        released = found.delta_m < np.maximum(RELEASE_STRAIN * material.width_m, 3.0 * found.sigma_m)
+        self._unseen_s[seen & released] = 0.0
         part = np.where(seen, np.minimum(self._unseen_s / _BRANCH_S, 1.0), 0.0)
-        pressure = material.stress(np.clip(delta / material.width_m, 0.0, 1.0))
-        turned_N = (
-            _UNKNOWN_BRANCH
-            * material.height_m
-            * float(np.gradient(self.setup.geometry.s_m) @ (part * pressure))
-        )
-        model = float(np.hypot(reading.budget.model_N, turned_N))
+        strain = np.where(np.isfinite(found.delta_m), found.delta_m, 0.0) / material.width_m
+        pressed_N = material.height_m * self.setup.geometry.cell_m * material.stress(np.minimum(strain, 1.0))
+        model = math.hypot(reading.budget.model_N, _UNKNOWN_BRANCH * float(part @ pressed_N))
         return replace(reading, budget=replace(reading.budget, model_N=model))
 
     def _contact(self, region: ContactRegion, found: Deflection) -> Contact:
@@ -316,7 +314,7 @@ class FoamSensor:
         assert self._watch is not None
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
-        unseen_N = found.hidden_force_N(self.setup.material, self.setup.geometry.s_m)
+        unseen_N = found.hidden_force_N(self.setup.material, self.setup.geometry.cell_m)
         if unseen_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * reading.force_N:
             lost = ~found.seen & (strip.front.reason != PointReason.OCCLUDED)
             lost &= found.states.probability.argmax(axis=1) != OCCLUDER

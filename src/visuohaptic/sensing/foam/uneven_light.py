@@ -29,7 +29,8 @@ _SHADOW_PART = 0.11
 _PLATEAU_PX = 4.0
 #: Edges at rest from which on their scatter is known: to a fifth.
 SCATTER_POINTS = 24
-#: An excess of the blur by so many standard deviations is a gap's: one edge in forty at rest has it by chance.
+#: An excess of the blur by so many standard deviations is a gap's, a change of the light by as many a shadow's: one edge
+#: in forty at rest has it by chance.
 _CHANCE_SIGMAS = 2.0
 
 
@@ -118,9 +119,12 @@ def light_shift_px(
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
         local.append(np.where(np.isfinite(step), step, np.nan))
     (shadow, error, _), *steps = (local_statistics(values) for values in local)
-    variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.maximum(np.abs(shadow) - error, 0.0)
+    # What neighbours have in common by chance is none of the light.
+    unlike = np.abs(shadow) > _CHANCE_SIGMAS * error
+    variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.where(unlike, np.abs(shadow) - error, 0.0)
     for step, error, _ in steps:
-        variance += 0.125 * math.pi * blur**2 * np.maximum(step**2 - error**2, 0.0)
+        unlike = np.abs(step) > _CHANCE_SIGMAS * error
+        variance += 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
     result: Float[np.ndarray, "K"] = np.sqrt(np.nan_to_num(variance))
     return result
 

@@ -26,7 +26,7 @@ from ._fit_kernels import (
 
 @kernel(nogil=True)
 def classify_points(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
-          noise, sigma, reason):  # fmt: skip
+          pixel_px, found_edges, reason):  # fmt: skip
     """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``.
 
     Parameters
@@ -51,8 +51,13 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
         Largest distance between fit and start at slope 0 [px].
     jump_px
         Largest distance from both neighbours [px].
-    noise, sigma, reason
-        Filled, (n,) [px, px, code].
+    pixel_px
+        Standard deviation of the box of one pixel [px].
+    found_edges
+        Filled, (8, n): position, sigma and noise [px], step and level behind it [grey levels], blur of the optics
+        [px], slope, and mean squared residual [noise variances].
+    reason
+        Filled with the codes, (n,).
     """
     n = state.shape[0]
     for k in range(n):
@@ -60,7 +65,10 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
         height = s[HIGH] - s[LOW]
         chi = s[CHI2] / noise_var
         var = s[VAR] * noise_var
-        noise[k] = math.sqrt(max(var, 0.0))
+        found_edges[0, k], found_edges[2, k] = s[T], math.sqrt(max(var, 0.0))
+        found_edges[3, k], found_edges[4, k] = height, s[HIGH]
+        found_edges[5, k] = math.sqrt(max(s[BLUR] ** 2 - pixel_px**2, 0.0))
+        found_edges[6, k], found_edges[7, k] = s[SLOPE], chi
         if s[COUNT] > 8.0 and chi > 1.0 + 3.0 * math.sqrt(2.0 / s[COUNT]):
             var *= chi
         ratio = s[SPREAD] / noise_var
@@ -79,7 +87,8 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
         if 0 < k < n - 1:
             uncertainty += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
         var += (uncertainty * half[k] * half[k] / 6.0) ** 2
-        sigma[k] = math.sqrt(max(var, 0.0))
+        sigma = math.sqrt(max(var, 0.0))
+        found_edges[1, k] = sigma
         code = 0
         if s[STATUS] == BORDER:
             code = 3
@@ -87,7 +96,7 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
             code = 1
         elif polarity * height < 0.0:
             code = 4
-        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
+        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma < 1.0):
             code = 1
         elif s[T] < start[k] or s[T] > stop[k]:
             code = 3

@@ -6,6 +6,7 @@ then a maximum-likelihood fit of a blurred step to the raw pixels of each point.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import chain
@@ -229,7 +230,7 @@ class ContourTracker:
                 first, positions = np.floor(start), int(span / stride) + 2
             else:
                 stride, turns, positions = 2, 0, chosen.window_px + 1
-                first = np.rint(np.clip(found, start, stop)) - chosen.window_px
+                first = np.rint(np.minimum(np.maximum(found, start), stop)) - chosen.window_px
             found, strength, energy, cap = search(
                 grey, lines.origin_px, lines.direction_px, start, stop, first, positions, stride,
                 chosen.polarity, cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
@@ -285,31 +286,17 @@ class ContourTracker:
     ) -> Contour:
         """Validity, reason and standard deviation of each fitted point."""
         chosen = self.settings
-        start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
-        position, blur = state[:, columns.T].copy(), state[:, columns.BLUR]
-        noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
-        reason = np.zeros(len(lines), dtype=np.uint8)
+        edges, reason = np.empty((8, len(lines))), np.empty(len(lines), dtype=np.uint8)
         classify_points(
-            state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
+            state, found, lines.half_width_px, lines.start_px, lines.stop_px, noise_var,
             chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
-            chosen.max_jump * lines.spacing_px, noise_px, sigma, reason,
+            chosen.max_jump * lines.spacing_px, PIXEL_PX, edges, reason,
         )  # fmt: skip
+        position, sigma, noise, contrast, level, blur, slope, chi2 = edges
         return Contour(
-            lines=lines,
-            position_px=position,
-            sigma_px=sigma,
-            noise_px=noise_px,
-            valid=reason == PointReason.OK,
-            reason=reason,
-            contrast=state[:, columns.HIGH] - state[:, columns.LOW],
-            level=state[:, columns.HIGH].copy(),
-            blur_px=np.sqrt(np.maximum(blur**2 - PIXEL_PX**2, 0.0)),
-            slope=state[:, columns.SLOPE].copy(),
-            chi2=state[:, columns.CHI2] / noise_var,
-            noise_grey=float(np.sqrt(noise_var)),
-            energy=energy,
-            searched_all=searched_all,
-        )
+            lines, position, sigma, noise, reason == PointReason.OK, reason, contrast, level, blur, slope, chi2,
+            math.sqrt(noise_var), energy, searched_all,
+        )  # fmt: skip
 
 
 #: Fraction of valid points below which the whole range is searched: three of eighty may be dirt.

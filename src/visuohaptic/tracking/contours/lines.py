@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,8 @@ class ConstraintLines:
     start_px: Float[np.ndarray, "k"]  #: nearest position that is searched [px]
     stop_px: Float[np.ndarray, "k"]  #: farthest position that is searched [px]
     half_width_px: Float[np.ndarray, "k"] | float = 8.5  #: half length along the edge that is used [px]
+    #: Mean distance of neighbouring origins [px]; twice the half width for a single line.
+    spacing_px: float = field(init=False)
 
     def __post_init__(self) -> None:
         origin = np.ascontiguousarray(self.origin_px, dtype=np.float64)
@@ -70,17 +72,16 @@ class ConstraintLines:
             raise InputError("ConstraintLines", "found stop < start", field="stop_px")
         if np.any(np.asarray(self.half_width_px) < 1.5):
             raise InputError("ConstraintLines", "found less than 1.5 px", field="half_width_px")
+        steps = origin[1:] - origin[:-1]
+        apart = (
+            np.sqrt(np.einsum("ki,ki->k", steps, steps))
+            if count > 1
+            else 2.0 * np.asarray(self.half_width_px)
+        )
+        set_field(self, "spacing_px", float(apart.mean()))
 
     def __len__(self) -> int:
         return int(self.origin_px.shape[0])
-
-    @property
-    def spacing_px(self) -> float:
-        """Mean distance of neighbouring origins [px]; twice the half width for a single line."""
-        if len(self) == 1:
-            return 2.0 * float(np.mean(self.half_width_px))
-        steps = np.diff(self.origin_px, axis=0)
-        return float(np.sqrt(np.einsum("ki,ki->k", steps, steps)).mean())
 
     def points_px(self, position_px: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
         """Points at the given positions on the lines.

@@ -7,8 +7,10 @@ that stands out) carries no stress, and beyond the last strain the curve goes on
 along its tangent, so that it never folds back.
 """
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -17,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import InputError
+from ....core.kernels import kernel
 
 __all__ = ["CurveKind", "StressCurve"]
 
@@ -123,14 +126,7 @@ class StressCurve:
         strain
             Compressive strain; negative ones carry no stress.
         """
-        strain = np.asarray(strain, dtype=np.float64)
-        clipped = np.clip(strain, 0.0, self.max_strain)
-        piece = self._piece(clipped)
-        x = clipped - self.knots[piece]
-        c = self.pieces[piece]
-        value = c[..., 0] + x * (c[..., 1] + x * (c[..., 2] + x * c[..., 3]))
-        slope = c[..., 1] + x * (2 * c[..., 2] + 3 * x * c[..., 3])
-        return value + slope * (strain - np.minimum(strain, self.max_strain))
+        return self._values(strain)[0]
 
     def slope(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Derivative of the stress by the strain [Pa]; that of zero strain below it.
@@ -140,11 +136,14 @@ class StressCurve:
         strain
             Compressive strain.
         """
-        clipped = np.clip(np.asarray(strain, dtype=np.float64), 0.0, self.max_strain)
-        piece = self._piece(clipped)
-        x = clipped - self.knots[piece]
-        c = self.pieces[piece]
-        return c[..., 1] + x * (2 * c[..., 2] + 3 * x * c[..., 3])
+        return self._values(strain)[1]
+
+    def _values(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "2 ..."]:
+        """Stress and slope."""
+        strain = np.asarray(strain, dtype=np.float64)
+        values = np.empty((2, strain.size))
+        curve_values(np.ascontiguousarray(strain.reshape(-1)), self.knots, self.pieces, values)
+        return values.reshape(2, *strain.shape)
 
     def stress_sigma(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Standard deviation of the stress from the fit's covariance [Pa].
@@ -167,3 +166,29 @@ class StressCurve:
 
     def _piece(self, clipped: Float[np.ndarray, "..."]) -> np.ndarray:
         return np.clip(np.searchsorted(self.knots, clipped, side="right") - 1, 0, len(self.knots) - 2)
+
+
+@kernel(nogil=True)
+def curve_values(strain, knots, pieces, values):
+    """Stress of a curve and its slope [Pa]; NaN where the strain is.
+
+    Parameters
+    ----------
+    strain
+        Compressive strains, (n,).
+    knots, pieces
+        As of :class:`StressCurve`.
+    values
+        Filled, (2, n).
+    """
+    end, last = knots[-1], len(knots) - 2
+    for i in range(len(strain)):
+        x = strain[i] if math.isnan(strain[i]) else min(max(strain[i], 0.0), end)
+        k = 0
+        while k < last and x >= knots[k + 1]:
+            k += 1
+        x -= knots[k]
+        slope = pieces[k, 1] + x * (2 * pieces[k, 2] + 3 * x * pieces[k, 3])
+        stress = pieces[k, 0] + x * (pieces[k, 1] + x * (pieces[k, 2] + x * pieces[k, 3]))
+        values[0, i] = stress + slope * max(strain[i] - end, 0.0)
+        values[1, i] = slope

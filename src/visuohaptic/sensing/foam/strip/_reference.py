@@ -1,5 +1,6 @@
 """The reference contour as one rigid body: how the base has moved in the image."""
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -7,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ....tracking.contours.contour import quick_median
+from ....core.kernels import kernel
+from ....tracking._solve_kernels import median
 
 __all__ = ["ImageMotion", "fit_motion", "motion_basis"]
 
 #: Prior standard deviations of the motion [px]: shift x, shift y, and what rotation and scale do at
 #: the far end. Directions that the contour does not show (along a straight strip) stay at zero.
-_PRIOR_PX = np.array([20.0, 20.0, 20.0, 20.0])
+_PRIOR_PX = 20.0
+#: Tukey's biweight leaves out what is beyond so many standard deviations: 95 % efficient for Gaussian noise.
+_TUKEY, _ITERATIONS = 4.685, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,24 +96,61 @@ def fit_motion(
     usable = usable & np.isfinite(shift_px) & (sigma_px > 0)
     if usable.sum() < 6:
         return None
-    prior = np.diag(1.0 / _PRIOR_PX**2)
-    weight = np.where(usable, 1.0 / np.where(usable, sigma_px, 1.0) ** 2, 0.0)
-    shift = np.where(usable, shift_px, 0.0)
-    residual = shift - quick_median(shift[usable])
-    least = quick_median(sigma_px[usable])
-    parameters = np.zeros(4)
-    covariance = np.eye(4)
-    scale = 0.0
-    inlier = usable
-    for _ in range(4):
-        scale = max(1.4826 * quick_median(np.abs(residual[usable])), least)
-        ratio = residual / (4.685 * scale)
-        robust = np.where(np.abs(ratio) < 1.0, (1.0 - ratio**2) ** 2, 0.0) * weight
-        normal = basis.T @ (robust[:, None] * basis) + prior
-        covariance = np.linalg.inv(normal)
-        parameters = covariance @ (basis.T @ (robust * shift))
-        residual = shift - basis @ parameters
-        inlier = usable & (np.abs(residual) < 4.685 * scale)
+    parameters, covariance, residual = np.empty(4), np.empty((4, 4)), np.empty(len(shift_px))
+    scale = _tukey_fit(basis, shift_px, sigma_px, usable, parameters, covariance, residual)
+    inlier = usable & (np.abs(residual) < _TUKEY * scale)
     if inlier.sum() < max(6, 0.3 * len(shift_px)):
         return None
     return ImageMotion(parameters, covariance, inlier, scale)
+
+
+@kernel(nogil=True)
+def _tukey_fit(basis, shift, sigma, usable, parameters, covariance, residual):
+    """Fill parameters (4), covariance (4, 4) and residuals (K) of the fit; returns the scatter of the residuals."""
+    count, away, work = 0, np.empty(len(shift)), np.empty(len(shift))
+    for k in range(len(shift)):
+        if usable[k]:
+            away[count], residual[count] = shift[k], sigma[k]
+            count += 1
+    middle, least, scale = median(away, count, work), median(residual, count, work), 0.0
+    for k in range(len(shift)):
+        residual[k] = shift[k] - middle
+    rows = np.empty((4, 9))  # normal equations, their right side, and the identity that becomes the inverse
+    for _ in range(_ITERATIONS):
+        count = 0
+        for k in range(len(shift)):
+            if usable[k]:
+                away[count] = abs(residual[k])
+                count += 1
+        scale = max(1.4826 * median(away, count, work), least)
+        for i in range(4):
+            for j in range(9):
+                rows[i, j] = 1.0 if j == 5 + i else 0.0
+            rows[i, i] = 1.0 / _PRIOR_PX**2
+        for k in range(len(shift)):
+            ratio = residual[k] / (_TUKEY * scale)
+            if usable[k] and abs(ratio) < 1.0:
+                weight = (1.0 - ratio * ratio) ** 2 / sigma[k] ** 2
+                for i in range(4):
+                    for j in range(4):
+                        rows[i, j] += weight * basis[k, i] * basis[k, j]
+                    rows[i, 4] += weight * basis[k, i] * shift[k]
+        # Gauss-Jordan without pivots: the prior keeps the matrix positive.
+        for i in range(4):
+            pivot = rows[i, i]
+            for j in range(9):
+                rows[i, j] /= pivot
+            for other in range(4):
+                if other != i:
+                    factor = rows[other, i]
+                    for j in range(9):
+                        rows[other, j] -= factor * rows[i, j]
+        for k in range(len(shift)):
+            residual[k] = shift[k]
+            for i in range(4):
+                residual[k] -= basis[k, i] * rows[i, 4]
+    for i in range(4):
+        parameters[i] = rows[i, 4]
+        for j in range(4):
+            covariance[i, j] = rows[i, 5 + j]
+    return scale

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +27,10 @@ class StripGeometry:
     back_m: Float[np.ndarray, "K 2"]  #: points on the back contour
     outward: Float[np.ndarray, "K 2"]  #: unit normals, from back to front (opposite to d of Alt 2016)
     width_m: float  #: w, thickness of the strip along the compression
+    cell_m: Float[np.ndarray, "K"] = field(init=False)  #: length of foam that each point stands for
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cell_m", np.gradient(self.s_m))
 
     @classmethod
     def straight(cls, length_m: float, width_m: float, spacing_m: float = 0.003) -> StripGeometry:
@@ -124,8 +128,7 @@ class StripGeometry:
     @property
     def end_cells_m(self) -> tuple[float, float]:
         """Foam beyond the first and the last point [m]: both lie half a spacing inside the ends."""
-        step = np.diff(self.s_m)
-        return 0.5 * float(step[0]), 0.5 * float(step[-1])
+        return 0.5 * float(self.cell_m[0]), 0.5 * float(self.cell_m[-1])
 
 
 def _centred(length_m: float, width_m: float, spacing_m: float) -> Float[np.ndarray, "K"]:

@@ -42,8 +42,6 @@ _BEFORE = 30
 #: A shaking camera moves within a frame up to this many times faster than from frame to frame.
 _SHAKE_FACTOR = 3.0
 
-_LOW_CONFIDENCE = (PointReason.POOR_FIT, PointReason.JUMP)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservedStrip:
@@ -55,6 +53,7 @@ class ObservedStrip:
     reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the model's lines
     reference_points_px: Float[np.ndarray, "K 2"]
     front_points_px: Float[np.ndarray, "K 2"]
+    back_m: Float[np.ndarray, "K 2"]  #: reference contour in frame F
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
     width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
@@ -162,6 +161,10 @@ class StripOptics:
         self._depth_lever_px = max(float(along.max()), _SHORTEST_LEVER_PX)
         spacing = np.linalg.norm(np.gradient(origin, axis=0), axis=1)
         self._half_width_px = 0.5 * spacing
+        self._base_lines: ConstraintLines | None = (
+            None  # of the contour that is expected, while it stays the same
+        )
+        self._expected_px = np.empty(0)
         self._basis_scale = (origin.mean(axis=0), 0.5 * float(np.linalg.norm(origin[-1] - origin[0])))
         self._basis = motion_basis(origin, self._direction_px, *self._basis_scale)
 
@@ -189,11 +192,14 @@ class StripOptics:
         zero
             The strip at rest, if it is known.
         """
-        search = self.tracking.reference_search_px
         expected = zero.reference_px if zero is not None else np.zeros(len(self._origin_px))
-        lines = ConstraintLines(
-            self._origin_px, self._direction_px, expected - search, expected + search, self._half_width_px
-        )
+        lines = self._base_lines
+        if lines is None or expected is not self._expected_px:
+            search = self.tracking.reference_search_px
+            lines = self._base_lines = ConstraintLines(
+                self._origin_px, self._direction_px, expected - search, expected + search, self._half_width_px
+            )
+            self._expected_px = expected
         reference = self._reference_tracker.track(grey, lines)
         shift = reference.position_px - expected
         motion = fit_motion(self._basis, shift, reference.sigma_px, reference.valid)
@@ -241,24 +247,27 @@ class StripOptics:
         back_m, front_m, back_slope, front_slope = self._cast(base_px, front_px)
         outward = self.geometry.outward
         width = np.einsum("ki,ki->k", front_m - back_m, outward)
-        skew_m = np.broadcast_to(front_slope * skew_sigma_px, width.shape)
-        # Motion shifts all points alike; what one of them may move more than the others is its own.
-        common = quick_median(skew_m[np.isfinite(skew_m)]) if np.any(skew_sigma_px) else 0.0
-        own = np.sqrt(np.maximum(skew_m**2 - common**2, 0.0))
-        sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
-        noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
+        front_sigma, back_sigma = front_slope * front.sigma_px, back_slope * base.sigma_px
+        common = 0.0
+        if np.any(skew_sigma_px):
+            # Motion shifts all points alike; what one of them may move more than the others is its own.
+            skew_m = front_slope * skew_sigma_px
+            common = quick_median(skew_m[np.isfinite(skew_m)])
+            front_sigma = np.hypot(front_sigma, np.sqrt(np.maximum(skew_m**2 - common**2, 0.0)))
+        sigma = np.hypot(front_sigma, back_sigma)
+        noise = np.hypot(front_slope * front.noise_px, back_sigma)
         finite = np.isfinite(width) & np.isfinite(sigma)
         # The base is one rigid edge, placed by most of its points: a shadow beside some of them does not shift it.
         back_px = quick_median(encoded_shift_px(base.reference)[base.reference.valid])
         encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
-            frame.t_s, base.reference, front, base.position_px, base_px, front_px, width, sigma, noise,
+            frame.t_s, base.reference, front, base.position_px, base_px, front_px, back_m, width, sigma, noise,
             np.zeros(len(width)) if self.stripe is not None else encoded,
             *self._rectified(grey, base_px, position if zeroed else None),
             self.stripe is not None,
             front_slope,
             front.valid & finite,
-            ~front.valid & finite & np.isin(front.reason, _LOW_CONFIDENCE),
+            finite & ((front.reason == PointReason.POOR_FIT) | (front.reason == PointReason.JUMP)),
             base.motion,
             base.moved_px,
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
@@ -276,10 +285,8 @@ class StripOptics:
         width_m
             Distance of the front from the back [m].
         """
-        base_px = strip.reference_points_px
-        back_m = self.plane.cast(base_px)[:, :2]
-        front_px = self.plane.project(back_m + width_m[:, None] * self.geometry.outward)
-        return np.einsum("ki,ki->k", front_px - base_px, self._direction_px)
+        front_px = self.plane.project(strip.back_m + width_m[:, None] * self.geometry.outward)
+        return np.einsum("ki,ki->k", front_px - strip.reference_points_px, self._direction_px)
 
     def _rectified(
         self, grey: np.ndarray, base_px: np.ndarray, front_px: Float[np.ndarray, "K"] | None
@@ -358,13 +365,11 @@ class StripOptics:
 
     def _cast(self, base_px: np.ndarray, front_px: np.ndarray) -> tuple[np.ndarray, ...]:
         """Both contours in frame F and the scale [m/px] along each line at either of them."""
-        count = len(base_px)
         step = 0.5 * self._direction_px
-        pixels = np.concatenate(
-            [base_px, front_px, base_px + step, base_px - step, front_px + step, front_px - step]
-        )
-        points = self.plane.cast(pixels).reshape(6, count, 2)
+        pixels = np.stack([base_px + step, front_px + step, base_px - step, front_px - step])
+        # Half a pixel to both sides is so little beside the focal length that the place itself is in the middle.
+        (back, front), (back_before, front_before) = self.plane.cast(pixels).reshape(2, 2, -1, 2)
         outward = self.geometry.outward
-        back_slope = np.abs(np.einsum("ki,ki->k", points[2] - points[3], outward))
-        front_slope = np.abs(np.einsum("ki,ki->k", points[4] - points[5], outward))
-        return points[0], points[1], back_slope, front_slope
+        back_slope = np.abs(np.einsum("ki,ki->k", back - back_before, outward))
+        front_slope = np.abs(np.einsum("ki,ki->k", front - front_before, outward))
+        return 0.5 * (back + back_before), 0.5 * (front + front_before), back_slope, front_slope

@@ -1,0 +1,81 @@
+"""Compiled bridging of single points by the shape of their neighbours; used by ``deflection.py``."""
+
+# mypy: disable-error-code="no-untyped-def"
+from __future__ import annotations
+
+import math
+
+from ...core.kernels import kernel
+
+#: A flank is free foam where the next point beyond its upper end rises on by this part of its rise ...
+_RISES_ON = 0.3
+#: ... and where it does not fall by more than this factor: steeper than any foam, an edge lies between.
+_STEEPEST = 8.0
+
+
+@kernel(nogil=True)
+def bridge(s, value, sigma, seen, first, stop, filled, error):
+    """One or two points between their neighbours, and what that may be wrong by.
+
+    Parameters
+    ----------
+    s
+        Position along the strip [m], (K,).
+    value, sigma
+        Deflection and its standard deviation [m], (K,).
+    seen
+        Points that are known, among them those beside the gap, (K,).
+    first, stop
+        The gap: its first point, and the one after it.
+    filled, error
+        Set within the gap [m], (K,).
+    """
+    a, b = first - 1, stop
+    low, high = (a, b) if value[a] < value[b] else (b, a)
+    beyond = high + (1 if high > low else -1)
+    rise, noise = value[high] - value[low], 2.0 * max(sigma[a], sigma[b])
+    decays = 0 <= beyond < len(s) and 0.0 < value[low] < value[high] < _STEEPEST * value[low]
+    decays = decays and value[beyond] - value[high] > _RISES_ON * rise
+    before = a - 1 if a > 0 and seen[a - 1] else a - 2
+    after = b + 1 if b + 1 < len(s) and seen[b + 1] else b + 2
+    left, right, across = 0.0, 0.0, (value[b] - value[a]) / (s[b] - s[a])
+    if before >= 0 and seen[before] and after < len(s) and seen[after]:
+        left = (value[a] - value[before]) / (s[a] - s[before])
+        right = (value[after] - value[b]) / (s[after] - s[b])
+    for k in range(first, stop):
+        part = (s[k] - s[a]) / (s[b] - s[a])
+        line = value[a] + part * (value[b] - value[a])
+        if decays:
+            # Free foam beside a contact falls off exponentially; a straight line is far above it.
+            filled[k] = value[a] ** (1.0 - part) * value[b] ** part
+            error[k] = math.hypot(noise, 0.5 * (line - filled[k]))
+            continue
+        # Where both flanks rise towards each other the front lies between the straight line and the tip in which
+        # they meet: half way for a circle, at the tip for an edge.
+        bulge = 0.0
+        if left > across > right:
+            tip = min(value[a] + left * (s[k] - s[a]), value[b] + right * (s[k] - s[b]))
+            bulge = 0.5 * max(tip - line, 0.0)
+        filled[k] = line + bulge
+        error[k] = math.hypot(math.hypot(noise, 0.5 * abs(rise)), bulge)
+
+
+@kernel(nogil=True)
+def drop_bridged(s, value, sigma, seen, filled, error, kept):
+    """Points that are known, but for those between two better ones that say more about them than they do themselves.
+
+    Parameters
+    ----------
+    s, value, sigma, seen
+        As of :func:`bridge`.
+    filled, error
+        Overwritten [m], (K,).
+    kept
+        Filled, (K,).
+    """
+    for k in range(len(s)):
+        kept[k] = seen[k]
+        inner = 0 < k < len(s) - 1 and seen[k - 1] and seen[k] and seen[k + 1]
+        if inner and sigma[k] > 2.0 * max(sigma[k - 1], sigma[k + 1]):
+            bridge(s, value, sigma, seen, k, k + 1, filled, error)
+            kept[k] = not error[k] < sigma[k]

@@ -1,0 +1,215 @@
+"""Compiled evidence of the pixels behind the edges, and of grey levels beyond them; the model is in ``posterior.py``."""
+
+# mypy: disable-error-code="no-untyped-def, assignment"
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+from ...tracking._solve_kernels import median
+from ._chain_kernels import ALIKE, FOAM, OCCLUDER, SHADOW, log_sum
+from ._posterior_kernels import BAND, EDGE
+
+#: Columns of the bands: samples, mean grey now, gain against the zero where it was and as if the foam was
+#: compressed; variance now, and covariance and variance of both predictions.
+COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
+#: Texture that goes with the foam, stays, or is not that of the zero.
+_MOVED, _FIXED, _OTHER = math.log(0.6), math.log(0.3), math.log(0.1)
+#: Pixels of a band are not independent: lens, interpolation and JPEG leave half of them.
+_INDEPENDENT = 0.5
+#: An edge of a body is within a pixel of a given place: two edges on some forty pixels.
+_BY_CHANCE = 0.05
+#: Mean squared residual of the zero in another light, in variances of the foam, at the most.
+_MISFIT = 3.0
+#: Largest log-odds of one point by its pixels: a speck must not decide alone.
+MAX_ODDS = 12.0
+#: Two surfaces have the same grey within this part of it.
+_SAME_GREY = 0.03
+
+
+@kernel(nogil=True)
+def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
+    """Compare the foam just behind each edge with the zero, both without their linear trend.
+
+    Parameters
+    ----------
+    now, rest
+        Strip in this image and at rest, (K, parallels, samples).
+    front, resting
+        Place of the edge now and at rest [samples], (K,).
+    slope
+        Shift of the edge from one parallel to the next [samples], (K,).
+    blur
+        Standard deviation of the edges' blur [samples].
+    seen
+        Points with an edge, (K,).
+    bands
+        Filled, (K, 9), columns as above; zero where nothing can be compared.
+    """
+    for k in range(len(front)):
+        for i in range(9):
+            bands[k, i] = 0.0
+        if not seen[k]:
+            continue
+        ratio = resting[k] / front[k]
+        s = np.zeros(13)
+        for lane in range(now.shape[1]):
+            edge = front[k] + (lane - 0.5 * (now.shape[1] - 1)) * slope[k]
+            last = min(int(min(edge, resting[k] + BAND) - EDGE * blur), rest.shape[2] - 2)
+            first = max(last - BAND, int(0.12 * resting[k]))
+            if last - first < 3:
+                continue
+            for j in range(first, last + 1):
+                t = j - 0.5 * (first + last)
+                i = float(now[k, lane, j])
+                z = float(rest[k, lane, j])
+                at = min(max(j * ratio, 0.0), rest.shape[2] - 1.001)
+                m = int(at)
+                p = rest[k, lane, m] + (at - m) * (float(rest[k, lane, m + 1]) - rest[k, lane, m])
+                s[0] += 1.0
+                s[1] += t * t
+                s[2] += i
+                s[3] += z
+                s[4] += p
+                s[5] += i * i
+                s[6] += z * z
+                s[7] += p * p
+                s[8] += i * z
+                s[9] += i * p
+                s[10] += t * i
+                s[11] += t * z
+                s[12] += t * p
+        n = s[0]
+        if n == 0.0:
+            continue
+        b = bands[k]
+        b[COUNT], b[MEAN] = n, s[2] / n
+        b[GAIN_REST], b[GAIN_PRESSED] = s[2] / max(s[3], 1.0), s[2] / max(s[4], 1.0)
+        b[OWN] = (s[5] - s[2] * s[2] / n - s[10] * s[10] / s[1]) / n
+        b[COV_REST] = b[GAIN_REST] * (s[8] - s[2] * s[3] / n - s[10] * s[11] / s[1]) / n
+        b[VAR_REST] = b[GAIN_REST] ** 2 * (s[6] - s[3] * s[3] / n - s[11] * s[11] / s[1]) / n
+        b[COV_PRESSED] = b[GAIN_PRESSED] * (s[9] - s[2] * s[4] / n - s[10] * s[12] / s[1]) / n
+        b[VAR_PRESSED] = b[GAIN_PRESSED] ** 2 * (s[7] - s[4] * s[4] / n - s[12] * s[12] / s[1]) / n
+
+
+@kernel(nogil=True)
+def texture_odds(bands, unary, against, gain):
+    """Log-likelihoods of the bands' texture, and the part of it that this image shows with the foam's variance.
+
+    Returns that part and the variance [grey levels^2]; both are 0 where fewer than six bands can be compared.
+
+    Parameters
+    ----------
+    bands
+        From :func:`foam_bands`.
+    unary
+        Log-likelihood of foam, shadow, occluder and nothing; set where there is a band, (K, 4).
+    against
+        Log-odds against foam by kind of evidence; the first, texture, is set where there is a band, (K, 6).
+    gain
+        Filled with the light against that at rest; NaN where nothing is known, (K,).
+    """
+    n, count = len(bands), 0
+    cov, var, work = np.empty(n), np.empty(n), np.empty(n)
+    for k in range(n):
+        b = bands[k]
+        if b[COUNT] > 0.0:
+            pressed = abs(b[COV_PRESSED]) * b[VAR_REST] > abs(b[COV_REST]) * b[VAR_PRESSED]
+            cov[count] = b[COV_PRESSED] if pressed else b[COV_REST]
+            var[count] = b[VAR_PRESSED] if pressed else b[VAR_REST]
+            count += 1
+    if count < 6:
+        return 0.0, 0.0
+    transfer = min(max(median(cov, count, work) / max(median(var, count, work), 1e-6), 0.0), 1.0)
+    moved, fixed, count = np.empty(n), np.empty(n), 0
+    for k in range(n):
+        b = bands[k]
+        moved[k] = max(b[OWN] - 2.0 * transfer * b[COV_PRESSED] + transfer**2 * b[VAR_PRESSED], 0.05)
+        fixed[k] = max(b[OWN] - 2.0 * transfer * b[COV_REST] + transfer**2 * b[VAR_REST], 0.05)
+        if b[COUNT] > 0.0:
+            cov[count] = min(moved[k], fixed[k])
+            count += 1
+    variance = median(cov, count, work)
+    for k in range(n):
+        gain[k] = math.nan
+        if bands[k, COUNT] > 0.0:
+            half = 0.5 * _INDEPENDENT * bands[k, COUNT]
+            own = 1.0 + math.log(max(bands[k, OWN], 0.05) / variance)
+            goes = min(max(half * (own - moved[k] / variance), -MAX_ODDS), MAX_ODDS)
+            stays = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
+            foam = log_sum(log_sum(_MOVED + goes, _FIXED + stays), _OTHER)
+            other = log_sum(_FIXED + stays, math.log(1.0 - math.exp(_FIXED)))
+            # Why a texture is another one is the same for a run of points: where foam also turns, where it is worn.
+            if foam < other:
+                foam = other + ALIKE * (foam - other)
+            unary[k, FOAM], unary[k, OCCLUDER] = foam, other
+            unary[k, SHADOW] = log_sum(math.log(0.9) + stays, _OTHER)
+            against[k, 0] = other - foam
+            gain[k] = bands[k, GAIN_PRESSED] if moved[k] < fixed[k] else bands[k, GAIN_REST]
+    return transfer, variance
+
+
+@kernel(nogil=True)
+def level_odds(found, dependence, gain, change, foam, variance, against):
+    """Log-odds of a shadow's edge against a body's, by what lies between the edge and where it was at rest.
+
+    Parameters
+    ----------
+    found
+        From :func:`~visuohaptic.sensing.foam._posterior_kernels.shadow_odds`.
+    dependence
+        Its last column, of each point and its neighbours: a point whose texture agrees by chance leaves residuals that
+        look independent, (K,).
+    gain
+        Light against that at rest behind each edge, NaN where it is not known, (K,).
+    change
+        Range of its logarithm over neighbours, (K,).
+    foam
+        Mean grey level of the foam at rest, (K,).
+    variance
+        Variance of the foam's grey about its prediction [grey levels^2].
+    against
+        The second column, shadow, is set, (K, 6).
+    """
+    n, count = len(found), 0
+    known, work = np.empty(n), np.empty(n)
+    for k in range(n):
+        if math.isfinite(gain[k]):
+            known[count] = gain[k]
+            count += 1
+    light = median(known, count, work)
+    for k in range(n):
+        texture, near, between, beyond, floor = (
+            found[k, 0],
+            found[k, 1],
+            found[k, 2],
+            found[k, 3],
+            found[k, 4],
+        )
+        odds = 0.0
+        if math.isfinite(near):
+            # A shadow's edge that crosses the strip changes the light from one point to some other beside it.
+            odds += (
+                ALIKE * min(max(0.5 * (change[k] / _SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
+            )
+        if math.isfinite(texture):
+            # What is not the zero in another light cannot show that its texture goes on, and a body's own edge lies just
+            # where the front was at rest by chance alone.
+            clean = found[k, 5] < _MISFIT
+            texture /= dependence[k]
+            odds += texture if clean else min(texture, 0.0)
+            sigma = math.hypot(_SAME_GREY * light * foam[k], math.sqrt(variance))
+            shaded = 0.4 * _density(beyond - light * floor, sigma) + 0.2 / 255
+            shaded += 0.4 * _density(beyond - between / foam[k] * floor, sigma)
+            body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * (_BY_CHANCE if clean else 1.0)
+            levels = ALIKE * math.log(shaded / body)
+            odds += levels if math.isfinite(levels) else 0.0
+        against[k, 1] = min(max(odds, -MAX_ODDS), MAX_ODDS)
+
+
+@kernel(nogil=True)
+def _density(away, sigma):
+    """Density of a normal distribution."""
+    return math.exp(-0.5 * (away / sigma) ** 2) / (2.5 * sigma)
