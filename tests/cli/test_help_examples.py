@@ -738,7 +738,8 @@ def _cameras(results: list[Any]) -> None:
 
 def _defaults(folder: Path, results: list[Any]) -> None:
     assert (folder / "sensor.yaml").read_text().startswith("kind: foam")
-    settings = results[1]["settings"]
+    assert results[0]["kinds"]["robot"] == {"file": "robot.yaml", "verb": "plan"}
+    settings = results[2]["settings"]
     assert [settings["radius_m"], settings["setup_time_s"]] == pytest.approx([0.31, 4.0])
 
 

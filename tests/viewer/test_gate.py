@@ -225,7 +225,7 @@ def test_a_value_that_no_widget_offers_is_one_line(heard, capfd):
             while len(heard.messages) < 2 and time.monotonic() < until_s:
                 time.sleep(0.02)
     assert sorted(heard.messages) == [
-        "a browser sent a value that the page does not understand (AssertionError)",
+        "a browser sent an invalid value (AssertionError)",
         "the page: BrowsePage: found 'three', expected one of one, two",
     ]
     assert "Traceback" not in capfd.readouterr().err

@@ -145,7 +145,8 @@ class LivePage(Page):
         vertices, faces = prism(outline_m, height_m)
         colour = _FIXED_RGB if fixed else _MOVABLE_RGB
         scene = self._server.scene
-        path = f"/obstacles/{len(self._obstacles)}"
+        number = len(self._obstacles)
+        path = f"/obstacles/{number}"
         self._obstacles[name] = scene.add_mesh_simple(
             path,
             vertices.astype(np.float32),
@@ -156,7 +157,8 @@ class LivePage(Page):
             position=position,
             wxyz=wxyz,
         )
-        scene.add_label(f"{path}/name", name, position=(0.0, 0.0, height_m + 0.05))
+        # Names of neighbours are at different heights, so that they do not cover each other.
+        scene.add_label(f"{path}/name", name, position=(0.0, 0.0, height_m + 0.05 + 0.2 * (number % 3)))
 
     def set_tags(self, tags: Mapping[str, str | HapticTag]) -> None:
         """List what is known of each object: its tag, or a text.
@@ -166,7 +168,7 @@ class LivePage(Page):
         tags
             Haptic tag or text by the name of the object.
         """
-        lines = ["| object | what was felt |", "|---|---|"]
+        lines = ["| object | haptic tag |", "|---|---|"]
         lines += [
             f"| {markdown_text(name)} | {markdown_text(_tag_line(tag))} |" for name, tag in tags.items()
         ]
