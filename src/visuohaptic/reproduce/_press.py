@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 from ..sensing.foam.material.calibration import FoamCalibration, calibrate_foam
 from ..sensing.foam.material.records import read_strain_stress
 from ..sensing.foam.material.stress_curve import CurveKind
 from ..simulation.foam.press_rig import calibration_press
-from ..simulation.foam.rig import SensorRig
 from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import REFERENCE_FOAM, SOFT_FOAM, StripLaw, write_calibration_csv
 from .output import Output
 
-__all__ = ["FOAMS", "REFERENCE_SIGMA_N", "pressed", "seen_by"]
+__all__ = ["FOAMS", "REFERENCE_SIGMA_N", "pressed"]
 
 #: Name in the figures -> law of the simulated foam.
 FOAMS: dict[str, StripLaw] = {"soft (as PUR)": SOFT_FOAM, "firm (as rubber)": REFERENCE_FOAM}
@@ -49,18 +47,3 @@ def pressed(out: Output, law: StripLaw, stream: int, curve: CurveKind = "cubic")
         write_calibration_csv(path, rows)
         data = read_strain_stress(path)
     return calibrate_foam(data, width_m=geometry.width_m, height_m=geometry.height_m, curve=curve)
-
-
-def seen_by(out: Output, rig: SensorRig) -> SensorRig:
-    """The camera of a figure; with half as many pixels each way in a quick run, which takes a quarter of the time.
-
-    Parameters
-    ----------
-    out
-        Its size.
-    rig
-        Camera of the whole figure.
-    """
-    if not out.quick:
-        return rig
-    return replace(rig, focal_px=rig.focal_px / 2, width_px=rig.width_px // 2, height_px=rig.height_px // 2)

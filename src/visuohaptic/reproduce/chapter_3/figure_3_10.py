@@ -19,14 +19,12 @@ from ...core.objects import PrimitiveKind
 from ...report.annotation import FrameNotes, annotated_frame, primitive_outline
 from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
-from ...simulation.foam.rig import SensorRig
 from ...simulation.mobile.obstacles import SimulatedObstacle, box, cylinder, wall
 from ...simulation.mobile.push_world import FoamPushWorld
 from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
 from ...tasks.mobile.explore import ExploreStep, explore_obstacle
 from ...tasks.mobile.explore_records import ExploreSettings
-from .._press import seen_by
 from ..output import Columns, Output
 
 __all__ = ["run"]
@@ -85,7 +83,7 @@ def run(out: Output) -> None:
     """
     import cv2
 
-    virtual, rng = VirtualSensor(rig=seen_by(out, SensorRig())), out.rng()
+    virtual, rng = VirtualSensor(), out.rng()
     chosen = things()[1:2] if out.quick else things()
     rows = Columns("letter thing primitive score force_N radius_m true_radius_m")
     with tempfile.TemporaryDirectory() as folder:

@@ -12,8 +12,6 @@ import numpy as np
 
 from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor
-from ...simulation.tabletop.gripper_setup import GRIPPER_RIG
-from .._press import seen_by
 from ..output import Columns, Output
 
 __all__ = ["run"]
@@ -28,7 +26,7 @@ def run(out: Output) -> None:
         Receives tables, pictures and comparisons; its seed and size are used.
     """
     rng = out.rng()
-    rig = GripperSensor(rig=seen_by(out, GRIPPER_RIG))
+    rig = GripperSensor(stripe=True)
     with tempfile.TemporaryDirectory() as folder:
         sensor = rig.build(folder, rng)
         sensor.reset()

@@ -22,8 +22,7 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor
 from ...simulation.foam.outline import Outline
-from ...simulation.tabletop.gripper_setup import GRIPPER_RIG, GraspObject
-from .._press import seen_by
+from ...simulation.tabletop.gripper_setup import GraspObject
 from ..output import Columns, Output
 
 __all__ = ["run"]
@@ -116,7 +115,7 @@ def _write(out: Output, name: str, curves: dict[str, GraspCurve]) -> None:
 def _measured(out: Output, stiffness: np.ndarray, radii: list[float]) -> list[float]:
     """What the gripper with the foam sensor reads of springs of these stiffnesses; NaN where it could not."""
     rng = out.rng(1)
-    rig = GripperSensor(rig=seen_by(out, GRIPPER_RIG))
+    rig = GripperSensor(stripe=True)
     found = []
     with tempfile.TemporaryDirectory() as folder:
         sensor = rig.build(folder, rng)

@@ -17,8 +17,6 @@ from ...core.measurement import ForceProfile
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
 from ...simulation.foam.press_rig import PressShape, press, press_path
-from ...simulation.foam.rig import SensorRig
-from .._press import seen_by
 from ..output import Columns, Output
 
 __all__ = ["run"]
@@ -63,7 +61,7 @@ def run(out: Output) -> None:
 
 def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
     """Columns of all presses, and the deepest profile under shape C."""
-    virtual = VirtualSensor(rig=seen_by(out, SensorRig()))
+    virtual = VirtualSensor()
     steps, runs = (4, 1) if out.quick else (12, 4)
     rows = Columns("shape run true_N measured_N sigma_N noise_N")
     with tempfile.TemporaryDirectory() as folder:

@@ -21,7 +21,6 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...sensing.scene.scene_tracker import SceneTracker
-from ...simulation.foam.rig import SensorRig
 from ...simulation.foam.strip_law import SOFT_FOAM, StripLaw
 from ...simulation.mobile.obstacles import SimulatedObstacle, box, cylinder, door
 from ...simulation.mobile.platform import PlatformConfig
@@ -30,7 +29,6 @@ from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
 from ...tasks.mobile.explore import ExploreStep, explore_obstacle
 from ...tasks.mobile.explore_records import ExploreSettings
-from .._press import seen_by
 from ..output import Columns, Output
 
 __all__ = ["run"]
@@ -103,7 +101,7 @@ def run(out: Output) -> None:
     out
         Receives tables, pictures and comparisons; its seed and size are used.
     """
-    virtual, rng = VirtualSensor(law=FIRM_FOAM, rig=seen_by(out, SensorRig())), out.rng()
+    virtual, rng = VirtualSensor(law=FIRM_FOAM), out.rng()
     chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]
     columns = Columns(
         "object outcome max_force_N force_N printed_force_N dynamic_N true_dynamic_N printed_dynamic_N deformability "
