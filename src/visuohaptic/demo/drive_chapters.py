@@ -40,8 +40,6 @@ class _ScanSenses(FloorSenses):
 
     def __init__(self, mission: Mission, world: FloorWorld) -> None:
         super().__init__(world, mission.rng(10))
-        assert mission.mapper is not None
-        assert mission.platform is not None
         self._mission, self._mapper = mission, mission.mapper
         self._odometry = DriftingBase(world.base, mission.rng(12), mission.house.odometry)
         self._laser_rng = mission.rng(13)
@@ -104,8 +102,6 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         With map, pose and tagged objects.
     """
     known = mission.known
-    assert known.map is not None
-    assert mission.platform is not None
     fraction = fit_fraction(mission, known.map, mission.platform.pose, known.pose)
     if fraction < MIN_FIT:
         return failed(
@@ -124,8 +120,8 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     estimated = senses.pose()
     parts = (
         Measure("distance from the goal at the end [m]", math.dist(estimated[:2], known.goal_m), error_m),
-        Measure("planned duration [s]", plan.cost_s, None),
-        Measure("duration of the drive [s]", found.duration_s, None),
+        Measure("planned duration [s]", plan.cost_s),
+        Measure("duration of the drive [s]", found.duration_s),
         Measure(
             "length of a path without a push [m]",
             detour.length_m if detour.reachable else "none exists",
@@ -227,7 +223,6 @@ def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:
             )
         )
         mission.yaw_rad[true.name] = mission.placed[true.name][2]
-    assert mission.platform is not None
     world = FloorWorld(mission.house.grid, items, mission.platform.pose)
     senses = _ScanSenses(mission, world)
     if mission.fault is FaultKind.LOST_POSE:
@@ -271,7 +266,6 @@ def _picture(
         MapObject(item.id, item.footprint_m, item.tag, world.footprint_m(item.id)) for item in problem.objects
     ]
     grid = mission.known.map
-    assert grid is not None
     x, y, _ = grid.origin
     path = track[:, :2] if len(track) else None
     figure = floor_map(

@@ -143,10 +143,10 @@ def map_the_way(mission: Mission) -> ChapterResult:
         f"{found.size_m[0]:.1f} m x {found.size_m[1]:.1f} m",
         table,
         Claim("place", "platform", mapper.pose[:2], platform.pose[:2], sigma=max(sigma_m, SEEN_SIGMA_M)),
-        Measure("position error after the round, by the map [m]", off_m, None),
-        Measure("position error after the round, by odometry alone [m]", drift_m, None),
-        Measure("free cells that are truly free [%]", 100 * right, None),
-        Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong, None),
+        Measure("position error after the round, by the map [m]", off_m),
+        Measure("position error after the round, by odometry alone [m]", drift_m),
+        Measure("free cells that are truly free [%]", 100 * right),
+        Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong),
     )
 
 
@@ -176,8 +176,6 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
         With the map of the first round; receives the laser points of each object.
     """
     known, grid = mission.known, mission.known.map
-    assert grid is not None
-    assert mission.platform is not None
     mission.platform.see(world_map(mission))
     plan = without_pushing(_problem(mission, grid))
     if not plan.reachable:
@@ -205,7 +203,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     return done(
         f"{len(near)} objects leave no path: {blocked.reason}",
         *(_place_claim(mission, one) for one in near),
-        Measure("objects in the way", len(near), None),
+        Measure("objects in the way", len(near)),
         _door_picture(mission, path),
     )
 
@@ -213,7 +211,6 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
 def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, "k 2"]]:
     """Groups of new points along the path; the platform ends before the first that is in its way."""
     grid = mission.known.map
-    assert grid is not None
     seen: list[Float[np.ndarray, "k 2"]] = []
     groups: list[Float[np.ndarray, "k 2"]] = []
     for pose in path:
@@ -242,8 +239,6 @@ def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> li
 def _look_from(mission: Mission, pose: tuple[float, float, float]) -> Float[np.ndarray, "k 2"]:
     """Go to a pose of the map, see where that truly was, and scan: hits in the map."""
     platform, mapper = mission.platform, mission.mapper
-    assert platform is not None
-    assert mapper is not None
     platform.go(relative_2d(mission.known.pose, pose))
     scan = platform.scan()
     mapper.locate(scan, platform.odometry())
@@ -359,7 +354,6 @@ def _door_picture(mission: Mission, path: Float[np.ndarray, "n 3"]) -> Illustrat
     from ..report.floor_chart import MapObject, floor_map
 
     grid = mission.known.map_now
-    assert grid is not None
     objects = [MapObject(f"new {k + 1}", _box(one)) for k, one in enumerate(mission.known.obstacle_points_m)]
     x, y, _ = grid.origin
     figure = floor_map(

@@ -112,7 +112,6 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         With the completed outline; receives class, squeezes, wall, lid, fill and mass.
     """
     known, bottle = mission.known, set_the_table(mission)
-    assert known.outline_m is not None
     _, hand = the_hand(mission)
     object_m = _foot_m(known)
     classes = mission_classes()
@@ -140,7 +139,6 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     )
     # Squeezed once more it goes on with what is most probable, and claims no class: the map is corrected by what was felt.
     model_wall_m = _take_class(known, found.best)
-    assert known.class_model is not None
     if known.class_model.base.shape != "circle":
         return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
     stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in known.curves]
@@ -150,7 +148,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     known.wall_factor = wall / model_wall_m
     mission.spent(hand.arm.pose()[0], len(known.curves) + len(contents.curves))
     parts = [
-        Measure("squeezes for the class", len(known.curves), None),
+        Measure("squeezes for the class", len(known.curves)),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
         Illustration(
             _belief_figure(squeezer.history(), contents.curves[-1]),
@@ -188,7 +186,6 @@ def _odds(mission: Mission) -> dict[str, float]:
 def _keep_the_bottle(mission: Mission, probability: float, wall_m: float) -> None:
     known, before = mission.known, mission.known_bottle
     assert mission.memory is not None
-    assert known.outline_m is not None
     one = BottleMemory(
         before.id if before is not None else "", known.class_name, probability, known.outline_m,
         known.outline_sigma_m, known.closed, known.fill,
@@ -211,14 +208,12 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
 
 def _foot_m(known: Known) -> tuple[float, float, float]:
     """Middle of the bottle's bottom in the base of the arm."""
-    assert known.bottle_at_m is not None
     x, y, _ = PLACE.apply(np.array([*known.bottle_at_m, 0.0]))
     return float(x), float(y), 0.0
 
 
 def _open_m(known: Known) -> float:
     """Opening that lets the widest part of the outline pass, as far off as outline and place may be."""
-    assert known.outline_m is not None
     reach_m = float(known.outline_m[:, 0].max()) + 3.0 * known.outline_sigma_m + CLEAR_M
     return min(2.0 * reach_m, MAX_OPEN_M)
 
@@ -238,7 +233,6 @@ def _report_classes(mission: Mission, found: Classification) -> str:
 
 def _take_class(known: Known, name: str) -> float:
     """Keep the class with its nearest variant, or the outline as it is of one that is unknown; returns its wall [m]."""
-    assert known.outline_m is not None
     known.class_name = name
     known.class_model = (
         container_of_outline(known.outline_m)
@@ -271,7 +265,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     deformed_mm, truly_mm = 1e3 * held.deformation_m, 1e3 * kitchen.deformation_m
     parts = (
         Measure("mass [kg]", mass, kitchen.container.mass_kg),
-        Measure("force of each finger, needed at least [N]", best.needed_N, None),
+        Measure("force of each finger, needed at least [N]", best.needed_N),
         Measure("force of each finger, felt [N]", held.force_N, kitchen.force_N),
         Measure("deformation of one side at the grasp [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, kitchen.lifted_m),
@@ -299,8 +293,6 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     from ..grasping.grasp_task import GraspTask
     from ..grasping.planner import plan_grasps
 
-    assert known.class_model is not None
-    assert known.outline_m is not None
     model = mesh_container(known.class_model, around=32)
     # Heights are taken in parts: the class's variant is not exactly as high as the bottle.
     scale = model.height_m / float(known.outline_m[-1, 1])
@@ -350,7 +342,7 @@ def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) 
     return draw_axes(1, 2, draw, size=(8.6, 3.4))
 
 
-def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray | None, lifted: bool) -> Figure:
+def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted: bool) -> Figure:
     """Score and stiffness, unrolled, with the best grasp; and the bottle in the fingers."""
     from ..report.style import COLOURS, draw_axes
 
@@ -380,13 +372,12 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray | None,
     return draw_axes(1, 3, draw, size=(11.0, 4.2))
 
 
-def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray | None, lifted: bool) -> None:
+def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray, lifted: bool) -> None:
     """Outline of the bottle on the table and above it, and the fingers beside it."""
     from matplotlib.patches import Rectangle
 
     from ..report.style import COLOURS
 
-    assert outline_m is not None
     up_mm = 1e3 * lift.lift_m if lifted else 0.0
     radius_mm, height_mm = 1e3 * outline_m.T
     for rise_mm, style, colour in ((0.0, "--", COLOURS["grey"]), (up_mm, "-", COLOURS["blue"])):

@@ -231,15 +231,8 @@ class MissionMemory(Closing):
 
 
 _NUMBERS = (
-    "resolution_m",
-    "origin_x_m",
-    "origin_y_m",
-    "goal_x_m",
-    "goal_y_m",
-    "home_x_m",
-    "home_y_m",
-    "home_heading_rad",
-)
+    "resolution_m", "origin_x_m", "origin_y_m", "goal_x_m", "goal_y_m", "home_x_m", "home_y_m", "home_heading_rad",
+)  # fmt: skip
 
 
 def outline_fit(

@@ -98,9 +98,9 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     worst = float(np.max(np.abs(error) / sigma))
     rms = float(np.sqrt(np.mean(error**2)))
     parts = [
-        Measure("rms error of a force's component [N]", rms, None),
-        Measure("standard deviation after these loads [N]", mission.known.probe_sigma_N, None),
-        Measure("largest error in declared standard deviations", worst, None),
+        Measure("rms error of a force's component [N]", rms),
+        Measure("standard deviation after these loads [N]", mission.known.probe_sigma_N),
+        Measure("largest error in declared standard deviations", worst),
         Illustration(
             _forces(true, read, sigma), "Forces read from the bending rod beside those that were applied"
         ),
@@ -182,7 +182,7 @@ def find_the_glass(mission: Mission) -> ChapterResult:
     return done(
         f"{counted(len(found.regions), 'transparent part')} found in {len(frames)} views",
         Claim("foot", "bottle", (float(centre[0]), float(centre[1])), bottle.foot_m, sigma=VOXEL_M),
-        Measure("distance of its middle from the bottle's axis [m]", off, None),
+        Measure("distance of its middle from the bottle's axis [m]", off),
         Measure("transparent parts", len(found.regions), 1),
         picture,
     )
@@ -256,10 +256,10 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm",
         Claim("shape", "bottle", 0.0, rms_m, sigma=error_m),
         Claim("height", "bottle", float(outline[-1, 1]), bottle.height_m, sigma=HEIGHT_SIGMA_M),
-        Measure("expected error of the missing part, before touching [m]", before_m, None),
-        Measure("expected error of the missing part, after [m]", error_m, None),
-        Measure("rms error of the outline's radius [m]", rms_m, None),
-        Measure("rms error of the outline that was only seen [m]", _outline_error(seen, bottle), None),
+        Measure("expected error of the missing part, before touching [m]", before_m),
+        Measure("expected error of the missing part, after [m]", error_m),
+        Measure("rms error of the outline's radius [m]", rms_m),
+        Measure("rms error of the outline that was only seen [m]", _outline_error(seen, bottle)),
         Illustration(
             _outline_figure(outline, bottle, seen, _radial(contacts, foot)),
             "Outline of the bottle: what the camera saw, what the probe touched, what came of it, and the truth",
@@ -304,7 +304,6 @@ def _visible(mission: Mission) -> Completion:
     from ..reconstruction.completion.hole_region import HoleRegion
     from ..reconstruction.completion.surface_completion import Completion, CompletionSettings
 
-    assert mission.scan is not None
     region = mission.scan.regions[0]
     foot = region.centroid_m[:2]
     wall = axial_part(mission.scan.surface, foot, REACH_M)
@@ -322,8 +321,6 @@ def _visible(mission: Mission) -> Completion:
 def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touches: int) -> CompletionByTouch:
     """Touch the true bottle; the force is read from pictures of the rod."""
     sensor, sigma_N = mission.known.probe, mission.known.probe_sigma_N
-    assert sensor is not None
-    assert sigma_N is not None
     rng = mission.rng(23)
     arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
     cell = VirtualProbe(arm, bottle.probed(), rng, T_base_bottle=bottle.T_base_bottle)

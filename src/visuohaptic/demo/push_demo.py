@@ -26,7 +26,7 @@ from ..sensing.scene.scene_record import write_scene
 from ..sensing.scene.scene_regions import SceneSettings
 from ..sensing.scene.scene_tracker import SceneTracker
 from ..simulation.mobile.obstacles import SimulatedObstacle
-from ..simulation.mobile.office import ApproachPath, furnished_office, obstacles_for_map
+from ..simulation.mobile.office import ApproachPath, obstacles_for_map
 from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.push_world import FoamPushWorld
 from ..simulation.mobile.sensor_camera import SimulatedSensorCamera
@@ -78,40 +78,35 @@ class DemoObject:
 class DemoResult:
     """The whole run."""
 
-    grid: OccupancyMap
     objects: tuple[DemoObject, ...]
     sensor: FoamSensor
-    folder: Path
     duration_s: float
 
 
 def run_demo(
     folder: Path | str,
+    scene: tuple[OccupancyMap, Sequence[ApproachPath]] | Path | str,
     *,
-    map_path: Path | str | None = None,
     seed: int = 1,
     on_message: Callable[[str], None] = log.info,
     page: LivePage | None = None,
-    scene: tuple[OccupancyMap, Sequence[ApproachPath]] | None = None,
-    explore: ExploreSettings | None = None,
+    explore: ExploreSettings = SLOWLY,
     through: Callable[[FrameSource], FrameSource] = lambda source: source,
 ) -> DemoResult:
-    """Set the scene, calibrate and zero the sensor, explore three obstacles.
+    """Set the scene, calibrate and zero the sensor, explore the obstacles.
 
     Parameters
     ----------
     folder
-        Receives sensor files, ``run.mcap``, ``run.csv`` and the map.
-    map_path
-        A map_server YAML; without it the project's own office.
+        Receives sensor files, ``run.mcap`` and ``run.csv``.
+    scene
+        A map and the obstacles in it, or a map_server YAML in which three are placed.
     seed
         Of everything random.
     on_message
         Takes the lines of the live table.
     page
         Shows it live.
-    scene
-        A map and the obstacles in it, instead of ``map_path`` and our own office.
     explore
         How to drive and push; slowly by default.
     through
@@ -121,7 +116,7 @@ def run_demo(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
-    grid, paths = scene if scene is not None else _scene(folder, map_path, on_message)
+    grid, paths = scene if isinstance(scene, tuple) else _placed(scene, on_message)
     # In colour, as a webcam sees it: in grey a blue bin and a brown floor can look the same.
     virtual = VirtualSensor(look=Look.photo(colour=True))
     on_message("foam sensor: press, calibrate, mount, zero")
@@ -144,29 +139,23 @@ def run_demo(
         recording.write_map(grid, 0.0)
         stage = _Stage(world, virtual, sensor, on_message, page, recording, table)
         for number, path in enumerate(paths):
-            objects.append(_Push(stage, path, seed + number).explore(explore or SLOWLY, through))
+            objects.append(_Push(stage, path, seed + number).explore(explore, through))
             if page is not None:
                 page.set_tags({one.name: one.tag for one in objects})
-    return DemoResult(grid, tuple(objects), sensor, folder, time.monotonic() - start_s)
+    return DemoResult(tuple(objects), sensor, time.monotonic() - start_s)
 
 
-def _scene(
-    folder: Path, map_path: Path | str | None, say: Callable[[str], None]
+def _placed(
+    map_path: Path | str, say: Callable[[str], None]
 ) -> tuple[OccupancyMap, tuple[ApproachPath, ...]]:
-    """The map and three obstacles in it."""
-    if map_path is not None:
-        grid = OccupancyMap.load(map_path)
-        try:
-            paths = obstacles_for_map(grid.cells, grid.resolution_m, grid.origin)
-        except InputError as error:
-            raise InputError(map_path, error.problem, remedy=error.remedy) from error
-        say(f"map {map_path}: {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m")
-        return grid, paths
-    office = furnished_office()
-    grid = OccupancyMap(office.cells, office.resolution_m, office.origin)
-    grid.save(folder / "office.yaml")
-    say(f"our own office, {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m, drawn to {folder / 'office.yaml'}")
-    return grid, office.paths
+    """A map of the user's, and three obstacles in it."""
+    grid = OccupancyMap.load(map_path)
+    try:
+        paths = obstacles_for_map(grid.cells, grid.resolution_m, grid.origin)
+    except InputError as error:
+        raise InputError(map_path, error.problem, remedy=error.remedy) from error
+    say(f"map {map_path}: {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m")
+    return grid, paths
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,7 +77,7 @@ class Measure:
 
     what: str  #: with unit
     ours: float | bool | str | None
-    truth: float | bool | str | None
+    truth: float | bool | str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,20 +114,20 @@ class ChapterResult:
 
 @dataclass(slots=True)
 class Known:
-    """What the robot knows; every part is written by one chapter."""
+    """What the robot knows; every part is written by one chapter, and not set before it."""
 
-    map: OccupancyMap | None = None  #: of the first round
-    map_now: OccupancyMap | None = None  #: with what stands in the door today
+    map: OccupancyMap = field(init=False)  #: of the first round
+    map_now: OccupancyMap = field(init=False)  #: with what stands in the door today
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: estimated: x, y [m], heading [rad]
     goal_m: tuple[float, float] = (0.0, 0.0)  #: from where the table is served
     obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each object in the door
     ahead_rad: float = 0.0  #: heading in which what is in the way is met
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
-    probe_sigma_N: float | None = None  #: of the beam sensor's force
-    probe: TrackedBeam | None = None  #: the beam sensor, zeroed
-    bottle_at_m: Float[np.ndarray, "2"] | None = None  #: foot of its axis on the table
-    outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
+    probe_sigma_N: float = field(init=False)  #: of the beam sensor's force
+    probe: TrackedBeam = field(init=False)  #: the beam sensor, zeroed
+    bottle_at_m: Float[np.ndarray, "2"] = field(init=False)  #: foot of its axis on the table
+    outline_m: Float[np.ndarray, "k 2"] = field(init=False)  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
     finger: FoamSensor | None = None  #: of the gripper, zeroed
     wrist: TrackedBeam | None = None  #: from which the hand hangs: zeroed, and calibrated with weights
@@ -135,7 +135,7 @@ class Known:
     curves: tuple[SqueezeCurve, ...] = ()  #: gentle
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""
-    class_model: ContainerDescription | None = None  #: of the recognised class, as large as the outline
+    class_model: ContainerDescription = field(init=False)  #: of the recognised class, as large as the outline
     wall_factor: float = 1.0
     closed: bool = False  #: nothing can get out of it
     fill: float = 0.0  #: fraction of its volume that is filled
@@ -161,11 +161,11 @@ class Mission:
     house: House = field(init=False)  #: the floor as it truly is
     placed: dict[str, tuple[float, float, float]] = field(init=False)  #: where its objects truly are now
     yaw_rad: dict[str, float] = field(default_factory=dict)  #: of its objects when the drive began
-    platform: LedPlatform | None = None  #: the platform as it truly moves, until it drives by itself
-    mapper: OccupancyMapper | None = None  #: lays scans on the map
+    platform: LedPlatform = field(init=False)  #: the platform as it truly moves, until it drives by itself
+    mapper: OccupancyMapper = field(init=False)  #: lays scans on the map
     bottle: TableBottle | None = None  #: the one on the table
     kitchen: VirtualHand | None = None  #: arm, gripper and the bottle between its fingers
-    scan: Reconstruction | None = None  #: what the camera saw of the table
+    scan: Reconstruction = field(init=False)  #: what the camera saw of the table
     tags: dict[str, HapticTag] = field(default_factory=dict)
     memory: MissionMemory | None = None  #: of earlier visits
     remembered: dict[str, str] = field(default_factory=dict)  #: by true name, what an object is in the memory

@@ -19,7 +19,6 @@ from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
-from ..tasks.mobile.explore_records import ExploreSettings
 from ..tasks.mobile.felt_footprint import felt_footprint
 from .floor_chapters import ROBOT, default_door, near_side, nearest_obstacle, outline_m
 from .judge import Claim
@@ -51,7 +50,6 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     """
     known = mission.known
     grid = known.map_now
-    assert grid is not None
     if not known.obstacle_points_m:
         return done("nothing is in the way that could be touched")
     objects: list[MovableObject] = []
@@ -70,11 +68,11 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     order = sorted(sorted(range(len(paths)), key=lambda k: _mass_kg(paths[k]))[: mission.obstacles])
     found = run_demo(
         mission.folder / "touch",
+        (grid, [paths[k] for k in order]),
         seed=mission.seed,
         on_message=lambda line: mission.log(f"  {line}" if line else ""),
         page=mission.page,
-        scene=(grid, [paths[k] for k in order]),
-        explore=_settings(mission),
+        explore=QUICK if mission.quick else EXPLORE,
         through=lambda source: _through(mission, source),
     )
     measures = []
@@ -117,7 +115,7 @@ def touch_in_map(
     page
         Shows it live.
     """
-    found = run_demo(folder, map_path=map_path, seed=seed, on_message=on_message, page=page)
+    found = run_demo(folder, map_path, seed=seed, on_message=on_message, page=page)
     chapters = []
     for one in found.objects:
         ended = done if one.exploration.ending.success else failed
@@ -163,7 +161,6 @@ def _approach(mission: Mission, group: Float[np.ndarray, "k 2"]) -> ApproachPath
 
 
 def _true_pose(mission: Mission) -> tuple[float, float, float]:
-    assert mission.platform is not None
     return mission.platform.pose
 
 
@@ -179,10 +176,6 @@ def _moved(
 
 def _mass_kg(path: ApproachPath) -> float:
     return path.obstacle.mass_kg if path.obstacle.movable else math.inf
-
-
-def _settings(mission: Mission) -> ExploreSettings:
-    return QUICK if mission.quick else EXPLORE
 
 
 def _through(mission: Mission, source: FrameSource) -> FrameSource:

@@ -107,6 +107,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         self._why = ""
         self._attempts: dict[str, int] = {}  #: by the state that failures have led to
         self._last_s = -math.inf
+        self._blind = 0  #: readings in a row that cannot be trusted
         # Who polls may ask often between two observations: only the host's time counts.
         self._clock = ClockWatch(max_periods=None, host_clock=lambda: self.host_clock())
 
@@ -222,6 +223,39 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         self._attempts[rule.otherwise] = self._attempts.get(rule.otherwise, 0) + 1
         self.go(rule.otherwise, f"{outcome}: {why}; another attempt")
         return True
+
+    def give_up(self, outcome: str, why: str) -> CommandT:
+        """Finish without success; returns the command at which the robot stands.
+
+        Parameters
+        ----------
+        outcome, why
+            As of :meth:`end`.
+        """
+        self.end(False, outcome, why)
+        return self.halt()
+
+    def unread(self, felt: bool, outcome: str, max_frames: int) -> bool:
+        """Count readings in a row that cannot be trusted, and end where they are too many.
+
+        Parameters
+        ----------
+        felt
+            Whether the newest can be.
+        outcome
+            Of the ending.
+        max_frames
+            So many frames are too many.
+
+        Returns
+        -------
+        bool
+            Whether the task has ended.
+        """
+        self._blind = 0 if felt else self._blind + 1
+        if self._blind >= max_frames:
+            self.end(False, outcome, f"{self._blind} frames in a row cannot be trusted")
+        return self._blind >= max_frames
 
     def interrupt(self, outcome: str, why: str) -> None:
         """Finish from outside, as when the camera delivers no more frames.

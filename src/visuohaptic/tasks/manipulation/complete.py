@@ -144,7 +144,6 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
             s.BACK: Rule((s.PLAN,), 30.0),
         }
         super().__init__(self.settings)
-        self._blind = 0
 
     def halt(self) -> ProbeCommand:
         """The tip stands still."""
@@ -153,42 +152,22 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
     def decide(self, seen: ProbeObservation) -> ProbeCommand:
         """Motion of the probe after one frame."""
         s = self.settings
-        self._blind = 0 if seen.felt else self._blind + 1
-        if self._blind >= s.blind_frames:
-            return self._fail(
-                CompleteOutcome.SENSOR_FAILED, f"{self._blind} wrenches in a row cannot be trusted"
-            )
-        if not seen.felt:
+        if self.unread(seen.felt, CompleteOutcome.SENSOR_FAILED, s.blind_frames) or not seen.felt:
             return self.halt()
+        work = {
+            CompleteState.PLAN: self._plan, CompleteState.PROBE: self._probe, CompleteState.BACK: self._back,
+        }.get(self.state, self._travel)  # fmt: skip
         # Coming back the tip may still bear shortly.
-        if (
-            self.state in (CompleteState.UP, CompleteState.ACROSS, CompleteState.DOWN)
-            and seen.force_N > s.blocked_N
-        ):
-            return self._fail(CompleteOutcome.BLOCKED, f"{seen.force_N:.1f} N on the way, {self.state}")
-        return {
-            CompleteState.PLAN: self._plan,
-            CompleteState.UP: self._travel,
-            CompleteState.ACROSS: self._travel,
-            CompleteState.DOWN: self._travel,
-            CompleteState.PROBE: self._probe,
-            CompleteState.BACK: self._back,
-        }[self.state](seen)
+        if work == self._travel and seen.force_N > s.blocked_N:
+            return self.give_up(CompleteOutcome.BLOCKED, f"{seen.force_N:.1f} N on the way, {self.state}")
+        return work(seen)
 
     def _plan(self, seen: ProbeObservation) -> ProbeCommand:
-        s = self.settings
+        s, why = self.settings, f"{1e3 * seen.error_m:.2f} mm expected after {seen.touches} touches"
         if seen.done:
-            self.end(
-                True,
-                CompleteOutcome.COMPLETED,
-                f"{1e3 * seen.error_m:.2f} mm expected after {seen.touches} touches",
-            )
+            self.end(True, CompleteOutcome.COMPLETED, why)
         elif seen.touches >= s.touches:
-            self.end(
-                False,
-                CompleteOutcome.TOUCHES_USED,
-                f"{1e3 * seen.error_m:.2f} mm expected after {seen.touches} touches, wanted {1e3 * s.bound_m:.2f} mm",
-            )
+            self.end(False, CompleteOutcome.TOUCHES_USED, f"{why}, wanted {1e3 * s.bound_m:.2f} mm")
         elif math.isfinite(seen.start_m[0]):
             self.go(CompleteState.UP, f"line {seen.touches + 1} at {1e3 * seen.start_m[2]:.0f} mm")
             return self._travel(seen)
@@ -222,10 +201,6 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
             self.go(CompleteState.PLAN, "back")
             return self.halt()
         return ProbeCommand(True, seen.start_m, self.settings.travel_m_s)
-
-    def _fail(self, outcome: CompleteOutcome, why: str) -> ProbeCommand:
-        self.end(False, outcome, why)
-        return self.halt()
 
 
 class _Probing:

@@ -57,7 +57,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         }
         super().__init__(self.settings)
         self.attempts = 0
-        self._blind = self._waypoint = self._presses = self._misses = 0
+        self._waypoint = self._presses = self._misses = 0
         self._sightings: list[Vector] = []
         self._readings: list[tuple[float, ...]] = []
         self._cap = np.full(3, math.nan)  #: best knowledge of the cap's centre
@@ -80,11 +80,10 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
     def decide(self, seen: CapObservation) -> CapCommand:
         """Motion of the arm after one frame."""
         tip = np.array(seen.tip_m)
-        self._blind = 0 if seen.felt else self._blind + 1
-        haptic = self.state not in (CapState.FIND, CapState.TRACK)
-        if haptic and self._blind >= self.settings.blind_frames:
-            return self._fail(CapOutcome.SENSOR_FAILED, f"{self._blind} wrenches in a row cannot be trusted")
-        if haptic and not seen.felt:
+        looks = self.state in (CapState.FIND, CapState.TRACK)
+        if self.unread(seen.felt or looks, CapOutcome.SENSOR_FAILED, self.settings.blind_frames):
+            return _STOP
+        if not (seen.felt or looks):
             return _STOP
         command: CapCommand = getattr(self, f"_{self.state.value}")(seen, tip)
         return command
@@ -104,7 +103,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         if self._waypoint >= len(scan):
             # The picture of the last place is one frame late.
             if self.since_s(seen.t_s) > 0.2:
-                return self._fail(CapOutcome.NOT_FOUND, f"{len(scan)} places looked at")
+                return self.give_up(CapOutcome.NOT_FOUND, f"{len(scan)} places looked at")
             return _STOP
         return self._to(np.array(scan[self._waypoint]), self.settings.fast_m_s)
 
@@ -122,7 +121,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             self.go(CapState.APPROACH, f"tracked at {_mm(self._cap)} mm")
             return self._approach(seen, tip)
         if there and self.since_s(seen.t_s) > 6.0:
-            return self._fail(CapOutcome.LOST, "not seen from above")
+            return self.give_up(CapOutcome.LOST, "not seen from above")
         return self._to(self._aim, self.settings.fast_m_s)
 
     # Touch
@@ -165,7 +164,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             self._misses += 1
             if self._misses > 4:
                 why = f"nothing met {1e3 * s.depth_m:.0f} mm below its place"
-                return self._fail(CapOutcome.NO_CONTACT, why)
+                return self.give_up(CapOutcome.NO_CONTACT, why)
             return self._again(tip, 0.0, s.ahead_m, "nothing met: ahead")
         # From the first touch on slowly: a frame's way on a stiff beam is many newtons.
         touched = z > s.touch_N or math.hypot(x, y) > s.touch_N
@@ -218,7 +217,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         """Lift, shift, and press once more."""
         self._presses += 1
         if self._presses > self.settings.presses:
-            return self._fail(CapOutcome.NOT_ALIGNED, f"pressed {self._presses - 1} times, last: {why}")
+            return self.give_up(CapOutcome.NOT_ALIGNED, f"pressed {self._presses - 1} times, last: {why}")
         # From where the hook bears beside the cap it has to come up over it.
         up = self.settings.lift_m if ahead_m == 0 else self.settings.hover_m
         self._aim_lift = tip + np.array([aside_m, ahead_m, up])
@@ -247,7 +246,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         self._peak = max(self._peak, moment)
         turned = _turned(self._turn, seen.turn_rad)
         if moment > s.max_Nm:
-            return self._fail(CapOutcome.TOO_TIGHT, f"M_x {moment:.1f} Nm")
+            return self.give_up(CapOutcome.TOO_TIGHT, f"M_x {moment:.1f} Nm")
         if self._peak > s.engaged_Nm and moment < s.broken * self._peak:
             self._broke = True
             return self._leave_now(seen, tip, f"M_x fell from {self._peak:.2f} to {moment:.2f} Nm")
@@ -290,11 +289,11 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
                 self.end(True, CapOutcome.OPENED, f"M_x {moment:+.2f} Nm and no cap on the bottle")
                 return _STOP
             why = "the cap is not seen, but no moment broke down: the view may be blocked"
-            return self._fail(CapOutcome.NOT_VERIFIED, why)
+            return self.give_up(CapOutcome.NOT_VERIFIED, why)
         if self.attempts >= s.attempts:
             if any(self._looks):
-                return self._fail(CapOutcome.STILL_CLOSED, f"cap still seen after {self.attempts} turns")
-            return self._fail(CapOutcome.NOT_VERIFIED, f"M_x {moment:+.2f} Nm in the air")
+                return self.give_up(CapOutcome.STILL_CLOSED, f"cap still seen after {self.attempts} turns")
+            return self.give_up(CapOutcome.NOT_VERIFIED, f"M_x {moment:+.2f} Nm in the air")
         # Where it was felt is better than where it is seen. A hook that slipped off is held otherwise
         # the next time: lower, higher, and pressed on harder.
         self._turn = np.array(_tilted(self._upright, s.tilts_rad[self.attempts % len(s.tilts_rad)]))
@@ -302,10 +301,6 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         return self._approach(seen, tip)
 
     # Helpers
-
-    def _fail(self, outcome: CapOutcome, why: str) -> CapCommand:
-        self.end(False, outcome, why)
-        return _STOP
 
     def _above(self, height_m: float) -> np.ndarray:
         return np.asarray(self._cap + np.array([0.0, 0.0, height_m]))

@@ -113,7 +113,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
     def decide(self, seen: HandObservation) -> HandCommand:
         """Motion of arm and gripper after one frame."""
         p = self.plan
-        if self.unread(seen, GraspOutcome.SENSOR_FAILED, p.blind_frames):
+        if self.unread(seen.felt, GraspOutcome.SENSOR_FAILED, p.blind_frames):
             return self.halt()
         x, y, z = p.object_m
         grasp = (x, y, z + p.place.height_m)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -69,9 +68,7 @@ class HandCommand:
 
 
 class HandTask(Machine[StateT, HandObservation, HandCommand]):
-    """A task of the hand: arm and fingers hold where nothing else is said, and a finger must be read."""
-
-    _blind = 0  #: frames in a row that cannot be trusted
+    """A task of the hand: arm and fingers hold where nothing else is said."""
 
     def halt(self) -> HandCommand:
         """Arm and fingers hold: what is in the hand stays there."""
@@ -86,23 +83,6 @@ class HandTask(Machine[StateT, HandObservation, HandCommand]):
             Time of the observation [s].
         """
         return False
-
-    def unread(self, seen: HandObservation, outcome: StrEnum, max_frames: int) -> bool:
-        """End where too many frames in a row cannot be trusted.
-
-        Parameters
-        ----------
-        seen
-            Newest observation.
-        outcome
-            Of the ending.
-        max_frames
-            So many frames are too many.
-        """
-        self._blind = 0 if seen.felt else self._blind + 1
-        if self._blind >= max_frames:
-            self.end(False, outcome, f"{self._blind} frames in a row cannot be trusted")
-        return self._blind >= max_frames
 
 
 def as_vector(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:

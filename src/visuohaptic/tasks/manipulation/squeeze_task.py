@@ -138,7 +138,7 @@ class SqueezeTask(HandTask[SqueezeState]):
     def decide(self, seen: HandObservation) -> HandCommand:
         """Motion of arm and gripper after one frame."""
         s = self.settings
-        if self.unread(seen, SqueezeOutcome.SENSOR_FAILED, s.blind_frames):
+        if self.unread(seen.felt, SqueezeOutcome.SENSOR_FAILED, s.blind_frames):
             return self.halt()
         if self.state is SqueezeState.OPEN:
             if seen.opening_m >= s.open_m - 1e-3:

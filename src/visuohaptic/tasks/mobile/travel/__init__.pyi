@@ -8,16 +8,13 @@ from .travel_motion import TravelMotion as TravelMotion
 from .travel_plans import TravelPlans as TravelPlans
 from .travel_pushes import TravelPushes as TravelPushes
 from .travel_task import TravelTask as TravelTask
-from .travel_trace import TravelRecord as TravelRecord
-from .travel_trace import final_places as final_places
-from .travel_trace import records_from_json as records_from_json
-from .travel_trace import records_to_json as records_to_json
 from .travel_types import PERIOD_S as PERIOD_S
 from .travel_types import ObjectSighting as ObjectSighting
 from .travel_types import PassageSenses as PassageSenses
 from .travel_types import TravelCommand as TravelCommand
 from .travel_types import TravelObservation as TravelObservation
 from .travel_types import TravelOutcome as TravelOutcome
+from .travel_types import TravelRecord as TravelRecord
 from .travel_types import TravelSenses as TravelSenses
 from .travel_types import TravelSettings as TravelSettings
 from .travel_types import TravelState as TravelState

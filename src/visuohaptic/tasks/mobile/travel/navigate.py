@@ -17,7 +17,6 @@ from ....navigation.problem.planning_problem import PlanningProblem
 from ...framework.run import run_machine
 from ...framework.trace import Trace
 from .travel_task import TravelTask
-from .travel_trace import TravelRecord
 from .travel_types import (
     PERIOD_S,
     ObjectSighting,
@@ -25,6 +24,7 @@ from .travel_types import (
     TravelCommand,
     TravelObservation,
     TravelOutcome,
+    TravelRecord,
     TravelSenses,
     TravelSettings,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -53,6 +54,12 @@ class _Known:
             friction_offset_m=(float(x), float(y)),
             friction_covariance_m2=((float(xx), float(xy)), (float(xy), float(yy))) if self.learned else None,
         )
+
+    def tell(self, *, failed: bool, **changes: Any) -> None:
+        """Count a push in its tag, and change what it says."""
+        tag = self.item.tag or HapticTag()
+        counted = tag.updated(explored=tag.explored + 1, failed=tag.failed + int(failed), **changes)
+        self.item = replace(self.item, tag=counted)
 
 
 class TravelMemory:
@@ -220,17 +227,7 @@ class TravelMemory:
         failed
             It did not go as far as planned.
         """
-        known = self._known[id]
-        tag = known.item.tag or HapticTag()
-        known.item = replace(
-            known.item,
-            tag=tag.updated(
-                explored=tag.explored + 1,
-                failed=tag.failed + int(failed),
-                fixed=False,
-                min_static_friction_N=None,
-            ),
-        )
+        self._known[id].tell(failed=failed, fixed=False, min_static_friction_N=None)
 
     def refused(self, id: str, *, fixed: bool) -> None:
         """A push has not moved an object; with ``fixed`` it is not pushed again.
@@ -245,13 +242,7 @@ class TravelMemory:
         known = self._known[id]
         known.failures += 1
         known.stalled = known.stalled or fixed
-        tag = known.item.tag or HapticTag()
-        known.item = replace(
-            known.item,
-            tag=tag.updated(
-                explored=tag.explored + 1, failed=tag.failed + 1, fixed=True if fixed else tag.fixed
-            ),
-        )
+        known.tell(failed=True, **({"fixed": True} if fixed else {}))
 
     def too_heavy(self, id: str) -> None:
         """The platform's largest force did not move an object: a bound, which what was measured lower contradicts.
@@ -264,14 +255,9 @@ class TravelMemory:
         known = self._known[id]
         known.failures += 1
         known.stalled = False  # measured, not bad luck: it gets no other chance
-        tag = known.item.tag or HapticTag()
         limit_N = self._problem.robot.push_force_max_N
-        known.item = replace(
-            known.item,
-            tag=tag.updated(
-                static_friction_N=None, dynamic_friction_N=None, min_static_friction_N=limit_N,
-                explored=tag.explored + 1, failed=tag.failed + 1, fixed=True,
-            ),
+        known.tell(
+            failed=True, fixed=True, static_friction_N=None, dynamic_friction_N=None, min_static_friction_N=limit_N
         )  # fmt: skip
 
     def explored(self, id: str, tag: HapticTag) -> None:

@@ -82,9 +82,7 @@ class TravelPushes:
         push = yield from self._through_centre(task, length_m)
         self.count += 1
         known = self._memory.item(task.object).tag is not None
-        seen = yield from self._motion.look(task.object)
-        if seen is not None and self._memory.seen(task.object, seen):
-            self._note("looked", task.object, place_m=[float(value) for value in seen])
+        seen = yield from self._look(task.object)
         as_planned = (
             push.end is PushEnd.DONE
             and seen is not None
@@ -95,9 +93,8 @@ class TravelPushes:
         moved_m = float(push.moved_m[0])
         good = moved_m > max(settings.moved_m, 0.5 * length_m)
         stalled = push.end is PushEnd.STALLED and not self._at_wall
-        self._learn(
-            task.object, push, moved=good or moved_m > settings.moved_m, failed=not good, fixed=stalled
-        )
+        moved = good or moved_m > settings.moved_m
+        self._learn(task.object, moved=moved, failed=not good, heavy=self._too_heavy(push), fixed=stalled)
         if (beside := push.centre_beside_m()) is not None:
             self._memory.learn_centre(task.object, _direction(task), beside)
         self._note(
@@ -132,17 +129,10 @@ class TravelPushes:
         self.count += 1
         self.driven_m += gone_m
         self.behind_m = min(settings.back_off_m, gone_m + 0.02)
-        seen = yield from motion.look(task.object)
+        seen = yield from self._look(task.object)
         moved_m = 0.0 if seen is None else float(np.hypot(*(seen[:2] - check.place_m[:2])))
-        if seen is not None and self._memory.seen(task.object, seen):
-            self._note("looked", task.object, place_m=[float(value) for value in seen])
-        if end == "done" or moved_m > settings.moved_m:
-            self._memory.pushed(task.object, failed=end != "done")
-        elif end == "too heavy":
-            self._memory.too_heavy(task.object)
-        else:
-            often = self._memory.failures(task.object) + 1 >= settings.failures
-            self._memory.refused(task.object, fixed=often)
+        moved = end == "done" or moved_m > settings.moved_m
+        self._learn(task.object, moved=moved, failed=end != "done", heavy=end == "too heavy")
         near = seen is not None and float(np.hypot(*(seen[:2] - np.array(task.goal_m)))) < settings.near_m
         self._note(
             "brushed", task.object, end=end, moved_m=moved_m, corrections=corrections, as_planned=near,
@@ -222,18 +212,25 @@ class TravelPushes:
         settings = self._settings
         moved = bool(np.hypot(off[0], off[1]) > settings.moved_m or abs(off[2]) > settings.near_rad)
         unseen = before is None or after is None
-        self._learn(wanted.object, push, moved=moved or unseen, failed=False, fixed=False)
+        self._learn(wanted.object, moved=moved or unseen, failed=False, heavy=self._too_heavy(push))
         self._note(
             "turned", wanted.object, end=str(push.end), moved_m=[float(v) for v in off[:2]],
             turned_rad=float(off[2]), predicted_rad=wanted.turn_rad, opens=wanted.opens,
             force_N=_finite(push.force_N[1]),
         )  # fmt: skip
 
-    def _learn(self, id: str, push: SteeredPush, *, moved: bool, failed: bool, fixed: bool) -> None:
+    def _look(self, id: str) -> Motion[Float[np.ndarray, "3"] | None]:
+        """Look where an object is, and take it down when it has moved."""
+        seen = yield from self._motion.look(id)
+        if seen is not None and self._memory.seen(id, seen):
+            self._note("looked", id, place_m=[float(value) for value in seen])
+        return seen
+
+    def _learn(self, id: str, *, moved: bool, failed: bool, heavy: bool, fixed: bool = False) -> None:
         """Counters of an object's tag after a push, or that it does not move."""
         if moved:
             self._memory.pushed(id, failed=failed)
-        elif self._too_heavy(push):
+        elif heavy:
             self._memory.too_heavy(id)
         else:
             often = self._memory.failures(id) + 1 >= self._settings.failures

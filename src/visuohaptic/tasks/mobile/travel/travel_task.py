@@ -22,8 +22,14 @@ from .travel_memory import TravelMemory
 from .travel_motion import Motion, TravelInterrupted, TravelMotion
 from .travel_plans import TravelPlans
 from .travel_pushes import TravelPushes
-from .travel_trace import TravelRecord
-from .travel_types import TravelCommand, TravelObservation, TravelOutcome, TravelSettings, TravelState
+from .travel_types import (
+    TravelCommand,
+    TravelObservation,
+    TravelOutcome,
+    TravelRecord,
+    TravelSettings,
+    TravelState,
+)
 
 __all__ = ["TravelTask"]
 

@@ -1,10 +1,11 @@
-"""Interface of a travel: what is perceived and commanded, states, outcomes, settings."""
+"""Interface of a travel: what is perceived and commanded, states, outcomes, records, settings."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 __all__ = [
     "PERIOD_S",
@@ -13,6 +14,7 @@ __all__ = [
     "TravelCommand",
     "TravelObservation",
     "TravelOutcome",
+    "TravelRecord",
     "TravelSenses",
     "TravelSettings",
     "TravelState",
@@ -130,6 +132,18 @@ class TravelCommand:
     turn_rate_rad_s: float = 0.0
     look: tuple[str, ...] = ()
     passage: str = ""  #: that is waited for
+
+
+@dataclass(frozen=True, slots=True)
+class TravelRecord:
+    """One event of a travel; :mod:`visuohaptic.core.codec` writes it as JSON and reads it."""
+
+    t_s: float  #: by the base's clock
+    state: str  #: of the machine, when it happened
+    event: str  #: "planned", "pushed", "looked", ...
+    pose_m: tuple[float, float, float]  #: estimated, of the robot in the map: x, y [m], heading [rad]
+    object: str = ""  #: that it concerns
+    values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and texts that belong to it
 
 
 @dataclass(frozen=True, slots=True)
