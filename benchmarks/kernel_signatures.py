@@ -345,7 +345,7 @@ def run_foam() -> None:
     StressCurve("cubic", np.array([0.0, 0.6]), np.array([4e4, -1e5, 1e5]), np.eye(3)).stress(one_px)
     # Only compiled: its arguments are the tables of a calibrated foam.
     one, two, three = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]"
-    numbers = "f8, f8, f8, f8, f8, i8, f8, f8, i8, b1"
+    numbers = "f8, f8, f8, f8, i8, f8, f8, i8, b1"
     integrate_regions.compile(
         f"({one}, {one}, {two}, i8[::1], {two}, {two}, {numbers}, {one}, {two}, {three}, {one}, f8)"
     )

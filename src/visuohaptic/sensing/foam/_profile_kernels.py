@@ -37,7 +37,7 @@ def _total(sigma, uncertainty, zero_sigma, i):
 
 @kernel
 def shared_variance(alone, noise, first, last):
-    """What neighbours add to the variance of a force [N^2] for a correlation of one.
+    """What neighbours add to the variance of a force [N^2].
 
     The tracker fits the levels on both sides of the edge over neighbouring points together; their error is common to
     these points.
@@ -45,7 +45,7 @@ def shared_variance(alone, noise, first, last):
     Parameters
     ----------
     alone, noise
-        Derivative of the force by each deflection [N/m], and the noise of that [m], (n,).
+        Derivative of the force by each deflection [N/m], and the part of its noise that is common to these points [m], (n,).
     first, last
         Points of the force.
     """
@@ -116,7 +116,7 @@ def _share(
 
 
 @kernel
-def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, shared_noise, width, height, kappa, mode,
+def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width, height, kappa, mode,
                       seed_pair, seed_single, max_gap, averaged, knots, pieces, basis_pieces, soft, soft_end):  # fmt: skip
     """Find contact regions and integrate stress, noise and derivatives over each.
 
@@ -139,8 +139,6 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, shared
         [m], (2, 2).
     zero_sigma
         Error that is common to all points [m].
-    shared_noise
-        Correlation of the noise of neighbouring points.
     width, height
         Size of the strip along the compression and across the contour [m].
     kappa
@@ -301,7 +299,7 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, shared
             touch_first, touch_last, force = _share(
                 s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
             )  # fmt: skip
-        image = shared_noise * shared_variance(alone, errors[3], first, last)
+        image = shared_variance(alone, errors[3], first, last)
         # One hysteresis law for all points: its error is common to them.
         systematic = branch * branch + _run_variance(alone, errors[4], first, last)
         zero = 0.0

@@ -112,7 +112,7 @@ class FoamContour:
     #: Whether each deflection is the mean over the spacing of the points, as a tracker sees it, or that at the point.
     averaged: bool = False
     #: Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
-    shared_noise: float = 0.0
+    shared_noise: float = field(default=0.0, metadata=NON_NEGATIVE)
     #: Points whose strain the foam's memory takes in, None: all; what is filled in has not been seen to move.
     measured: Bool[np.ndarray, "K"] | None = None
     #: Length of foam before the first and after the last point, as of
@@ -241,6 +241,7 @@ def _seen_points(
         if error is not None:
             row[:] = np.where(np.isfinite(error[index]), error[index], 0.0)
     errors[0] = np.hypot(errors[0], errors[3])
+    errors[3] *= math.sqrt(contour.shared_noise)
     history = np.zeros((3, len(index)))
     history[0] = 1.0
     unloading = np.zeros(len(shown), dtype=bool)
@@ -274,7 +275,7 @@ def _integrated(
     ends_m = np.stack([np.where(seen_ends, cells_m, 0.0), free_m])
     count, pressure, pressure_sigma, table, sums = integrate_regions(
         seen.s, seen.delta, seen.errors, seen.index, seen.history, ends_m, contour.zero_sigma_m,
-        contour.shared_noise, material.width_m, material.height_m, material.tension.ratio,
+        material.width_m, material.height_m, material.tension.ratio,
         BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS, MAX_GAP_POINTS,
         contour.averaged, curve.knots, curve.pieces, curve.basis_pieces, material.softening_table_Pa,
         material.softening_end,
@@ -349,7 +350,7 @@ def _budget_at_rest(seen: _SeenPoints, contour: FoamContour, material: FoamMater
     from ._profile_kernels import shared_variance
 
     each = material.height_m * np.gradient(seen.s) * float(material.slope(np.zeros(1))[0]) / material.width_m
-    shared = contour.shared_noise * shared_variance(each, seen.errors[3], 0, len(each) - 1)
+    shared = shared_variance(each, seen.errors[3], 0, len(each) - 1)
     return ErrorBudget(
         image_N=float(np.sqrt(np.sum((each * seen.errors[0]) ** 2) + shared)),
         model_N=float(np.linalg.norm(each * seen.errors[1])),

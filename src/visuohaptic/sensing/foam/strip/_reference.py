@@ -26,19 +26,6 @@ class ImageMotion:
 
     parameters: Float[np.ndarray, "4"]  #: shift x, y [px], rotation and scale times the half length [px]
     covariance: Float[np.ndarray, "4 4"]
-    inlier: Bool[np.ndarray, "K"]
-    residual_px: float  #: robust scatter of the inliers about the fit
-
-    @classmethod
-    def none(cls, count: int) -> ImageMotion:
-        """The base has not moved.
-
-        Parameters
-        ----------
-        count
-            K, points of the contour.
-        """
-        return cls(np.zeros(4), np.zeros((4, 4)), np.ones(count, dtype=bool), 0.0)
 
 
 def motion_basis(
@@ -98,10 +85,8 @@ def fit_motion(
         return None
     parameters, covariance, residual = np.empty(4), np.empty((4, 4)), np.empty(len(shift_px))
     scale = _tukey_fit(basis, shift_px, sigma_px, usable, parameters, covariance, residual)
-    inlier = usable & (np.abs(residual) < _TUKEY * scale)
-    if inlier.sum() < max(6, 0.3 * len(shift_px)):
-        return None
-    return ImageMotion(parameters, covariance, inlier, scale)
+    inliers = (usable & (np.abs(residual) < _TUKEY * scale)).sum()
+    return ImageMotion(parameters, covariance) if inliers >= max(6, 0.3 * len(shift_px)) else None
 
 
 @kernel(nogil=True)
