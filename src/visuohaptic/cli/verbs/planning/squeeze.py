@@ -51,7 +51,7 @@ def run(args: Any) -> dict[str, Any]:
     if args.out and args.out.suffix.lower() != ".csv":
         raise InputError(args.out, f"found suffix {args.out.suffix!r}, expected .csv")
     if args.at and args.height is not None:
-        raise InputError("--height", "found with --at, expected only one of them")
+        raise InputError("--height", "found with --at, expected one of them")
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)
