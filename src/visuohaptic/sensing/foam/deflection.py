@@ -132,7 +132,9 @@ def measure_deflection(
     kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma)
     # Derivative of the deflection by the part of the encoding's shift that is there.
     shift = scale * (strip.encoded_m - encoded * (1.0 - raw / geometry.width_m))
-    encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.nan_to_num(shift)
+    encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.where(
+        np.isfinite(shift), shift, 0.0
+    )
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
     light = strip.pixel_m * light_shift_px(strip, zero, rest_px, np.where(gap == 0.0, excess, np.nan))

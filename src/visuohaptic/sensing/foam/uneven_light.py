@@ -125,7 +125,7 @@ def light_shift_px(
     for step, error, _ in steps:
         unlike = np.abs(step) > _CHANCE_SIGMAS * error
         variance += 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
-    result: Float[np.ndarray, "K"] = np.sqrt(np.nan_to_num(variance))
+    result: Float[np.ndarray, "K"] = np.sqrt(np.where(np.isfinite(variance), variance, 0.0))
     return result
 
 

@@ -299,7 +299,8 @@ class StripOptics:
         image = np.zeros((len(step), PARALLELS, self._samples), np.float32)
         first = np.zeros(len(step), dtype=np.int64)
         if front_px is not None:
-            place = np.minimum(np.nan_to_num(front_px), self._length_px) / step
+            known_px = np.where(np.isfinite(front_px), front_px, 0.0)
+            place = np.minimum(known_px, self._length_px) / step
             first = np.maximum(place - _BEFORE, 0.0).astype(np.int64)
         across = 2.0 * _BESIDE / (PARALLELS - 1) * self._half_width_px
         rectify(grey, base_px, self._direction_px, step, across, first, image)
