@@ -18,6 +18,7 @@ from visuohaptic.core.geometry import (
     rotation_2d,
     so3_exp,
     so3_log,
+    sphere_directions,
     vertex_normals,
     wrap_angle,
 )
@@ -182,3 +183,14 @@ def test_area_vectors_of_a_closed_surface_add_up_to_nothing() -> None:
     expected = (cube > 0) * 2.0 - 1
     np.testing.assert_allclose(normals[:8], expected * np.array([6, 3, 2]) / 7, atol=ROUNDING)
     np.testing.assert_array_equal(normals[8], 0)
+
+
+def test_directions_are_spread_evenly_over_the_sphere() -> None:
+    ways = sphere_directions(200)
+    np.testing.assert_allclose(np.linalg.norm(ways, axis=1), 1.0, atol=ROUNDING)
+    # Of an even distribution the mean is 0, and the second moments are a third: those of heights exactly, but for 1 / n^2.
+    np.testing.assert_allclose(ways.mean(axis=0), 0.0, atol=0.01)
+    np.testing.assert_allclose(ways.T @ ways / 200, np.eye(3) / 3, atol=0.01)
+    # No two of them are nearer than half of what 200 discs of the sphere's area are wide.
+    nearest = np.sort(np.arccos(np.clip(ways @ ways.T, -1, 1)), axis=1)[:, 1]
+    assert nearest.min() > 0.5 * 2 * np.arccos(1 - 2 / 200)

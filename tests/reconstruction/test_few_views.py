@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from visuohaptic.core.camera import Camera
 from visuohaptic.reconstruction import reconstruct
-from visuohaptic.reconstruction.fusion import SpaceGrid
+from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
+from visuohaptic.reconstruction.transparency.ray_readings import thinned
 
 from .glass_caster import Table, cast, inside, random_table, ring
 
@@ -51,6 +55,28 @@ def test_twice_the_views_of_a_ring_are_no_less_evidence():
     assert judged(table, half.regions) == judged(table, whole.regions) == (2, 0)
     # The weights of independent views add up to the same, within a tenth; before, a fifth was lost.
     assert whole.search.evidence > 0.9 * half.search.evidence
+
+
+def test_rays_nearer_than_half_a_voxel_are_left_out_and_tell_nothing_more():
+    rng = np.random.default_rng([11, 0])
+    table = random_table(rng)
+    frames = cast(table, ring(12, turn_rad=rng.uniform(0, 6)), rng, pose_sigma=(0.0005, 0.001))
+    fine = []
+    for frame in frames:
+        matrix = 2.0 * frame.camera.matrix
+        # The second pixel of each pair is the one of the coarse image.
+        matrix[:2, 2] += 1
+        matrix[2, 2] = 1.0
+        camera = Camera(2 * frame.camera.width, 2 * frame.camera.height, matrix)
+        fine.append(replace(frame, depth_m=frame.depth_m.repeat(2, axis=0).repeat(2, axis=1), camera=camera))
+        kept = thinned(fine[-1], 2)
+        np.testing.assert_array_equal(kept.depth_m, frame.depth_m)
+        np.testing.assert_allclose(kept.camera.matrix, frame.camera.matrix, atol=1e-12)
+    noise = SENSOR_NOISE["realsense_d435"]
+    coarse, dense = (reconstruct(some, grid=GRID, noise=noise, refine=False) for some in (frames, fine))
+    assert judged(table, coarse.regions) == judged(table, dense.regions) == (2, 0)
+    # The same readings of the same rays; of a matching window of 9 / 2 instead of 5 pixels fewer of them count as one.
+    assert coarse.search.evidence <= dense.search.evidence <= dense.search.reachable
 
 
 @pytest.mark.parametrize("views", [8, 24])

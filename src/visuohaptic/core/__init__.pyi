@@ -50,6 +50,7 @@ from .geometry import relative_2d as relative_2d
 from .geometry import rotation_2d as rotation_2d
 from .geometry import so3_exp as so3_exp
 from .geometry import so3_log as so3_log
+from .geometry import sphere_directions as sphere_directions
 from .geometry import vertex_normals as vertex_normals
 from .geometry import wrap_angle as wrap_angle
 from .kernel_code import code_digest as code_digest

@@ -21,6 +21,7 @@ __all__ = [
     "rotation_2d",
     "so3_exp",
     "so3_log",
+    "sphere_directions",
     "vertex_normals",
     "wrap_angle",
 ]
@@ -170,6 +171,20 @@ def so3_log(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*ba
         length = np.where(obtuse, length, 1.0)  # of a small turn there is no such axis
         out = np.where(obtuse[..., None], axis * (angle / length)[..., None], out)
     return out
+
+
+def sphere_directions(count: int) -> Float[np.ndarray, "count 3"]:
+    """Unit vectors spread evenly over the sphere, the same at every call: Fibonacci's lattice.
+
+    Parameters
+    ----------
+    count
+        Number of directions.
+    """
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+    flat = np.sqrt(1 - z**2)
+    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
 
 
 def polygon_area(outline_m: Float[np.ndarray, "n 2"]) -> float:

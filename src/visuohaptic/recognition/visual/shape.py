@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from ...core.errors import InputError, MissingExtraError
+from ...core.geometry import sphere_directions
 
 __all__ = [
     "DESCRIPTOR_LENGTH",
@@ -99,13 +100,9 @@ def shape_views(points_m: Float[np.ndarray, "n 3"], *, views: int = 32) -> Shape
         How many directions, of a Fibonacci lattice.
     """
     cloud = thinned(_checked(points_m), STORED_POINTS)
-    k = np.arange(views) + 0.5
-    z, turn = 1 - 2 * k / views, np.pi * (1 + np.sqrt(5)) * k
-    flat = np.sqrt(1 - z**2)
-    directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
     described = [describe_cloud(cloud)]
-    seen = [directions[0] * 0]  # no direction: the cloud as a whole
-    for direction in directions:
+    seen = [np.zeros(3)]  # no direction: the cloud as a whole
+    for direction in sphere_directions(views):
         side = cloud[visible_from(cloud, direction)]
         if len(side) >= MIN_POINTS:
             described.append(describe_cloud(side))

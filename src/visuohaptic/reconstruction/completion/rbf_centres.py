@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from ...core.geometry import sphere_directions
 from ..surfaces.rbf import RbfSurface
 from .hole import SupportBand
 from .hole_region import HoleRegion
@@ -131,10 +132,7 @@ def beyond_hull(
     rho
         Smoothing of centres by their deviation [m] and the extent of the fit [m].
     """
-    # Fibonacci's sphere: even, and the same at every call.
-    k = np.arange(_BEYOND) + 0.5
-    z, turn = 1 - 2 * k / _BEYOND, np.pi * (1 + 5**0.5) * k
-    ways = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    ways = sphere_directions(_BEYOND)
     middle = outer.hull_m.mean(axis=0)
     reach_m = -(middle @ outer.planes[:, :3].T + outer.planes[:, 3])
     slope = ways @ outer.planes[:, :3].T

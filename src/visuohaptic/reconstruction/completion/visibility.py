@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.geometry import sphere_directions
 from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion
 
@@ -44,13 +45,15 @@ def open_sight(
     low = region.hull_m.min(axis=0) - size_m
     shape = np.ceil((region.hull_m.max(axis=0) + size_m - low) / step_m).astype(int)
     blocked = _blocked(mesh, region, low, shape, step_m)
-    # Fibonacci's sphere: even, and the same at every call.
-    k = np.arange(_DIRECTIONS) + 0.5
-    z, turn = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
-    ways = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
     fraction = np.empty(len(points_m))
     starts = (points_m - low) / step_m + 2.0 * normals
-    seen_fraction(blocked, np.ascontiguousarray(starts), np.ascontiguousarray(normals), ways, fraction)
+    seen_fraction(
+        blocked,
+        np.ascontiguousarray(starts),
+        np.ascontiguousarray(normals),
+        sphere_directions(_DIRECTIONS),
+        fraction,
+    )
     return fraction
 
 

@@ -202,17 +202,6 @@ class RbfSurface:
         kernels.cubic_gradients(flat, np.ascontiguousarray(self._centers.T), self._weights, self._poly, out)
         return out
 
-    def normals(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Unit gradient.
-
-        Parameters
-        ----------
-        points_m
-            Points (n, 3) [m].
-        """
-        found = self.gradient(points_m)
-        return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12)
-
     @one_blas_thread()
     def kriging_sigma_m(self, points_m: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m"]:
         """Standard deviation of r(X) [m] of the thin-plate Gaussian process with the same kernel.

@@ -226,13 +226,13 @@ class EvidenceDetector:
         return max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
 
     def _ray_stride(self, frames: Sequence[DepthFrame]) -> int:
-        """Distance of the rays of a view that are read: half a voxel there, at least two in a matching window [px].
+        """Distance of the rays of a view that are read: half a voxel there, and no more than a quarter of a matching window [px].
 
         A voxel takes the ray through its middle, and what a matching window covers counts as one reading.
         """
         focal_px = frames[0].camera.focal_px
         voxel_px = focal_px * self.grid.voxel_m / float(np.median([self._away_m(one) for one in frames]))
-        return max(1, min(round(voxel_px / 2), int(self.noise.window_px(focal_px)) // 2))
+        return max(1, min(round(voxel_px / 2), round(self.noise.window_px(focal_px) / 4)))
 
     def ratios(
         self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
