@@ -105,16 +105,11 @@ def manipulability(
     if tag.falls:
         return Manipulability(False, 0.0, "falls when pushed")
     force = _largest_force(tag)
+    has = f"the platform has {robot.push_force_max_N:.1f} N"
     if force is not None and force.value > robot.push_force_max_N:
-        return Manipulability(
-            False, 0.0, f"needs {force.value:.1f} N, the platform has {robot.push_force_max_N:.1f} N"
-        )
+        return Manipulability(False, 0.0, f"needs {force.value:.1f} N, {has}")
     if tag.needs_more_than(robot.push_force_max_N):
-        return Manipulability(
-            False,
-            0.0,
-            f"needs more than {tag.min_static_friction_N:.1f} N, the platform has {robot.push_force_max_N:.1f} N",
-        )
+        return Manipulability(False, 0.0, f"needs more than {tag.min_static_friction_N:.1f} N, {has}")
     reason = ""
     for name, estimate, limit in (
         ("drift", tag.drift, costs.drift_limit_m),

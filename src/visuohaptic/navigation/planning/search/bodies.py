@@ -71,6 +71,25 @@ class Body:
         """The contacts, and after them those oblique to a face, which friction has to hold."""
         return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
 
+    def placed(
+        self, points: Float[np.ndarray, "m 2"], poses: Float[np.ndarray, "*k 3"], resolution_m: float
+    ) -> Float[np.ndarray, "*k m 2"]:
+        """Points of the body [cells] after it has moved by each pose.
+
+        Parameters
+        ----------
+        points
+            Where the map has them [cells].
+        poses
+            x, y [m] and turn about the centre [rad].
+        resolution_m
+            Edge of a cell [m].
+        """
+        c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+        turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
+        ends = self.centre + poses[..., :2] / resolution_m
+        return (points - self.centre) @ turns + ends[..., None, :]
+
     def push(self, contact: int) -> PushContact:
         """A push by its index: those straight at a face, then the oblique ones.
 

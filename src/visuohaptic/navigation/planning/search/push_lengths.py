@@ -18,7 +18,7 @@ from ...pushing.push_failure import covariance_of_ends
 from . import _travel_kernels
 from ._push_search_kernels import block_patch, free_push_length, opening_lengths
 from .bodies import SAMPLES, end_errors, lower_window
-from .drives import drives_cells, drives_cost
+from .drives import changed_drives_cost, drives_cells
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
@@ -80,7 +80,7 @@ def refine_lengths(
             tried_cost = float("inf")
             if tried:
                 most = cost + risk - pushes
-                tried_cost = pushes + drives_cost(domain, tried, start, goal, most)
+                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, most)
             tried_risk = 0.0
             if tried_cost < cost + risk:
                 tried_risk = replanning_units(heuristic, tried, start) * scale
@@ -272,10 +272,7 @@ def replanning_units(
         again = next((k for k in range(index + 1, len(steps)) if steps[k].body == step.body), len(steps))
         body = domain.bodies[step.body]
         errors = end_errors(domain, step.body, step.contact, step.length)[:PRICED]
-        c, s = np.cos(errors[:, 2]), np.sin(errors[:, 2])
-        turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
-        ends = body.centre + step.shifts_after[step.body] + errors[:, :2] / domain.map.resolution_m
-        outlines = (body.outline - body.centre) @ turns + ends[:, None]
+        outlines = body.placed(body.outline, errors, domain.map.resolution_m) + step.shifts_after[step.body]
         closed = 0.0
         for k in range(index + 1, again + 1):
             away = shapely.distance(shapely.polygons(outlines), shapely.linestrings(drives[k]))
