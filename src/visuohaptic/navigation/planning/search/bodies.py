@@ -162,24 +162,6 @@ def end_errors(
     return ends - np.array([*(length * resolution_m * ahead), 0.0])
 
 
-def turns_away(domain: SearchDomain, index: int, contact: int, length: float, limit_rad: float) -> float:
-    """Probability that a push oblique to a face is given up because the object turns away from it.
-
-    One that meets a face at a right angle turns by a fraction of the limit.
-
-    Parameters
-    ----------
-    domain, index, contact, length
-        As of :func:`end_errors`.
-    limit_rad
-        Turn of the object at which a push is given up.
-    """
-    if not domain.bodies[index].push(contact).oblique:
-        return 0.0
-    turned = np.abs(end_errors(domain, index, contact, length, PRICED)[:, 2]) > limit_rad
-    return float((turned.sum() + 0.5) / (len(turned) + 1.0))
-
-
 def lower_clearance(
     clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
 ) -> None:

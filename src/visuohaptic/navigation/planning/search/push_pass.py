@@ -255,12 +255,9 @@ class PushPass:
         ends = stand + lengths[:, None] * push.direction
         left = self._left(state, np.full(len(lengths), contact.body), ends)
         free_left = heuristic.to_go(heuristic.free_field, ends)
-        # The longest first: its simulation holds for all.
-        pushes = [heuristic.push_units(contact.body, n, contact.number) for n in lengths[::-1].tolist()]
-        for length, units, to_go, driven in zip(
-            lengths.tolist(), pushes[::-1], left.tolist(), free_left.tolist(), strict=True
-        ):
-            opens, spent = length >= opens_at, contact.spent + units
+        for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
+            opens = length >= opens_at
+            spent = contact.spent + heuristic.push_units(contact.body, length, contact.number)
             if not opens and self.weight > 1.0:  # another push has to follow, most likely
                 to_go = max(to_go, driven + heuristic.min_any_push)
                 to_go += heuristic.crossing(contact.body, shift)
