@@ -9,8 +9,8 @@ from benchmarks._plan_child import Planner
 from benchmarks._plan_judge import asked
 
 from tests.worlds.floor_scenes import random_rooms
+from visuohaptic.navigation.grid.cost_grid import cell_distance
 from visuohaptic.navigation.planning.search._travel_kernels import segment_cost
-from visuohaptic.navigation.planning.search.domain_builder import _distance
 from visuohaptic.navigation.planning.search.push_states import needed_clearance
 from visuohaptic.navigation.pushing._outline_kernels import clear_straight, segment_gap
 
@@ -42,7 +42,7 @@ def test_a_segment_that_is_clear_by_interpolation_is_clear(radius):
     clear = 0
     for _ in range(40):
         occupied, walls = cluttered(rng, 0.04 / radius)
-        clearance = _distance(occupied, 12.0)
+        clearance = cell_distance(occupied, 12.0)
         for a, b in rng.uniform(2.0, 22.0, (60, 2, 2)):
             cost = segment_cost(clearance, needed_clearance(radius), 6.0, *a, *b, False, np.inf)
             if np.isfinite(cost):

@@ -24,7 +24,7 @@ import numpy as np
 
 from .errors import InputError, brief
 
-__all__ = ["FINITE", "NON_NEGATIVE", "POSITIVE", "above", "at_least", "check_ranges", "within"]
+__all__ = ["FINITE", "NON_NEGATIVE", "POSITIVE", "above", "at_least", "check_order", "check_ranges", "within"]
 
 _KEY = "visuohaptic range"
 
@@ -114,3 +114,25 @@ def check_ranges(instance: Any) -> None:
             raise InputError(
                 type(instance).__name__, f"found {brief(value)}, expected {limits.text}", field=one.name
             )
+
+
+def check_order(instance: Any, low: str, high: str) -> None:
+    """Check that one field of a dataclass is less than another.
+
+    Parameters
+    ----------
+    instance
+        The dataclass instance.
+    low, high
+        Names of the fields.
+
+    Raises
+    ------
+    InputError
+        It is not; names class and field, what was found and expected.
+    """
+    least, found = getattr(instance, low), getattr(instance, high)
+    if not least < found:
+        raise InputError(
+            type(instance).__name__, f"found {found}, expected more than {low} ({least})", field=high
+        )

@@ -51,7 +51,7 @@ def chord_clearance(
                         continue
                 elif distance[r, c] > 0.0:
                     continue
-                best = min(best, square_gap(x0 + 0.5, y0 + 0.5, x1 + 0.5, y1 + 0.5, c, r, square))
+                best = min(best, square_gap(x0 + 0.5, y0 + 0.5, x1 + 0.5, y1 + 0.5, c, r, 0.0, square))
     return best
 
 

@@ -10,8 +10,8 @@ from jaxtyping import Float, Int, Int32
 
 from ...core.errors import InputError
 from ..grid.cost_grid import GridLayers
-from .tracing._junction_kernels import measure_paths
 from .tracing._lines import skeleton_lines, speeds
+from .tracing._path_kernels import measure
 from .tracing._prune_kernels import keep_edges, prune
 from .tracing.skeletonize import skeleton_marks
 
@@ -164,7 +164,8 @@ def _spaced(
     lengths = np.array([len(turned[k]) for k in order], dtype=np.int32)
     start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     flat = np.concatenate([turned[k] for k in order]) if len(order) else path
-    measured = measure_paths(start, flat, layers.distance_m, layers.map.resolution_m, speeds(layers))
+    scale = layers.distance_m, layers.map.resolution_m, speeds(layers)
+    measured = np.array([measure(flat, a, b, *scale) for a, b in pairwise(start.tolist())]).reshape(-1, 3)
     return found, np.searchsorted(found, joined[order]).astype(np.int32), measured, start, flat
 
 

@@ -47,12 +47,12 @@ class SpeedLimits:
         if self.v_max_m_s < self.v_min_m_s:
             raise InputError(
                 type(self).__name__,
-                f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
-                field="v_max_m_s",
+                f"found {self.v_min_m_s}, expected at most v_max_m_s ({self.v_max_m_s})",
+                field="v_min_m_s",
             )
         if self.v_max_m_s > MAX_SPEED_RATIO * self.v_min_m_s:
             raise InputError(
-                "SpeedLimits",
+                type(self).__name__,
                 f"found {self.v_min_m_s}, expected at least v_max_m_s / {MAX_SPEED_RATIO:g}"
                 f" ({self.v_max_m_s / MAX_SPEED_RATIO:g})",
                 field="v_min_m_s",

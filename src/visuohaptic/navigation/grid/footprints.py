@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
-from ...core.errors import InputError
 from ...core.geometry import polygon_area
-from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_order, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["Footprint", "FootprintSettings", "find_footprints"]
@@ -34,12 +33,7 @@ class FootprintSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.min_m < self.max_m:
-            raise InputError(
-                "FootprintSettings",
-                f"found {self.max_m}, expected more than min_m ({self.min_m})",
-                field="max_m",
-            )
+        check_order(self, "min_m", "max_m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,12 +47,7 @@ class Footprint:
     free_fraction: float  #: of the ring around it; the rest is unknown or occupied
 
 
-def find_footprints(
-    grid: OccupancyMap,
-    settings: FootprintSettings | None = None,
-    *,
-    among: Bool[np.ndarray, "rows columns"] | None = None,
-) -> tuple[Footprint, ...]:
+def find_footprints(grid: OccupancyMap, settings: FootprintSettings | None = None) -> tuple[Footprint, ...]:
     """Candidates for movable obstacles, the largest first.
 
     Parameters
@@ -67,9 +56,6 @@ def find_footprints(
         Occupied cells (50 and more) make regions.
     settings
         Sizes and distances.
-    among
-        Only cells marked here make regions, for instance those that were not
-        there in an older map.
 
     Examples
     --------
@@ -84,10 +70,6 @@ def find_footprints(
     settings = settings or FootprintSettings()
     r = grid.resolution_m
     occupied = grid.cells >= 50
-    if among is not None:
-        if among.shape != grid.shape:
-            raise InputError("among", f"found shape {among.shape}, expected {grid.shape}")
-        occupied = occupied & among
     reach = max(1, round(settings.join_m / r))
     joined, _ = ndimage.label(
         occupied

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int32
 
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d
-from ...core.ranges import POSITIVE, check_ranges, within
+from ...core.ranges import POSITIVE, check_order, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 from .door_openings import MEASURES, DoorSpace, Opening, free_space, measure, narrow_places, without_gaps
 
@@ -58,12 +58,7 @@ class DoorSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.narrowest_m < self.widest_m:
-            raise InputError(
-                "DoorSettings",
-                f"found {self.widest_m}, expected more than narrowest_m ({self.narrowest_m})",
-                field="widest_m",
-            )
+        check_order(self, "narrowest_m", "widest_m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -164,7 +164,7 @@ class OccupancyMapper:
             A scan that is not valid, has too few points or does not fit is not
             added, and the pose goes on by odometry.
         """
-        match = self._fit(scan, odometry)
+        match = self._match(scan, odometry)
         self._refused = 0 if match.valid else self._refused + 1
         if self._refused > self.settings.patience and scan.valid:
             # The map is wrong here, and the robot would stay lost: restart from the odometry.
@@ -193,14 +193,9 @@ class OccupancyMapper:
         ScanMatch
             When the scan does not fit, the pose goes on by odometry.
         """
-        match = self._fit(scan, odometry)
+        match = self._match(scan, odometry)
         self._take(match)
         return match
-
-    def _fit(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
-        if not np.isfinite(odometry).all():
-            raise InputError("odometry", f"found {odometry}, expected three finite numbers")
-        return self._match(scan, self._predict(odometry))
 
     def _take(self, match: ScanMatch) -> None:
         self._pose = match.pose
@@ -225,7 +220,10 @@ class OccupancyMapper:
         self._spread = self._spread + np.diag([place, place, angle**2 + s.odometry_floor[1] ** 2])
         return pose
 
-    def _match(self, scan: LaserScan, guess: tuple[float, float, float]) -> ScanMatch:
+    def _match(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
+        if not np.isfinite(odometry).all():
+            raise InputError("odometry", f"found {odometry}, expected three finite numbers")
+        guess = self._predict(odometry)
         points = scan.points_m
         if not scan.valid or len(points) < self.settings.match.min_points:
             reason = scan.reason if not scan.valid else Reason.LOST

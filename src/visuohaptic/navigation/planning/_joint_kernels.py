@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
-from ..pushing._outline_kernels import extent, inside_polygon, polygon_distance, segment_distance
+from ..pushing._outline_kernels import extent, inside_polygon, polygon_distance, segment_distance, square_gap
 
 #: Crumbs of an object's cells are looked for so far around its outline [cells].
 CRUMB_REACH = 1.25
@@ -17,26 +17,14 @@ def cell_meets_polygon(row: int, column: int, polygon: np.ndarray) -> bool:
     x, y = column + 0.5, row + 0.5
     if inside_polygon(x, y, polygon):
         return True
-    n = len(polygon)
+    n, square = len(polygon), np.zeros((4, 2))
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
         ax, ay, bx, by = polygon[i, 0], polygon[i, 1], polygon[j, 0], polygon[j, 1]
         if segment_distance(x, y, ax, ay, bx, by) >= 0.7072:
             continue
-        # Clip the edge by the square, a hair smaller: what only touches does not count.
-        t0, t1 = 0.0, 1.0
-        for axis in range(2):
-            a = ax if axis == 0 else ay
-            d = (bx - ax) if axis == 0 else (by - ay)
-            low = (column if axis == 0 else row) + 1e-6
-            high = low + 1.0 - 2e-6
-            if d == 0.0:
-                if a < low or a > high:
-                    t0, t1 = 1.0, 0.0
-            else:
-                u, v = (low - a) / d, (high - a) / d
-                t0, t1 = max(t0, min(u, v)), min(t1, max(u, v))
-        if t0 < t1:
+        # A square a hair smaller: what only touches does not count.
+        if square_gap(ax, ay, bx, by, column, row, 1e-6, square) <= 0.0:
             return True
     return False
 

@@ -193,16 +193,6 @@ def drive_of(
     return line_path(begin_m, begin_m + length_m * ahead)
 
 
-def placed(
-    points: Float[np.ndarray, "m 2"], scene: OffCentreScene, poses: Float[np.ndarray, "*k 3"]
-) -> Float[np.ndarray, "*k m 2"]:
-    """Points of the body [cells] after it has moved by each pose [m, m, rad]."""
-    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
-    turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
-    ends = scene.body.centre + poses[..., :2] / scene.domain.map.resolution_m
-    return (points - scene.body.centre) @ turns + ends[..., None, :]
-
-
 def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
     """Whether the body is free of everything at each pose; points that begin in something are not looked at."""
     rows, columns = scene.blocked.shape
@@ -214,14 +204,9 @@ def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndar
         return np.asarray(off | scene.blocked[np.where(off, 0, r), np.where(off, 0, c)])
 
     points = np.concatenate([scene.body.samples, scene.body.around])
-    return np.asarray(~hit(placed(points[~hit(points)], scene, poses)).any(axis=-1))
-
-
-def _clearance_after(rollout: Rollout, pose: np.ndarray) -> Float32[np.ndarray, "rows columns"]:
-    scene = rollout.scene
-    layer = scene.without.copy()
-    lower_clearance(layer, np.ascontiguousarray(placed(scene.body.outline, scene, pose)), scene.domain.reach)
-    return layer
+    return np.asarray(
+        ~hit(scene.body.placed(points[~hit(points)], poses, scene.domain.map.resolution_m)).any(axis=-1)
+    )
 
 
 def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
@@ -235,7 +220,10 @@ def _reached(
     """Clearance, and the cells that the robot reaches after a push."""
 
     domain = rollout.scene.domain
-    clearance = _clearance_after(rollout, pose)
+    clearance = rollout.scene.without.copy()
+    body = rollout.scene.body
+    outline = body.placed(body.outline, pose, domain.map.resolution_m)
+    lower_clearance(clearance, np.ascontiguousarray(outline), domain.reach)
     near, _ = domain.seeds(clearance, retreat(rollout), reach=2, block=1)
     return clearance, _travel_kernels.flood(clearance, domain.radius, near)
 
@@ -254,8 +242,9 @@ def contacts_after(rollout: Rollout) -> int:
     domain = rollout.scene.domain
     _, reached = _reached(rollout, rollout.pose)
     shape = rollout.scene.domain.clearance.shape
-    outline = placed(rollout.scene.body.outline, rollout.scene, rollout.pose)
-    centre = placed(rollout.scene.body.centre[None], rollout.scene, rollout.pose)[0]
+    body, resolution_m = rollout.scene.body, domain.map.resolution_m
+    outline = body.placed(body.outline, rollout.pose, resolution_m)
+    centre = body.placed(body.centre[None], rollout.pose, resolution_m)[0]
     found = 0
     for contact in push_contacts(outline, centre, domain.radius):
         column, row = np.floor(centre + contact.robot - STAND_OFF * contact.direction).astype(int)

@@ -14,7 +14,6 @@ from ..problem.push_costs import PushCosts, push_cost
 from ..pushing._outline_kernels import polygon_distance
 from .drive_tasks import drive_tasks
 from .search._travel_kernels import clearances_at
-from .search.bodies import turns_away
 from .search.drives import pull_string
 from .search.push_lengths import end_covariance
 from .search.push_search import load_kernels, search_pushes
@@ -199,8 +198,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
-    turned = turns_away(domain, step.body, step.contact, step.length, costs.turn_limit_rad)
-    push = push_cost(body.obj.tag, length_m, domain.robot, costs, turned=turned)
+    push = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
     path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
     driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
     tasks: list[Task] = []

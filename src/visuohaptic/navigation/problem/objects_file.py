@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -26,10 +27,13 @@ __all__ = [
     "robot_from_data",
 ]
 
+T = TypeVar("T")
+
 #: More objects than this on one map are a mistake of the writer.
 MAX_OBJECTS = 10_000
 #: What an entry may be, beside the kinds of passages. Glass that was never pushed is kept clear of.
-OBJECT, GLASS, PASSAGES = "object", "glass", tuple(PassageKind)
+GLASS, PASSAGES = "glass", tuple(PassageKind)
+Kind = Literal["object", "glass", "door_push", "door_sliding", "elevator"]
 #: Room kept beside glass, which depth cameras see several centimetres off [m].
 GLASS_SAFETY_M = 0.05
 
@@ -41,7 +45,7 @@ class _Entry:
     id: int | str
     footprint_m: Float[np.ndarray, "p 2"]
     haptic_tag: HapticTag | None = None
-    type: str = "object"
+    type: Kind = "object"
     open_s: Estimate | None = None
     push: PushMode = PushMode.DIRECT
     pose_sigma: tuple[float, float] = (0.01, 0.05)
@@ -131,21 +135,14 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
     InputError
         Names the object, the field, what was found and what was expected.
     """
-    found: dict[str, MovableObject] = {}
-    for index, entry in enumerate(_entries(data, where)):
-        if entry.type in PASSAGES:
-            continue
-        name, tag, footprint_m = str(entry.id), entry.haptic_tag, entry.footprint_m
-        try:
-            if entry.type == GLASS and tag is None:
-                tag, footprint_m = (
-                    HapticTag(fixed=True),
-                    _wider(outline_of(footprint_m, where), GLASS_SAFETY_M),
-                )
-            found[name] = MovableObject(name, footprint_m, tag, push=entry.push, pose_sigma=entry.pose_sigma)
-        except InputError as error:
-            raise _at(error, where, index) from error
-    return tuple(found.values())
+
+    def made(entry: _Entry) -> MovableObject:
+        tag, footprint_m = entry.haptic_tag, entry.footprint_m
+        if entry.type == GLASS and tag is None:
+            tag, footprint_m = HapticTag(fixed=True), _wider(outline_of(footprint_m, where), GLASS_SAFETY_M)
+        return MovableObject(str(entry.id), footprint_m, tag, push=entry.push, pose_sigma=entry.pose_sigma)
+
+    return _made(data, where, made, passages=False)
 
 
 def load_passages(path: Path | str) -> tuple[Passage, ...]:
@@ -185,14 +182,24 @@ def passages_from_data(data: Any, *, where: str = "objects") -> tuple[Passage, .
     InputError
         Names the entry, the field, what was found and what was expected.
     """
+
+    def made(entry: _Entry) -> Passage:
+        kind = PassageKind(entry.type)
+        return Passage(str(entry.id), entry.footprint_m, kind, entry.open_s, entry.haptic_tag)
+
+    return _made(data, where, made, passages=True)
+
+
+def _made(data: Any, where: str, make: Callable[[_Entry], T], *, passages: bool) -> tuple[T, ...]:
+    """What a function makes of the entries that are passages, or of the others."""
     found = []
     for index, entry in enumerate(_entries(data, where)):
-        if entry.type in PASSAGES:
+        if (entry.type in PASSAGES) is passages:
             try:
-                kind = PassageKind(entry.type)
-                found.append(Passage(str(entry.id), entry.footprint_m, kind, entry.open_s, entry.haptic_tag))
+                found.append(make(entry))
             except InputError as error:
-                raise _at(error, where, index) from error
+                place = f"objects[{index}].{error.field}"
+                raise InputError(where, error.problem, field=place, remedy=error.remedy) from error
     return tuple(found)
 
 
@@ -214,17 +221,7 @@ def _entries(data: Any, where: str) -> tuple[_Entry, ...]:
                 field=f"objects[{index}].id",
             )
         names.append(name)
-        if entry.type not in (allowed := (OBJECT, GLASS, *PASSAGES)):
-            raise InputError(
-                where,
-                f"found {entry.type!r}, expected one of {', '.join(allowed)}",
-                field=f"objects[{index}].type",
-            )
     return entries
-
-
-def _at(error: InputError, where: str, index: int) -> InputError:
-    return InputError(where, error.problem, field=f"objects[{index}].{error.field}", remedy=error.remedy)
 
 
 def _wider(outline_m: Float[np.ndarray, "p 2"], room_m: float) -> Float[np.ndarray, "q 2"]:

@@ -43,24 +43,15 @@ class Task:
 
     def to_json(self) -> dict[str, Any]:
         """As in the contract; what does not apply is left out."""
-        data: dict[str, Any] = {"kind": self.kind}
-        if self.object:
-            data["object"] = self.object
-        if self.path_m:
-            data["path_m"] = [_rounded(point) for point in self.path_m]
-        for name in ("contact_m", "goal_m", "displacement_m"):
-            if (value := getattr(self, name)) is not None:
-                data[name] = _rounded(value)
-        if self.turn_rad:
-            data["turn_rad"] = round(self.turn_rad, 6)
-        data["length_m"] = round(self.length_m, 6)
-        data["cost_s"] = round(self.cost_s, 6)
+        data: dict[str, Any] = {"kind": self.kind, "length_m": self.length_m, "cost_s": self.cost_s}
         if self.kind != "navigate":
-            data["failure_probability"] = round(self.failure_probability, 6)
+            data["failure_probability"] = self.failure_probability
+        for name in ("object", "path_m", "contact_m", "goal_m", "displacement_m", "turn_rad", "sigma_s"):
+            if value := getattr(self, name):
+                data[name] = value
+        data = {name: _rounded(value, 6) for name, value in data.items()}
         if self.end_covariance:
-            data["end_covariance"] = [[round(value, 9) for value in row] for row in self.end_covariance]
-        if self.sigma_s:
-            data["sigma_s"] = round(self.sigma_s, 6)
+            data["end_covariance"] = _rounded(self.end_covariance, 9)
         return data
 
 
@@ -113,16 +104,12 @@ class Plan:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for ``json.dumps``; costs are null where there is no plan."""
+        totals = ("cost_s", "length_m", "failure_probability")
         data: dict[str, Any] = {
-            "reachable": self.reachable,
-            "cost_s": round(self.cost_s, 6) if self.reachable else None,
-            "length_m": round(self.length_m, 6) if self.reachable else None,
-            "failure_probability": round(self.failure_probability, 6) if self.reachable else None,
-            "name": self.name,
-            "answer": self.answer,
+            **{name: round(getattr(self, name), 6) if self.reachable else None for name in totals},
+            **{name: getattr(self, name) for name in ("reachable", "name", "answer", "expanded")},
             "gap": round(self.gap, 6) if self.reachable and np.isfinite(self.gap) else None,
             "tasks": [task.to_json() for task in self.tasks],
-            "expanded": self.expanded,
         }
         if self.expected_s is not None:
             data["expected_cost_s"] = round(self.expected_s, 6) if np.isfinite(self.expected_s) else None
@@ -167,5 +154,7 @@ def _known(kind: type, data: Any) -> Any:
     return {name: data[name] for name in data if name in names} if isinstance(data, Mapping) else data
 
 
-def _rounded(point: Point) -> list[float]:
-    return [round(point[0], 6), round(point[1], 6)]
+def _rounded(value: Any, digits: int) -> Any:
+    if isinstance(value, tuple):
+        return [_rounded(one, digits) for one in value]
+    return round(value, digits) if isinstance(value, float) else value

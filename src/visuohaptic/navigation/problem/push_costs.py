@@ -32,10 +32,6 @@ __all__ = [
 ]
 
 
-#: A push is given up once its object has turned so far [rad].
-TURN_LIMIT_RAD = 0.5
-
-
 @dataclass(frozen=True, slots=True)
 class PushCosts:
     """What the text leaves open, with its defaults."""
@@ -49,7 +45,7 @@ class PushCosts:
     unknown_movable: float = 0.5  #: probability that an object nobody touched can be pushed
     explore_time_s: float = 8.0  #: to approach, touch and decide
     unknown_force_fraction: float = 0.5  #: of the largest force: effort assumed where no force was observed
-    turn_limit_rad: float = TURN_LIMIT_RAD  #: a push is given up once the object has turned so far
+    oblique_failure: float = 0.15  #: added risk of a push oblique to a face
     risk_s: float = 0.0  #: added seconds per -log(1 - p): how much reliability is worth
     longest_push_m: float = 2.0  #: r_mani of Eq. (4.3)
     price_ends: bool = True  #: whether lengths allow for ends that may block the plan's later drives
@@ -105,16 +101,11 @@ def manipulability(
     if tag.falls:
         return Manipulability(False, 0.0, "falls when pushed")
     force = _largest_force(tag)
+    has = f"the platform has {robot.push_force_max_N:.1f} N"
     if force is not None and force.value > robot.push_force_max_N:
-        return Manipulability(
-            False, 0.0, f"needs {force.value:.1f} N, the platform has {robot.push_force_max_N:.1f} N"
-        )
+        return Manipulability(False, 0.0, f"needs {force.value:.1f} N, {has}")
     if tag.needs_more_than(robot.push_force_max_N):
-        return Manipulability(
-            False,
-            0.0,
-            f"needs more than {tag.min_static_friction_N:.1f} N, the platform has {robot.push_force_max_N:.1f} N",
-        )
+        return Manipulability(False, 0.0, f"needs more than {tag.min_static_friction_N:.1f} N, {has}")
     reason = ""
     for name, estimate, limit in (
         ("drift", tag.drift, costs.drift_limit_m),
@@ -199,7 +190,7 @@ def push_cost(
     robot: RobotModel,
     costs: PushCosts | None = None,
     *,
-    turned: float = 0.0,
+    oblique: bool = False,
 ) -> PushCost:
     """``t_mani`` of one push.
 
@@ -218,8 +209,8 @@ def push_cost(
         Platform.
     costs
         Limits and priors.
-    turned
-        Probability that the push is given up because the object turns away from it.
+    oblique
+        Whether the push is oblique to the face.
 
     Returns
     -------
@@ -233,7 +224,8 @@ def push_cost(
     push_s = length_m / push_speed_m_s(tag, robot, costs)
     attempt_s = robot.setup_time_s + push_s
     p = failure_probability(tag, length_m, robot, costs)
-    p = 1.0 - (1.0 - p) * (1.0 - turned)
+    if oblique:
+        p = 1.0 - (1.0 - p) * (1.0 - costs.oblique_failure)
     if tag is None:
         # Touching comes first; what a refusal costs depends on the detour, see decide.py.
         return PushCost(robot.setup_time_s, push_s, costs.explore_time_s + _risk(p, costs), p)

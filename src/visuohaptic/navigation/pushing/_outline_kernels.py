@@ -82,12 +82,12 @@ def segment_gap(ax: float, ay: float, bx: float, by: float, polygon: np.ndarray)
 
 @kernel
 def square_gap(
-    ax: float, ay: float, bx: float, by: float, column: int, row: int, square: np.ndarray
+    ax: float, ay: float, bx: float, by: float, column: int, row: int, inset: float, square: np.ndarray
 ) -> float:
-    """Distance of a segment from the square of a cell; ``square`` (4, 2) is filled with its corners."""
+    """Distance of a segment from the square of a cell less ``inset``; ``square`` (4, 2) is filled with its corners."""
     for corner in range(4):
-        square[corner, 0] = column + (1 if corner == 1 or corner == 2 else 0)
-        square[corner, 1] = row + (1 if corner >= 2 else 0)
+        square[corner, 0] = column + (1.0 - inset if corner == 1 or corner == 2 else inset)
+        square[corner, 1] = row + (1.0 - inset if corner >= 2 else inset)
     return segment_gap(ax, ay, bx, by, square)
 
 
@@ -127,7 +127,7 @@ def clear_straight(
                     continue
                 if segment_distance(c + 0.5, r + 0.5, x, y, ex, ey) >= radius + 0.7072:
                     continue
-                free = square_gap(x, y, ex, ey, c, r, square) >= radius
+                free = square_gap(x, y, ex, ey, c, r, 0.0, square) >= radius
             r += 1
         clear[i] = free
     return clear

@@ -32,7 +32,6 @@ from jaxtyping import Float
 
 from ...core.geometry import rotation_2d, wrap_angle
 from ...core.ranges import POSITIVE, check_ranges
-from ...navigation.problem.push_costs import TURN_LIMIT_RAD
 from ...navigation.pushing.push_failure import CENTRE_FRACTION
 from ...navigation.pushing.push_model import CONTACT_FRICTION
 from .force_guard import ForceGuard, GuardState
@@ -77,7 +76,7 @@ class PushSettings:
     end_rad: float = field(default=0.026, metadata=POSITIVE)
     steer_max_rad: float = 0.35
     heading_gain_per_s: float = 3.0
-    turn_limit_rad: float = TURN_LIMIT_RAD  #: the object has turned away
+    turn_limit_rad: float = 0.5  #: the object has turned away
     aside_m: float = math.inf  #: of the object beside the line of the push: it will not end as declared
     lost_m: float = 0.06  #: driven without touch
     #: time with less than a quarter of the commanded distance: localisation wanders by some

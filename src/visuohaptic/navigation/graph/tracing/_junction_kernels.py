@@ -12,9 +12,9 @@ import numpy as np
 
 from ....core.kernels import kernel
 from ._line_kernels import BITS
-from ._path_kernels import cost, longer, measure
+from ._path_kernels import cost, longer
 
-__all__ = ["edge_paths", "gather_junctions", "join_lines", "measure_paths"]
+__all__ = ["edge_paths", "gather_junctions", "join_lines"]
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -273,32 +273,6 @@ def edge_paths(
                 _reverse(out, low, size)
         start[edge + 1] = size
     return start, out[:size].copy()
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def measure_paths(
-    path_start: np.ndarray, path: np.ndarray, distance: np.ndarray, resolution_m: float, speeds: np.ndarray
-) -> np.ndarray:
-    """Length [m], cost [s] and clearance [m] of each path, (m, 3).
-
-    Parameters
-    ----------
-    path_start, path
-        Cells (flat) of each path in CSR form.
-    distance
-        Clearance of each cell [m], (rows, columns) float32.
-    resolution_m
-        Edge length of a cell [m].
-    speeds
-        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
-    """
-    measures = np.empty((len(path_start) - 1, 3))
-    for k in range(len(path_start) - 1):
-        length, seconds, clearance = measure(
-            path, path_start[k], path_start[k + 1], distance, resolution_m, speeds
-        )
-        measures[k, 0], measures[k, 1], measures[k, 2] = length, seconds, clearance
-    return measures
 
 
 @kernel(error_model="numpy", boundscheck=False)

@@ -74,8 +74,12 @@ def measure(
         Cells (flat).
     begin, end
         First and past-the-last place in ``path``.
-    distance, resolution_m, speeds
-        As of :func:`~visuohaptic.navigation.graph.tracing._junction_kernels.measure_paths`.
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
     columns = distance.shape[1]
     flat = distance.ravel()

@@ -26,8 +26,8 @@ __all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "low
 
 #: The robot stands off by so much before and after a push [m].
 STAND_OFF_M = 0.03
-#: Simulated pushes: an ellipsoid in three dimensions needs more than a share.
-SAMPLES = 160
+#: Simulated pushes, and how many of them a price is made of: an ellipsoid in three dimensions needs more than a share.
+SAMPLES, PRICED = 160, 40
 #: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
 LONG_STEP_M = 2.0 * STEP_M
 #: Pushes are simulated so many times as far as they are asked for: their lengths are refined.
@@ -71,6 +71,25 @@ class Body:
         """The contacts, and after them those oblique to a face, which friction has to hold."""
         return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
 
+    def placed(
+        self, points: Float[np.ndarray, "m 2"], poses: Float[np.ndarray, "*k 3"], resolution_m: float
+    ) -> Float[np.ndarray, "*k m 2"]:
+        """Points of the body [cells] after it has moved by each pose.
+
+        Parameters
+        ----------
+        points
+            Where the map has them [cells].
+        poses
+            x, y [m] and turn about the centre [rad].
+        resolution_m
+            Edge of a cell [m].
+        """
+        c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+        turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
+        ends = self.centre + poses[..., :2] / resolution_m
+        return (points - self.centre) @ turns + ends[..., None, :]
+
     def push(self, contact: int) -> PushContact:
         """A push by its index: those straight at a face, then the oblique ones.
 
@@ -99,7 +118,9 @@ def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, 
     return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
 
 
-def end_errors(domain: SearchDomain, index: int, contact: int, length: float) -> Float[np.ndarray, "n 3"]:
+def end_errors(
+    domain: SearchDomain, index: int, contact: int, length: float, samples: int = SAMPLES
+) -> Float[np.ndarray, "n 3"]:
     """Ends of simulated pushes from the planned end: x, y along the grid's axes [m], turn [rad].
 
     Parameters
@@ -110,6 +131,8 @@ def end_errors(domain: SearchDomain, index: int, contact: int, length: float) ->
         Of the body, and of its contact.
     length
         Of the push [cells].
+    samples
+        Number of pushes: fewer are the first of more.
     """
     body, resolution_m = domain.bodies[index], domain.map.resolution_m
     ahead = body.push(contact).direction
@@ -117,7 +140,8 @@ def end_errors(domain: SearchDomain, index: int, contact: int, length: float) ->
     begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
     length_m = STAND_OFF_M + length * resolution_m
     key = index, contact
-    if key not in domain.ends or domain.ends[key][0] < length_m:
+    known_m, poses = domain.ends.get(key, (0.0, np.zeros((0, 0, 3))))
+    if known_m < length_m or len(poses) < samples:
         # Whole steps: however far it is simulated, the beginning is the same.
         reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
         model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
@@ -128,32 +152,14 @@ def end_errors(domain: SearchDomain, index: int, contact: int, length: float) ->
         _, poses, _ = sampled_pushes(
             model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
             line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,
-            np.random.default_rng(0), uncertainty=unknown, samples=SAMPLES,  # one plan, one answer
+            np.random.default_rng(0), uncertainty=unknown, samples=samples,  # one plan, one answer
         )  # fmt: skip
         domain.ends[key] = reach_m, poses
-    reach_m, poses = domain.ends[key]
+    reach_m, poses = domain.ends[key][0], domain.ends[key][1][:samples]
     place = (poses.shape[1] - 1) * length_m / reach_m
     row = min(int(place), poses.shape[1] - 2)
     ends = poses[:, row] + (place - row) * (poses[:, row + 1] - poses[:, row])
     return ends - np.array([*(length * resolution_m * ahead), 0.0])
-
-
-def turns_away(domain: SearchDomain, index: int, contact: int, length: float, limit_rad: float) -> float:
-    """Probability that a push oblique to a face is given up because the object turns away from it.
-
-    One that meets a face at a right angle turns by a fraction of the limit.
-
-    Parameters
-    ----------
-    domain, index, contact, length
-        As of :func:`end_errors`.
-    limit_rad
-        Turn of the object at which a push is given up.
-    """
-    if not domain.bodies[index].push(contact).oblique:
-        return 0.0
-    turned = np.abs(end_errors(domain, index, contact, length)[:, 2]) > limit_rad
-    return float((turned.sum() + 0.5) / (len(turned) + 1.0))
 
 
 def lower_clearance(

@@ -13,7 +13,7 @@ from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import Deadline, PushStep
 from .search_domain import Corridor, SearchDomain
 
-__all__ = ["drive_cost", "drives_cells", "drives_cost", "pull_string"]
+__all__ = ["changed_drives_cost", "drive_cost", "drives_cells", "drives_cost", "pull_string"]
 
 #: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
@@ -64,10 +64,7 @@ def pull_string(
     block, nodes, *_ = _drive(domain, drive)
     if not len(nodes):
         return nowhere
-    parts = [
-        _pulled_piece(domain, shifts, piece, block, *part[1:])
-        for piece, part in _pieces(domain, drive, nodes, block)
-    ]
+    parts = [_pulled_piece(domain, *piece, block) for piece in _pieces(domain, drive, nodes, block)]
     if not all(len(part) for part in parts):
         return nowhere
     if len(parts) > 1:
@@ -136,6 +133,50 @@ def drive_cost(
     return _drive(domain, _Drive(shifts, start, goal))[2]
 
 
+def changed_drives_cost(
+    domain: SearchDomain,
+    steps: tuple[PushStep, ...],
+    changed: tuple[PushStep, ...],
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    most: float,
+) -> float:
+    """:func:`drives_cost` of pushes of other lengths, along the drives of a plan.
+
+    Parameters
+    ----------
+    domain, steps, start, goal, most
+        As there; the drives of ``steps`` exist.
+    changed
+        The same pushes with other lengths.
+    """
+    if not domain.clear_straight(changed[-1].shifts_after, goal, goal[None])[0]:
+        return float("inf")
+    total = 0.0
+    for old, new in zip(_ends(domain, steps, start, goal), _ends(domain, changed, start, goal), strict=True):
+        key = _key(*new)
+        if key not in domain.drives:
+            block, nodes, cost, cells = _drive(domain, old)
+            if _key(*old[1:]) == _key(*new[1:]) and not _near_path(
+                domain, nodes, block, old.shifts, new.shifts
+            ):
+                domain.drives[key] = block, nodes, cost, cells
+                total += cost
+                continue
+            # From where the new drive begins to the old one, along that, and to where the new one ends.
+            ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
+                    ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
+            nodes = np.concatenate([ends[0], nodes, ends[1]])
+            cost, cells = _cost_along(domain, new, nodes, block)
+            if not np.isfinite(cost):
+                return cost
+            domain.drives[key] = block, nodes, cost, cells
+        total += domain.drives[key][2]
+        if total >= most:
+            return float("inf")
+    return total
+
+
 def drives_cells(
     domain: SearchDomain,
     steps: tuple[PushStep, ...],
@@ -150,6 +191,23 @@ def drives_cells(
         As of :func:`drives_cost`.
     """
     return [_drive(domain, end)[3] for end in _ends(domain, steps, start, goal)]
+
+
+def _near_path(
+    domain: SearchDomain,
+    nodes: Float[np.ndarray, "k 2"],
+    block: int,
+    before: Float[np.ndarray, "bodies 2"],
+    after: Float[np.ndarray, "bodies 2"],
+) -> bool:
+    """Whether a body that is at another place afterwards, here or there, has to do with the cost along a path."""
+    moved = np.flatnonzero((before != after).any(axis=1))
+    low, high = (corners[moved] for corners in domain.extents)
+    middle, half = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
+    places = np.concatenate([middle + before[moved], middle + after[moved]])
+    away = np.hypot(*((nodes[:, None] + 0.5) * block - places).T)
+    # Cells beside the path are looked at, too, in blocks of which two are added on either side.
+    return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
 def _ends(
@@ -216,7 +274,7 @@ def _cost_along(
 ) -> tuple[float, Float[np.ndarray, "n 2"]]:
     """What a drive along a path over blocks costs on the map, passages included, and the middles of its cells [cells]."""
     cost, parts = 0.0, [drive.start[None]]
-    for piece, part in _pieces(domain, drive, nodes, block):
+    for part, piece in _pieces(domain, drive, nodes, block):
         found = _cells_along(domain, part, piece, block)
         if found is None:
             return float("inf"), np.zeros((0, 2))
@@ -233,8 +291,8 @@ def _cost_along(
 
 def _pieces(
     domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
-) -> list[tuple[Float[np.ndarray, "p 2"], _Drive]]:
-    """A path over blocks in pieces, each with the drive along it, which ends at the clearest cell of a block."""
+) -> list[tuple[_Drive, Float[np.ndarray, "p 2"]]]:
+    """Drives along the pieces of a path over blocks, each with its blocks, which ends at the clearest cell of a block."""
     shifts, start, goal = drive
     pieces = []
     for first in range(0, len(nodes), PIECE):
@@ -244,7 +302,7 @@ def _pieces(
             low = (piece[-1] * block).astype(int)
             layer = domain.part(domain.clearance, low, low + block, shifts, 1)
             end = low + np.array(np.unravel_index(int(layer.argmax()), layer.shape))[::-1] + 0.5
-        pieces.append((piece, _Drive(shifts, start, end)))
+        pieces.append((_Drive(shifts, start, end), piece))
         start = end
         if end is goal:
             break
@@ -252,20 +310,15 @@ def _pieces(
 
 
 def _pulled_piece(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    nodes: Float[np.ndarray, "k 2"],
-    block: int,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
+    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> Float[np.ndarray, "q 2"]:
     """Cheapest choice of points of the path on the map along a path over blocks; empty without one."""
-
-    found = _cells_along(domain, _Drive(shifts, start, goal), nodes, block)
+    found = _cells_along(domain, drive, nodes, block)
     if found is None:
         return np.zeros((0, 2))
     cells, clearance, low, _ = found
-    path = np.concatenate([[start - low], thinned(domain, clearance, cells + 0.5), [goal - low]])
+    inner = thinned(domain, clearance, cells + 0.5)
+    path = np.concatenate([[drive.start - low], inner, [drive.goal - low]])
     return path[string_pull(clearance, domain.radius, domain.slow, path, STRING_WINDOW)[0]] + low
 
 

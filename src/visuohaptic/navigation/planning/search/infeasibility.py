@@ -68,9 +68,7 @@ class Infeasibility:
 
     def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
         """Whether some bodies keep the robot from the goal, whatever is done to them, all others away."""
-        open_states: list[tuple[Float[np.ndarray, "bodies 2"], Int32[np.ndarray, "k"] | None, Any]] = [
-            (first.shifts, cells, None)
-        ]
+        open_states: list[Any] = [(first.shifts, cells, None)]  # places, nodes or place of the robot
         domain, heuristic = self.domain, self.heuristic
         queued: set[bytes] = set()
         seen: set[tuple[bytes, int]] = set()
@@ -82,9 +80,10 @@ class Infeasibility:
             clearance = domain.lowered(heuristic.base, shifts, chosen, domain.block)
             if near is None:
                 near, _ = domain.seeds(clearance, robot)
-            reached = self._component(clearance, near)
-            if reached is None:
+            near = near[clearance.ravel()[near] >= domain.radius]
+            if not near.size:
                 continue
+            reached = _travel_kernels.flood(clearance, domain.radius, near)
             key = (self._places(chosen, shifts), int(reached.argmax()))
             if key in seen:
                 continue
@@ -93,9 +92,8 @@ class Infeasibility:
             if goal_cells.size and reached[goal_cells].any():
                 return False
             for after, robot in self._after_pushes(chosen, shifts, clearance, reached, pushes):
-                place = (
-                    self._places(chosen, after) + np.floor(robot / domain.block).astype(np.int32).tobytes()
-                )
+                node = np.floor(robot / domain.block).astype(np.int32)
+                place = self._places(chosen, after) + node.tobytes()
                 if place not in queued:
                     queued.add(place)
                     open_states.append((after, None, robot))
@@ -104,14 +102,6 @@ class Infeasibility:
     def _places(self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
         """Places of the bodies; closer than half a step they are one."""
         return np.rint(shifts[list(chosen)] * (2.0 / self.step)).astype(np.int32).tobytes()
-
-    def _component(
-        self, clearance: Float32[np.ndarray, "r c"], near: Int32[np.ndarray, "k"]
-    ) -> Bool[np.ndarray, "n"] | None:
-        """Nodes that the robot gets to."""
-
-        near = near[clearance.ravel()[near] >= self.domain.radius]
-        return _travel_kernels.flood(clearance, self.domain.radius, near) if near.size else None
 
     def _after_pushes(
         self,

@@ -16,7 +16,7 @@ from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
 from . import _travel_kernels
 from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
-from .bodies import STAND_OFF_M, turns_away
+from .bodies import STAND_OFF_M
 from .push_states import PushStep
 from .search_domain import SearchDomain
 
@@ -147,9 +147,8 @@ class PushHeuristic:
         oblique = contact >= len(domain.bodies[body].contacts)
         key = (body, round(length, 6), contact if oblique else -1)
         if key not in self._costs:
-            tag, limit_rad = domain.bodies[body].obj.tag, self.costs.turn_limit_rad
-            turned = turns_away(domain, body, contact, length, limit_rad) if oblique else 0.0
-            cost = push_cost(tag, length * domain.map.resolution_m, domain.robot, self.costs, turned=turned)
+            tag, length_m = domain.bodies[body].obj.tag, length * domain.map.resolution_m
+            cost = push_cost(tag, length_m, domain.robot, self.costs, oblique=oblique)
             self._costs[key] = cost.total_s * self.units_per_s
         return self._costs[key]
 

@@ -17,8 +17,8 @@ from ....core.geometry import rotation_2d
 from ...pushing.push_failure import covariance_of_ends
 from . import _travel_kernels
 from ._push_search_kernels import block_patch, free_push_length, opening_lengths
-from .bodies import SAMPLES, end_errors, lower_window
-from .drives import drives_cells, drives_cost
+from .bodies import PRICED, SAMPLES, end_errors, lower_window
+from .drives import changed_drives_cost, drives_cells
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
@@ -40,8 +40,6 @@ SWEEP_STEP = 0.5
 TRACKING_M = 0.003
 #: Of the ends that touch a drive, so many are asked whether there is another one: their share is known to 0.18.
 LOOKED_AT = 8
-#: Simulated pushes that a price is made of.
-PRICED = 40
 #: Steps of the descent [m]: the ladder's, which is doubled while it helps, and what a robot can execute.
 STEPS_M = (0.05, 0.0125)
 
@@ -80,7 +78,7 @@ def refine_lengths(
             tried_cost = float("inf")
             if tried:
                 most = cost + risk - pushes
-                tried_cost = pushes + drives_cost(domain, tried, start, goal, most)
+                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, most)
             tried_risk = 0.0
             if tried_cost < cost + risk:
                 tried_risk = replanning_units(heuristic, tried, start) * scale
@@ -271,11 +269,8 @@ def replanning_units(
     for index, step in enumerate(steps):
         again = next((k for k in range(index + 1, len(steps)) if steps[k].body == step.body), len(steps))
         body = domain.bodies[step.body]
-        errors = end_errors(domain, step.body, step.contact, step.length)[:PRICED]
-        c, s = np.cos(errors[:, 2]), np.sin(errors[:, 2])
-        turns = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
-        ends = body.centre + step.shifts_after[step.body] + errors[:, :2] / domain.map.resolution_m
-        outlines = (body.outline - body.centre) @ turns + ends[:, None]
+        errors = end_errors(domain, step.body, step.contact, step.length, PRICED)
+        outlines = body.placed(body.outline, errors, domain.map.resolution_m) + step.shifts_after[step.body]
         closed = 0.0
         for k in range(index + 1, again + 1):
             away = shapely.distance(shapely.polygons(outlines), shapely.linestrings(drives[k]))

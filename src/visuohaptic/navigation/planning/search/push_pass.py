@@ -255,10 +255,7 @@ class PushPass:
         ends = stand + lengths[:, None] * push.direction
         left = self._left(state, np.full(len(lengths), contact.body), ends)
         free_left = heuristic.to_go(heuristic.free_field, ends)
-        # The longest first, so that its simulation holds for all.
-        for length, to_go, driven in zip(
-            lengths.tolist()[::-1], left.tolist()[::-1], free_left.tolist()[::-1], strict=True
-        ):
+        for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
             opens = length >= opens_at
             spent = contact.spent + heuristic.push_units(contact.body, length, contact.number)
             if not opens and self.weight > 1.0:  # another push has to follow, most likely
