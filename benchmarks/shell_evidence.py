@@ -26,6 +26,7 @@ from typing import Any
 from tests.worlds.shell_meshes import KINDS, REFUSED
 from tests.worlds.shell_touches import CONDITIONS
 
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
 from visuohaptic.core.resources import one_blas_thread
@@ -154,7 +155,7 @@ def main() -> None:
     parser.add_argument("--variants", type=int, default=VARIANTS, help="training objects of a class")
     parser.add_argument("--cache", type=Path, help="folder that keeps training data and objects")
     parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
-    add_worker_arguments(parser)
+    add_worker_arguments(Add(parser))
     arguments = parser.parse_args()
     widths = [use for use in (True, False) if not (arguments.no_width if use else arguments.width)]
     chosen = seeds_of(arguments.seeds, arguments.count, arguments.first)
