@@ -1,8 +1,13 @@
-"""How often could stiffness alone say that a container is of no trained class? Classifiers that were shown the unknown kinds.
+"""What no recogniser could do better: "unknown" by stiffness alone, and explorations with the fewest touches.
+
+How often could stiffness alone say that a container is of no trained class? Classifiers that were shown the unknown kinds.
 
 They learn many members of each class and of each other kind of container, under all conditions, from readings at fixed
 places; each member is judged by classifiers that saw others. No recogniser that has to call unknown what it has not seen can
 be asked for more. Solids are left out: they are told without exception.
+
+How few touches could an exploration take? The shortest one that is sure of the right class is looked for in hindsight, with
+all readings and the answer known. A planner, which sees neither, needs more; by random orders it is the room there is.
 """
 
 from __future__ import annotations
@@ -16,15 +21,59 @@ from tests.worlds.shell_bodies import CLASSES, OTHERS
 from tests.worlds.shell_touches import CONDITIONS, TouchedObject, member
 
 from visuohaptic.core.resources import one_blas_thread
-from visuohaptic.recognition import TouchProtocol
+from visuohaptic.recognition import HapticClassifier, TouchProtocol
+from visuohaptic.recognition.touch import update_belief
+from visuohaptic.recognition.touch.bayes import TOUCHES as PLACES
 
-from ._shell_readings import AXES, touch_of
+from ._shell_readings import AXES, MAX_TOUCHES, explore_object, touch_of
 
 #: Numbers of touches, spread over heights and axes: as many as the planner may make, and all.
 TOUCHES = (10, 32)
 #: Fraction of the members of classes that may be called unknown: the mean of the floors of the three conditions.
 FALSE_UNKNOWN = (0.02 + 0.04 + 0.07) / 3
 FOLDS = 6
+
+
+#: Explorations that are carried on at each length.
+BEAM = 6
+
+
+@one_blas_thread()
+def order_row(
+    classifier: HapticClassifier, thing: TouchedObject, seed: int, *, use_width: bool, orders: int = 3
+) -> dict[str, Any]:
+    """Touches of one object of a class: the fewest in hindsight, and those of random orders."""
+    touch = {
+        (height, axis): touch_of(thing, height, axis, np.random.default_rng([seed, 31, height, AXES.index(axis)]))
+        for height, axis in PLACES
+    }  # fmt: skip
+    model = classifier.model(use_width=use_width)
+    right, beam = model.answers.index(thing.name), [frozenset[tuple[int, str]]()]
+    for _ in range(MAX_TOUCHES):
+        tried = {one | {place} for one in beam for place in PLACES if place not in one}
+        told = {
+            one: update_belief(model, [touch[place] for place in sorted(one)]).probability[right]
+            for one in tried
+        }
+        beam = sorted(told, key=lambda one: -told[one])[:BEAM]
+        if told[beam[0]] >= classifier.confidence:
+            break
+    rng, by_chance = np.random.default_rng([seed, 30]), []
+    for _ in range(orders):
+        order = [PLACES[int(k)] for k in rng.permutation(len(PLACES))]
+        by_chance.append(
+            len(explore_object(classifier, lambda *place: touch[place], use_width=use_width, order=order)[1])
+        )
+    return {"fewest": len(beam[0]), "random": float(np.mean(by_chance))}
+
+
+def order_figures(rows: Sequence[dict[str, Any]], label: str) -> list[dict[str, Any]]:
+    """The fewest touches in hindsight by those of random orders: no planner is below."""
+    fewest, random = (float(np.mean([row[name] for row in rows])) for name in ("fewest", "random"))
+    return [
+        {"name": f"{label}: fewest touches in hindsight by random order", "ours": fewest / random, "unit": "1", "floor": None,
+         "aim": None, "note": f"{len(rows)} objects, {fewest:.2f} by {random:.2f}"}
+    ]  # fmt: skip
 
 
 @one_blas_thread()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from tests.worlds.shell_bodies import CLASSES
-from tests.worlds.shell_touches import TouchedObject, known_object, squeezed_objects, unknown_object
+from tests.worlds.shell_touches import TouchedObject, squeezed_objects
 
 from visuohaptic.core import InputError
 from visuohaptic.core.resources import one_blas_thread
@@ -256,10 +256,6 @@ def peers_on(data: FeatureSet, readings: Sequence[TouchReading], *, use_width: b
     return {
         name: str(model.fit(table, data.label).predict([row])[0]) for name, model in peer_models().items()
     }
-
-
-OBJECTS = {"readings": known_object, "unknown": unknown_object}
-ROWS = {"readings": known_row, "unknown": unknown_row}
 
 
 def reading_figures(

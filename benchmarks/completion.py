@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
 from visuohaptic.reconstruction.completion import Completion
@@ -266,7 +267,7 @@ if __name__ == "__main__":
     parser.add_argument("--touches", type=int, default=TOUCHES)
     parser.add_argument("--no-priors", action="store_true")
     parser.add_argument("--report", type=Path)
-    add_worker_arguments(parser)
+    add_worker_arguments(Add(parser))
     arguments = parser.parse_args()
     harness.use_one_thread()
     result = study(

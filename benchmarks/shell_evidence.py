@@ -5,7 +5,8 @@ ranges, and with a gripper that is wrong (5 mm in height, 3 degrees, gain 5 %, z
 widths and by stiffness alone. ``unknown``: objects of twenty kinds that it was not trained on. ``few_curves``: six
 objects learned from five curves each. ``meshes``: triangulated containers of fourteen kinds whose stiffness is known,
 and five meshes of what is no container. ``bound``: how often stiffness alone could say "unknown" at all, by classifiers
-that were shown many members of the unknown kinds (``--count`` of each and condition, on open seeds only).
+that were shown many members of the unknown kinds (``--count`` of each and condition, on open seeds only). ``orders``: the
+fewest touches that could have been enough, in hindsight.
 
     python -m benchmarks.shell_evidence readings unknown --seeds open --count 24 --cache shells --report out.json
 
@@ -24,28 +25,35 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from tests.worlds.shell_meshes import KINDS, REFUSED
-from tests.worlds.shell_touches import CONDITIONS
+from tests.worlds.shell_touches import CONDITIONS, known_object, unknown_object
 
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.core.files import write_text
 from visuohaptic.core.resources import one_blas_thread
 
 from ._journal import Journal
 from ._seeds import add_seeds, seeds_of
-from ._shell_bound import bound_figures, bound_rows
+from ._shell_bound import bound_figures, bound_rows, order_figures, order_row
 from ._shell_meshes import mesh_figures, mesh_row, refused_row
 from ._shell_readings import (
-    OBJECTS,
-    ROWS,
     VARIANTS,
     few_figures,
     few_row,
+    known_row,
     reading_figures,
     train,
     unknown_figures,
+    unknown_row,
 )
 
-CAMPAIGNS = ("readings", "unknown", "few_curves", "meshes", "bound")
+CAMPAIGNS = ("readings", "unknown", "few_curves", "meshes", "bound", "orders")
+#: Objects of a campaign, and what is asked of each.
+ASKED = {
+    "readings": (known_object, known_row),
+    "unknown": (unknown_object, unknown_row),
+    "orders": (known_object, order_row),
+}
 #: Floors and aims of right, false unknown and calibration error.
 LIMITS = {
     "in range": ((0.97, 0.99), (0.02, 0.01), (0.05, 0.04)),
@@ -65,7 +73,7 @@ def recognition(
     widths: Sequence[bool] = (True, False),
     variants: int = VARIANTS,
 ) -> list[dict[str, Any]]:
-    """Rows of ``readings`` or ``unknown``; those in the journal are not measured again."""
+    """Rows of ``readings``, ``unknown`` or ``orders``; those in the journal are not measured again."""
     done = Journal(journal, {"campaign": f"shell {name}", "variants": variants})
     classifier = None
     rows = []
@@ -75,8 +83,9 @@ def recognition(
                 key = f"{seed} {condition} {'width' if use_width else 'plain'}"
                 if key not in done:
                     classifier = classifier or train(cache, variants)
-                    thing = OBJECTS[name](seed, condition, cache / "objects")
-                    done.put(key, ROWS[name](classifier, thing, seed, use_width=use_width))
+                    objects, asked = ASKED[name]
+                    thing = objects(seed, condition, cache / "objects")
+                    done.put(key, asked(classifier, thing, seed, use_width=use_width))
                 rows.append({"seed": seed, "condition": condition, "width": use_width, **done.rows[key]})
         print(f"{name}: seed {seed}", flush=True)
     return rows
@@ -123,7 +132,9 @@ def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             if not some:
                 continue
             label = f"{condition}, {'with widths' if use_width else 'stiffness alone'}"
-            if name == "readings":
+            if name == "orders":
+                figures += order_figures(some, label)
+            elif name == "readings":
                 figures += reading_figures(some, label, LIMITS[condition])
             else:
                 figures += unknown_figures(some, f"unknown, {label}", UNKNOWN_LIMITS[use_width])
@@ -154,7 +165,7 @@ def main() -> None:
     parser.add_argument("--variants", type=int, default=VARIANTS, help="training objects of a class")
     parser.add_argument("--cache", type=Path, help="folder that keeps training data and objects")
     parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
-    add_worker_arguments(parser)
+    add_worker_arguments(Add(parser))
     arguments = parser.parse_args()
     widths = [use for use in (True, False) if not (arguments.no_width if use else arguments.width)]
     chosen = seeds_of(arguments.seeds, arguments.count, arguments.first)

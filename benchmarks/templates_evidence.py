@@ -13,6 +13,7 @@ import numpy as np
 from tests.worlds.views import View, mapped, view
 
 from benchmarks._journal import Journal
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.tracking.templates import EsmTemplate, align
 
@@ -102,7 +103,7 @@ def main() -> None:
     parser.add_argument("--seeds", choices=("open", "closed"), default="open")
     parser.add_argument("--count", type=int, default=450)
     parser.add_argument("--report", type=Path, help="JSON lines; a stopped campaign goes on where it was")
-    add_worker_arguments(parser)
+    add_worker_arguments(Add(parser))
     args = parser.parse_args()
     rows = campaign(seeds=args.seeds, count=args.count, report=args.report, workers=chosen_workers(args))
     for line in figures(rows):

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from visuohaptic.cli._arguments import Add
 from visuohaptic.cli._workers import add_worker_arguments, chosen_workers
 from visuohaptic.io.depth import DepthFrame, DepthSequence
 from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
@@ -354,7 +355,7 @@ if __name__ == "__main__":
     parser.add_argument("--real", action="store_true", help="only the real sequences")
     parser.add_argument("--report", type=Path)
     parser.add_argument("--speed", action="store_true", help="only the time of a frame, on all cores")
-    add_worker_arguments(parser)
+    add_worker_arguments(Add(parser))
     arguments = parser.parse_args()
     if arguments.speed:
         for line in speed():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import runpy
 import subprocess
 import sys
 import types
@@ -118,3 +119,12 @@ def test_one_thread_holds_for_numba_that_was_imported_before():
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["completion", "shell_evidence", "templates_evidence", "transparency"])
+def test_campaigns_that_share_arguments_with_verbs_say_their_help(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module(f"benchmarks.{name}", run_name="__main__", alter_sys=False)
+    assert ended.value.code == 0
+    assert "--workers" in capsys.readouterr().out

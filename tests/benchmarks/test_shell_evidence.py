@@ -192,3 +192,9 @@ def test_figures_of_meshes():
     assert by_name["meshes: taken as they are"] == pytest.approx(0.5)
     assert by_name["meshes: import to map, slowest"] == pytest.approx(3.0)
     assert by_name["no containers: refused"] == pytest.approx(0.5)
+
+
+def test_the_room_of_orders_is_of_all_objects_together():
+    """Three touches of six by chance: not the mean of 2 / 5 and 1 / 1."""
+    rows = [{"fewest": 2, "random": 5.0}, {"fewest": 1, "random": 1.0}]
+    assert shell_evidence.order_figures(rows, "in range")[0]["ours"] == pytest.approx(0.5)

@@ -55,7 +55,7 @@ def test_train_plan_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monk
     rng = np.random.default_rng(1)
     with curves.open("w") as handle:
         handle.write("height,side,force_N,deformation_m,width_m\n")
-        for height, axis in ((8, "x"), (8, "y"), (15, "x")):
+        for height, axis in ((8, "x"), (8, "y"), (15, "x"), (11, "y")):
             column = 0 if axis == "x" else 2
             for k, side in enumerate(f"{axis}+ {axis}-".split()):
                 for d in np.arange(1, 19) / 6000:
@@ -65,7 +65,7 @@ def test_train_plan_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monk
     found = run("run", tree, str(curves))
     assert found["answer"] == "soft"
     assert found["probabilities"]["soft"] > 0.9
-    assert found["touches"] == ["x8", "y8", "x15"]
+    assert found["touches"] == ["x8", "y8", "x15", "y11"]
     assert sum(found["probabilities"].values()) == pytest.approx(1)
     walked = tmp_path / "walk.json"
     run("run", tree, str(curves), "--steps", str(walked))

@@ -232,6 +232,42 @@ def test_information_is_where_classes_differ_and_costs_time(model: HapticModel) 
     assert travel_seconds(protocol, (8, "x"), (8, "y")) == protocol.turn_s
 
 
+def round_classes(rng: np.random.Generator) -> FeatureSet:
+    """Three classes whose sides are alike all around, thirty objects each."""
+    top = np.repeat([[6.0], [9.0], [8.0]], 30, axis=0)
+    profile = 9.0 + (top - 9.0) * np.linspace(0, 1, 16) + rng.normal(0, 0.1, (90, 1))
+    stiffness = np.repeat(np.exp(profile)[:, :, None], 4, axis=2)
+    width = np.full((90, 16, 2), 0.06) * rng.lognormal(0, 0.02, (90, 1, 1))
+    return FeatureSet.of_stiffness(stiffness, width, np.repeat(["soft", "rim", "middle"], 30).tolist())
+
+
+def test_that_an_object_is_round_is_evidence_once_and_not_at_every_height() -> None:
+    """Sides that are alike, touched a second time across: of round classes, four in five are round (Laplace's rule)."""
+    data = round_classes(np.random.default_rng(0))
+    model, touch = fit_model(data, settings=ModelSettings(use_width=False)), touch_of(data, 40)
+    along = [touch(height, "x") for height in (4, 7, 10, 13)]
+    both = [one for height in (4, 7, 10, 13) for one in (touch(height, "x"), touch(height, "y"))]
+    odds = [float(np.log(found[-1] / found[:-1].sum())) for found in
+            (update_belief(model, readings).probability for readings in (along, both))]  # fmt: skip
+    # What is not round goes, log(5 / 4), and second readings tell noise and errors of simulation from profiles: by stiffness
+    # half a nat a height at most, the logarithm of what two readings for one gain in both sides' errors. If axes differed by
+    # chance at every height, each would add 1.4.
+    assert odds[0] - odds[1] < np.log(5 / 4) + 4 * 0.5
+    oval = np.flatnonzero(model.answer_of == 3).reshape(-1, 4)[:, :2].ravel()
+    prior = np.exp(model.log_prior)
+    assert prior[oval].sum() == pytest.approx(0.1 / 5)
+
+
+def test_touches_are_valued_by_the_same_samples() -> None:
+    """Both axes of a round object tell as much, whatever the samples are; a thousand tell the same as 64 to a fifth."""
+    model = fit_model(round_classes(np.random.default_rng(0)))
+    gains = touch_gains(model, (), rng=np.random.default_rng(3))
+    for height in range(1, 17):
+        assert gains[height, "x"][0] == pytest.approx(gains[height, "y"][0], rel=0.02)
+    many = touch_gains(model, (), samples=1000, rng=np.random.default_rng(4))
+    assert gains[15, "x"][0] == pytest.approx(many[15, "x"][0], rel=0.2)
+
+
 def test_known_objects_are_found_with_fewer_touches_than_the_tree(model: HapticModel) -> None:
     unseen, rng = synthetic(4, seed=77), np.random.default_rng(2)
     touches, right = [], 0

@@ -220,16 +220,16 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belie
         score[foreign] += np.logaddexp(other + model.unknown_log_odds, unlike) - other
     weight = np.exp(score - score.max())
     weight /= weight.sum()
-    return Belief(by_answer(weight[None], model)[0], weight, model.answers)
+    return Belief(by_answer(weight, model), weight, model.answers)
 
 
-def by_answer(weight: Float[np.ndarray, "s c"], model: HapticModel) -> Float[np.ndarray, "s g"]:
+def by_answer(weight: Float[np.ndarray, "*s c"], model: HapticModel) -> Float[np.ndarray, "*s g"]:
     """Weights of the Gaussians, summed over those of each answer.
 
     Parameters
     ----------
     weight
-        Of the Gaussians, in rows.
+        Of the Gaussians, along the last axis.
     model
         Their answers.
     """

@@ -2,7 +2,7 @@
 
 Whole objects are left out in turn, half of them moved outside the range of the others and half of them touched by a gripper
 whose pose is poor. The temperature that divides the evidence (Guo et al. 2017) has their smallest mean log loss among the known
-classes; what is added to the log odds of "unknown" is as much as lets only the wanted fraction of them be called so at the end.
+classes; what is added to the log odds of "unknown" is as much as lets only :data:`.FALSE_ALARM` of them be called so at the end.
 Residuals of objects that the classes were not learned from are larger than a Gaussian's: the chi-square from which on readings
 are like no class is that which only :data:`.FALSE_ALARM` of these explorations exceed.
 """
@@ -31,8 +31,6 @@ FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
 #: Fraction of explorations that no temperature is bent to: a few that are wrong without a doubt would outvote all others.
 LAPSES = 0.02
-#: A touch or two must not be outvoted: odds of 20 at most are added, a prior of 0.1 becomes one of 0.7.
-MAX_LOG_ODDS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +74,6 @@ def calibrate(
     *,
     explorations: int = 300,
     max_touches: int = 6,
-    false_rejection: float = 0.04,
 ) -> HapticModel:
     """Fit the temperature, what is added to the log odds of "unknown", and from which chi-square on nothing is known.
 
@@ -92,13 +89,11 @@ def calibrate(
         How many; each is judged after every touch.
     max_touches
         Of one exploration.
-    false_rejection
-        Fraction of known objects that may be called unknown after so many touches.
     """
     name_of = {member: name for name, members in model.groups.items() for member in members}
     answer = np.array([name_of.get(label, label) for label in data.label])
-    if set(answer) != set(model.answers[:-1]) or not 0 < false_rejection < 1:
-        raise InputError("calibrate", "expected the training objects of the model, and a fraction 0..1")
+    if set(answer) != set(model.answers[:-1]):
+        raise InputError("calibrate", "expected the training objects of the model")
     # Every class is in every fold; of few objects, more are left than are taken.
     turn = np.empty(len(data), dtype=np.int64)
     for k in range(len(data.classes)):
@@ -112,7 +107,10 @@ def calibrate(
         min(TEMPERATURES, key=lambda value: float(np.mean([one.loss(float(value)) for one in judged])))
     )
     last = np.concatenate([one.margin(temperature)[max_touches - 1 :: max_touches] for one in judged])
-    log_odds = float(np.clip(np.quantile(last, false_rejection), -MAX_LOG_ODDS, MAX_LOG_ODDS))
+    # Before anything is touched "unknown" is at most as probable as all classes together.
+    log_odds = min(
+        float(np.quantile(last, FALSE_ALARM)), math.log(1 / max(model.settings.unknown_prior, 1e-300) - 1)
+    )
     tails = np.concatenate([one.tail()[max_touches - 1 :: max_touches] for one in judged])
     tail = max(float(np.quantile(tails, 1.0 - FALSE_ALARM)), 1.0)
     return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)

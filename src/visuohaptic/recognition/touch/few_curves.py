@@ -78,7 +78,7 @@ def learn_from_curves(
     if len({*learned, *labels}) < 2:
         raise InputError("curves", f"found {len({*learned, *labels})} classes, expected at least 2")
     # Any model says where readings are among the features.
-    reader = assemble({"any": _anything(settings, protocol)}, settings=settings, protocol=protocol)
+    reader = assemble({"any": _anything(settings, protocol)}, {}, settings, protocol)
     read = {one.name: evidence(reader, one.readings) for one in squeezed}
     if empty := [name for name, (place, _, _) in read.items() if not len(place)]:
         raise InputError(
@@ -102,7 +102,7 @@ def learn_from_curves(
         pose = prior.pose if prior else (not several) * _pose(middle, settings, protocol)
         spreads = (0.0, 1.0) if single else TOUCHED if several else (1.0, OUTSIDE)
         learned[label] = ClassStatistics(middle, left, within, pose, spreads, several)
-    return assemble(learned, groups, settings=settings, protocol=protocol)
+    return assemble(learned, groups or {}, settings, protocol)
 
 
 def _posterior(
@@ -217,7 +217,7 @@ def _population(
     """Mean and covariance of classes before any is touched."""
     if len(simulated) > 1:
         means = np.stack([one.mean for one in simulated])
-        return means.mean(axis=0), unknown_kinds(means)[0]
+        return means.mean(axis=0), unknown_kinds(means)[0][0]
     place, value, _ = (np.concatenate(part) for part in zip(*read, strict=True))
     kind = np.repeat(np.arange(3), [FIRST_WIDTH, HEIGHT - FIRST_WIDTH, 1])
     usual = np.array([0.0, np.log(_USUAL_WIDTH_m), 0.0])

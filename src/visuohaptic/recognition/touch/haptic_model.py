@@ -138,8 +138,8 @@ def fit_model(
         What is assumed, and how the gripper touches.
     """
     settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
-    learned = class_statistics(data, settings, protocol)
-    return assemble(learned, groups, prior=prior, settings=settings, protocol=protocol)
+    found = assemble(class_statistics(data, settings, protocol), groups or {}, settings, protocol)
+    return with_prior(found, prior)
 
 
 def class_statistics(
@@ -175,11 +175,9 @@ def class_statistics(
 
 def assemble(
     learned: Mapping[str, ClassStatistics],
-    groups: Mapping[str, Sequence[str]] | None = None,
-    *,
-    prior: Mapping[str, float] | None = None,
-    settings: ModelSettings | None = None,
-    protocol: TouchProtocol | None = None,
+    groups: Mapping[str, Sequence[str]],
+    settings: ModelSettings,
+    protocol: TouchProtocol,
 ) -> HapticModel:
     """The model of classes that were learned.
 
@@ -187,17 +185,16 @@ def assemble(
     ----------
     learned
         Trained class -> its statistics.
-    groups, prior, settings, protocol
-        As for :func:`fit_model`.
+    groups, settings, protocol
+        As for :func:`fit_model`; classes are alike probable.
     """
-    settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     name_of = {part: part for part in learned}
-    for group, members in (groups or {}).items():
+    for group, members in groups.items():
         name_of |= {member: group for member in members if member in name_of}
     answers = tuple(dict.fromkeys(name_of.values()))
-    fraction = _prior(answers, prior, settings)
+    fraction = _prior(answers, None, settings)
     own = np.diag(_discrepancy(settings))
-    kinds = unknown_kinds(np.stack([one.mean for one in learned.values()]))
+    kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
@@ -210,17 +207,17 @@ def assemble(
             whole = shared + spread**2 * one.within + pose**2 * one.pose
             scaled = effect * np.array([1.0, pose, 1.0, 1.0])[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
-        for kind in kinds:
-            chance = fraction[UNKNOWN] / len(learned) / len(kinds)
+        for kind, part_of in zip(kinds, likely, strict=True):
+            chance = fraction[UNKNOWN] / len(learned) * part_of
             rows.append(
                 (len(answers), one.mean, shared + one.within + one.pose + kind, chance, effect, 1.0, 1.0)
             )
     answer_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
     with np.errstate(divide="ignore"):
-        log_prior = np.log(np.array(chance_of))
+        log_prior = np.log(chance_of)
     return HapticModel(
         (*answers, UNKNOWN), np.array(answer_of), np.array(mean), np.array(covariance), log_prior,
-        np.array(nuisance), np.array(spreads), np.array(pose_of), dict(groups or {}), settings, protocol,
+        np.array(nuisance), np.array(spreads), np.array(pose_of), dict(groups), settings, protocol,
     )  # fmt: skip
 
 

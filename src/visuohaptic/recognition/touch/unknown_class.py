@@ -22,17 +22,29 @@ USUAL_HEIGHT_m = 0.12
 #: by place, and height. Glass is 60 times as stiff as a thin cup, exp(2 * 2.05); a jar three times as wide as a tube, and a
 #: bottle five times as tall as a bowl.
 ANYTHING = (1.5, 0.25, 0.3, 0.2, 0.4)
+#: Standard deviation of the logarithm of stiffness by grooves and shoulders, which run all around one height.
+GROOVES = 0.05
 
 
-def unknown_kinds(means: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "2 p p"]:
-    """Covariances by which an unknown object differs from a known class: as classes differ, and as anything may.
+def unknown_kinds(
+    means: Float[np.ndarray, "k p"],
+) -> tuple[Float[np.ndarray, "4 p p"], Float[np.ndarray, "4"]]:
+    """Covariances by which an unknown object differs from a known class, and the probability of each.
 
-    The first is learned from what the known classes differ by, as if :data:`ANYTHING` were one more class.
+    As classes differ, and as anything may; each for objects whose axes differ, and for round ones. The first is learned from
+    what the known classes differ by, as if :data:`ANYTHING` were one more class. An object is round or is not, once for all
+    of its touches: were each height to differ around by chance, every second touch of a height would be evidence against an
+    unknown object. How many are round is learned from the known classes, too (Laplace's rule of succession).
 
     Parameters
     ----------
     means
         Features of the trained classes, (k, :data:`FEATURES`).
+
+    Returns
+    -------
+    tuple
+        Covariances (4, p, p), those of round objects last, and probabilities (4,).
 
     Raises
     ------
@@ -52,11 +64,19 @@ def unknown_kinds(means: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "2 p p"]
             learned.append(np.sqrt(((squares**2).mean(axis=1).sum() + usual**2) / len(means)))
     tall = means[:, HEIGHT] - means[:, HEIGHT].mean()
     learned.append(np.sqrt(((tall**2).sum() + ANYTHING[4] ** 2) / len(means)))
-    return np.stack([smooth_profile(*learned, reach=4.0), smooth_profile(*ANYTHING, reach=5.0)])
+    out = [
+        smooth_profile(*spread, reach=reach, even=even)
+        for even in (False, True)
+        for spread, reach in ((learned, 4.0), (ANYTHING, 5.0))
+    ]
+    sides = inner.reshape(len(means), -1, 2, 2).mean(axis=3)
+    even = np.sqrt(((sides[..., 0] - sides[..., 1]) ** 2).mean(axis=1)) < GROOVES
+    fraction = (even.sum() + 1) / (len(means) + 2)
+    return np.stack(out), 0.5 * np.array([1 - fraction, 1 - fraction, fraction, fraction])
 
 
 def smooth_profile(
-    level: float, bend: float, size: float, shape: float, tall: float, *, reach: float, grooves: float = 0.05
+    level: float, bend: float, size: float, shape: float, tall: float, *, reach: float, even: bool = False
 ) -> Float[np.ndarray, "p p"]:
     """Covariance of profiles that are smooth over some places.
 
@@ -70,21 +90,19 @@ def smooth_profile(
         Standard deviation of the logarithm of the height.
     reach
         Places over which a profile is smooth.
-    grooves
-        Standard deviation of the logarithm of stiffness all around one height.
+    even
+        Of round objects: all sides of a height are alike.
     """
-    height, side = (part.ravel() for part in np.mgrid[:HEIGHTS, :4])
-    near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)
-    axis = np.where(side[:, None] // 2 == side // 2, 1.0, 0.7)
     out = np.zeros((FEATURES, FEATURES))
-    # Grooves and shoulders run all around.
-    ring = grooves**2 * (height[:, None] == height)
-    out[:FIRST_WIDTH, :FIRST_WIDTH] = level**2 + (bend**2 * near + ring) * axis
-    height, side = (part.ravel() for part in np.mgrid[:HEIGHTS, :2])
+    height, axis = np.arange(FIRST_WIDTH) // 4, np.arange(FIRST_WIDTH) // 2 % 2
     near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)
-    same = side[:, None] == side
-    out[FIRST_WIDTH:HEIGHT, FIRST_WIDTH:HEIGHT] = size**2 * np.where(
-        same, 1.4, 1.0
-    ) + shape**2 * near * np.where(same, 1.0, 0.5)
+    alike = np.where(even | (axis[:, None] == axis), 1.0, 0.7)
+    ring = GROOVES**2 * (height[:, None] == height)
+    out[:FIRST_WIDTH, :FIRST_WIDTH] = level**2 + (bend**2 * near + ring) * alike
+    height, axis = np.arange(HEIGHTS * 2) // 2, np.arange(HEIGHTS * 2) % 2
+    near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)
+    same = even | (axis[:, None] == axis)
+    wide = size**2 * np.where(same, 1.4, 1.0) + shape**2 * near * np.where(same, 1.0, 0.5)
+    out[FIRST_WIDTH:HEIGHT, FIRST_WIDTH:HEIGHT] = wide
     out[HEIGHT, HEIGHT] = tall**2
     return out
