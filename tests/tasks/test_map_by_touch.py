@@ -206,7 +206,7 @@ def test_a_failing_sensor_and_the_time_end_it() -> None:
 
 
 FAST = ExploreSettings(
-    approach_m_s=0.08, push_m_s=0.04, search_m=0.4, push_m=0.04, halt_s=0.3, back_off_m=0.02
+    approach_m_s=0.08, push_m_s=0.04, search_m=0.4, push_m=0.04, halt_s=0.3, back_off_m=0.02, rise=1.0
 )
 
 

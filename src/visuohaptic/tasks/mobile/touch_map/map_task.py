@@ -40,6 +40,7 @@ def _exploration() -> ExploreSettings:
         push_m=0.05,
         halt_s=0.3,
         back_off_m=0.09,
+        rise=1.0,  # a map asks whether it moves, not at which force
     )
 
 
