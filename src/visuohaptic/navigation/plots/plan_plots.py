@@ -57,21 +57,7 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
         shade, cmap="gray", vmin=0, vmax=1, origin="lower", extent=(0, width, 0, height), transform=turn,
         interpolation="nearest",
     )  # fmt: skip
-    moved = {task.object for task in plan.pushes}
-    for item in problem.objects:
-        colour = "tab:orange" if item.id in moved else "tab:gray" if item.known_immovable else "tan"
-        axes.add_patch(Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9))
-        axes.annotate(
-            item.id,
-            (item.centre_m[0], item.footprint_m[:, 1].max()),
-            xytext=(0, 2),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize=7,
-            bbox={"facecolor": "white", "lw": 0, "alpha": 0.75, "pad": 0.8},
-            zorder=5,
-        )
+    _draw_objects(axes, problem, plan)
     _draw_passages(axes, problem, plan)
     colours = {"push": "tab:red", "sideward": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
     shown: set[str] = set()
@@ -102,6 +88,27 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     axes.legend(loc="upper right", fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
+
+
+def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
+    """Outlines and names of the objects; the colour shows which are pushed, and which cannot be."""
+    from matplotlib.patches import Polygon
+
+    moved = {task.object for task in plan.pushes}
+    for item in problem.objects:
+        colour = "tab:orange" if item.id in moved else "tab:gray" if item.known_immovable else "tan"
+        axes.add_patch(Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9))
+        axes.annotate(
+            item.id,
+            (item.centre_m[0], item.footprint_m[:, 1].max()),
+            xytext=(0, 2),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=7,
+            bbox={"facecolor": "white", "lw": 0, "alpha": 0.75, "pad": 0.8},
+            zorder=5,
+        )
 
 
 def _draw_passages(axes: Any, problem: PlanningProblem, plan: Plan) -> None:

@@ -39,23 +39,22 @@ from ..fusion.volume import SpaceGrid
 from .outline_fit import OutlineView, UprightBody, fit_bodies
 from .ray_readings import (
     FAR,
+    LOOK_ALIKE,
     NEAR,
     RayEvidence,
     RayImage,
     TrackedNoise,
     ViewDepth,
+    look_alike_fraction,
     ray_image,
     reading_tables,
-    thinned,
 )
 from .regions import TransparentRegion, region_of
 from .search_report import SearchReport, next_eye
-from .view_selection import view_graph
+from .view_selection import ray_stride, thinned, view_graph
 
 __all__ = ["EvidenceDetector", "EvidenceSettings"]
 
-#: Fraction of windows that look like glass: at least, for what the model does not know, and rounds of its estimate.
-_LOOK_ALIKE, _ROUNDS = 0.05, 12
 #: Every n-th pixel of a view gives a window for that estimate.
 _STRIDE = 5
 
@@ -100,7 +99,7 @@ class EvidenceDetector:
         init=False
     )  #: independent views that say anything of a block of voxels
     threshold: float = field(init=False)  #: evidence that founds a part [nat]
-    look_alike: float = field(init=False, default=_LOOK_ALIKE)  #: fraction of windows that look like glass
+    look_alike: float = field(init=False, default=LOOK_ALIKE)  #: fraction of windows that look like glass
     views: int = field(init=False, default=0)  #: views that were given
     skipped: Counter[str] = field(default_factory=Counter)  #: views that were not compared, by cause
     _images: list[RayImage] = field(init=False)
@@ -173,7 +172,7 @@ class EvidenceDetector:
             [self.ratios(frame, rays, self._tables) for frame, rays in zip(frames, self._images, strict=True)]
         )
         windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, limit_m, strict=True)]
-        self.look_alike = _mixing_fraction(np.concatenate(windows))
+        self.look_alike = look_alike_fraction(np.concatenate(windows))
         self._rays = RayEvidence.of_ratios(frames, weights, limit_m, ratios, self.look_alike)
         self.evidence, self.extent, seen = self._rays.sums(self.grid)
         if first:
@@ -198,7 +197,9 @@ class EvidenceDetector:
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
         """Views that have others to compare them with, and their weights; their readings are kept."""
         graph, settings = view_graph(frames), self.settings
-        self._stride = self._ray_stride(frames)
+        focal_px = frames[0].camera.focal_px
+        away_m = float(np.median([self._away_m(frame) for frame in frames]))
+        self._stride = ray_stride(focal_px, self.grid.voxel_m, away_m, self.noise.window_px(focal_px))
         frames = [thinned(frame, self._stride) for frame in frames]
         apart_rad = settings.independent_rad, settings.min_angle_rad
         near = [graph.neighbours(i, settings.neighbours, *apart_rad) for i in range(len(frames))]
@@ -225,15 +226,6 @@ class EvidenceDetector:
         middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
         return max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
 
-    def _ray_stride(self, frames: Sequence[DepthFrame]) -> int:
-        """Distance of the rays of a view that are read: half a voxel there, and no more than a quarter of a matching window [px].
-
-        A voxel takes the ray through its middle, and what a matching window covers counts as one reading.
-        """
-        focal_px = frames[0].camera.focal_px
-        voxel_px = focal_px * self.grid.voxel_m / float(np.median([self._away_m(one) for one in frames]))
-        return max(1, min(round(voxel_px / 2), round(self.noise.window_px(focal_px) / 4)))
-
     def ratios(
         self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
     ) -> Float32[np.ndarray, "h w"]:
@@ -256,13 +248,8 @@ class EvidenceDetector:
         object_px = 2 * round(max(0.5 * (matching - 1), radius_px)) + 1
         total = np.zeros(rays.reading.shape, np.float32)
         for table in tables / np.float32(matching**2):
-            window = cv2.boxFilter(
-                np.take(table, rays.code),
-                -1,
-                (object_px, object_px),
-                normalize=False,
-                borderType=cv2.BORDER_CONSTANT,
-            )
+            image, size = np.take(table, rays.code), (object_px, object_px)
+            window = cv2.boxFilter(image, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
             total += cv2.exp(np.clip(window, -30.0, 30.0)) / len(tables)
         return total
 
@@ -408,11 +395,3 @@ class EvidenceDetector:
             return found
         eye = next_eye(self._rays.frames, self.grid, self.seen, self.look_alike, self.threshold)
         return replace(found, next_eye_m=eye)
-
-
-def _mixing_fraction(ratios: Float32[np.ndarray, "n"]) -> float:
-    """Fraction of windows that look like glass, by maximum likelihood."""
-    fraction = _LOOK_ALIKE
-    for _ in range(_ROUNDS if len(ratios) else 0):
-        fraction = float(np.mean(fraction * ratios / ((1 - fraction) + fraction * ratios)))
-    return max(fraction, _LOOK_ALIKE)

@@ -11,12 +11,11 @@ views; the rates of each context are counted in the sequence itself (:mod:`.evid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 
-from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
@@ -33,10 +32,13 @@ __all__ = [
     "RayImage",
     "TrackedNoise",
     "ViewDepth",
+    "look_alike_fraction",
     "ray_image",
     "reading_tables",
-    "thinned",
 ]
+
+#: Minimum fraction of windows that look like glass, for what the model does not contain, and rounds of its estimate.
+LOOK_ALIKE, _ROUNDS = 0.05, 12
 
 #: Values of :attr:`RayImage.reading`; 0 is unknown.
 SAME, FAR, NEAR, DROPPED = 1, 2, 3, 4
@@ -172,32 +174,11 @@ class RayImage:
     """What each pixel of a view reads against what other views see on its ray."""
 
     reading: UInt8[np.ndarray, "h w"]  #: 0 unknown, 1 same, 2 farther, 3 nearer, 4 none
-    code: UInt16[
-        np.ndarray, "h w"
-    ]  #: circumstances of the ray, below ``CONTEXTS``, times 5, plus the reading
+    #: context of the ray, below ``CONTEXTS``, times 5, plus the reading
+    code: UInt16[np.ndarray, "h w"]
     predicted_m: Float32[np.ndarray, "h w"]  #: depth of the opaque surface, 0 unknown [m]
     limit_m: Float32[np.ndarray, "h w"]  #: depth up to which the ray is evidence, 0: of nothing [m]
     clear: Bool[np.ndarray, "h w"]  #: whether a ray is away from where the camera fails
-
-
-def thinned(frame: DepthFrame, stride: int) -> DepthFrame:
-    """A view as a pinhole camera without distortion would see it, with every n-th pixel down and across.
-
-    Parameters
-    ----------
-    frame
-        View.
-    stride
-        Distance of the pixels that are kept [px].
-    """
-    camera, first = frame.camera, stride // 2
-    depth_m = np.ascontiguousarray(ideal_depth(frame)[first::stride, first::stride])
-    matrix = camera.matrix.copy()
-    matrix[0, 1] = 0.0
-    matrix[:2, 2] -= first
-    matrix[:2] /= stride
-    height, width = depth_m.shape
-    return replace(frame, depth_m=depth_m, color=None, camera=Camera(width, height, matrix))
 
 
 def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise) -> RayImage:
@@ -338,7 +319,7 @@ class RayEvidence:
         grid
             Volume.
         """
-        from ._ray_kernels import EDGE, sum_evidence, tile_bounds
+        from ._evidence_kernels import EDGE, sum_evidence, tile_bounds
 
         rays = self.limit_m, self.found, self.reaching
         n, h, w = self.limit_m.shape
@@ -403,3 +384,17 @@ def _log_ratio(ratio: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32
         ((1 - HIDDEN) * ratio + HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
     ).astype(np.float32)
     return found
+
+
+def look_alike_fraction(ratios: Float32[np.ndarray, "n"]) -> float:
+    """Fraction of windows that look like glass, by maximum likelihood (EM).
+
+    Parameters
+    ----------
+    ratios
+        Likelihood ratio of glass for each window.
+    """
+    fraction = LOOK_ALIKE
+    for _ in range(_ROUNDS if len(ratios) else 0):
+        fraction = float(np.mean(fraction * ratios / ((1 - fraction) + fraction * ratios)))
+    return max(fraction, LOOK_ALIKE)

@@ -1,16 +1,18 @@
-"""Which views of a sequence are compared with one of them: by angle and overlap, never by the order of views."""
+"""Which views of a sequence are compared with one of them, by angle and overlap and not by their order, and which of their rays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from ...core.camera.model import Camera
 from ...io.depth.depth_sequence import DepthFrame
+from .background import ideal_depth
 
-__all__ = ["ViewGraph", "view_graph"]
+__all__ = ["ViewGraph", "ray_stride", "thinned", "view_graph"]
 
 #: Pixels of a view, down and across, at which its overlap with the others is measured.
 _SAMPLES = (9, 12)
@@ -105,3 +107,43 @@ def view_graph(frames: Sequence[DepthFrame]) -> ViewGraph:
         both = [np.arccos(cosine[seen, (number[seen] - k) // 2]) for k in (0, 1)]
         angle[i, seen] = np.mean(both, axis=0)
     return ViewGraph(np.minimum(overlap, overlap.T), np.minimum(angle, angle.T))
+
+
+def ray_stride(focal_px: float, voxel_m: float, away_m: float, window_px: float) -> int:
+    """Distance of the rays of a view that are read: half a voxel, and at most a sixth of a matching window [px].
+
+    A voxel uses the ray through its middle, and the readings within a matching window count as one. Thinned by a quarter of a
+    window, steps of 5 to 30 mm between surfaces are no longer edges, and more opaque pixels are flagged.
+
+    Parameters
+    ----------
+    focal_px
+        Focal length of the camera [px].
+    voxel_m
+        Edge length of a voxel [m].
+    away_m
+        Distance of the camera from the space [m].
+    window_px
+        Size of the matching window of the stereo camera [px].
+    """
+    return max(1, min(round(focal_px * voxel_m / away_m / 2), round(window_px / 6)))
+
+
+def thinned(frame: DepthFrame, stride: int) -> DepthFrame:
+    """A view as a pinhole camera without distortion would see it, with every n-th pixel down and across.
+
+    Parameters
+    ----------
+    frame
+        View.
+    stride
+        Distance of the pixels that are kept [px].
+    """
+    camera, first = frame.camera, stride // 2
+    depth_m = np.ascontiguousarray(ideal_depth(frame)[first::stride, first::stride])
+    matrix = camera.matrix.copy()
+    matrix[0, 1] = 0.0
+    matrix[:2, 2] -= first
+    matrix[:2] /= stride
+    height, width = depth_m.shape
+    return replace(frame, depth_m=depth_m, color=None, camera=Camera(width, height, matrix))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -15,23 +14,11 @@ from ...problem.planning_problem import MovableObject
 from ...problem.push_costs import Manipulability
 from ...pushing._outline_kernels import distance_patch
 from ...pushing.contact_candidates import PushContact, push_contacts
-from ...pushing.push_failure import PushUncertainty, sampled_pushes
-from ...pushing.push_model import PushModel
-from ...pushing.quasi_static import STEP_M, line_path
-
-if TYPE_CHECKING:
-    from .search_domain import SearchDomain
 
 __all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "lower_window", "world_from_grid"]
 
 #: The robot stands off by so much before and after a push [m].
 STAND_OFF_M = 0.03
-#: Simulated pushes, and how many of them a price is made of: an ellipsoid in three dimensions needs more than a share.
-SAMPLES, PRICED = 160, 40
-#: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
-LONG_STEP_M = 2.0 * STEP_M
-#: Pushes are simulated so many times as far as they are asked for: their lengths are refined.
-BEYOND = 1.5
 #: Outlines are looked at in steps of so many cells when they are pushed.
 OUTLINE_STEP = 0.45
 #: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
@@ -116,50 +103,6 @@ def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, 
     """Contacts of an outline about its centre of friction; one shape is asked for in every plan."""
     outline = np.frombuffer(shape, dtype=np.float64).reshape(-1, 2)
     return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
-
-
-def end_errors(
-    domain: SearchDomain, index: int, contact: int, length: float, samples: int = SAMPLES
-) -> Float[np.ndarray, "n 3"]:
-    """Ends of simulated pushes from the planned end: x, y along the grid's axes [m], turn [rad].
-
-    Parameters
-    ----------
-    domain
-        Robot, map and bodies.
-    index, contact
-        Of the body, and of its contact.
-    length
-        Of the push [cells].
-    samples
-        Number of pushes: fewer are the first of more.
-    """
-    body, resolution_m = domain.bodies[index], domain.map.resolution_m
-    ahead = body.push(contact).direction
-    # About the body's centre before the push: the same wherever it stands.
-    begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
-    length_m = STAND_OFF_M + length * resolution_m
-    key = index, contact
-    known_m, poses = domain.ends.get(key, (0.0, np.zeros((0, 0, 3))))
-    if known_m < length_m or len(poses) < samples:
-        # Whole steps: however far it is simulated, the beginning is the same.
-        reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
-        model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
-        place_m, yaw_rad = body.obj.pose_sigma
-        learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
-        centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
-        unknown = PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad)
-        _, poses, _ = sampled_pushes(
-            model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
-            line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,
-            np.random.default_rng(0), uncertainty=unknown, samples=samples,  # one plan, one answer
-        )  # fmt: skip
-        domain.ends[key] = reach_m, poses
-    reach_m, poses = domain.ends[key][0], domain.ends[key][1][:samples]
-    place = (poses.shape[1] - 1) * length_m / reach_m
-    row = min(int(place), poses.shape[1] - 2)
-    ends = poses[:, row] + (place - row) * (poses[:, row + 1] - poses[:, row])
-    return ends - np.array([*(length * resolution_m * ahead), 0.0])
 
 
 def lower_clearance(

@@ -14,10 +14,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d
-from ...pushing.push_failure import covariance_of_ends
+from ...pushing.push_failure import PushUncertainty, covariance_of_ends, sampled_pushes
+from ...pushing.push_model import PushModel
+from ...pushing.quasi_static import STEP_M, line_path
 from . import _travel_kernels
 from ._push_search_kernels import block_patch, free_push_length, opening_lengths
-from .bodies import PRICED, SAMPLES, end_errors, lower_window
+from .bodies import STAND_OFF_M, lower_window
 from .drives import changed_drives_cost, drives_cells
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
@@ -38,6 +40,12 @@ __all__ = [
 SWEEP_STEP = 0.5
 #: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
 TRACKING_M = 0.003
+#: Simulated pushes, and how many of them are used for a price: an ellipsoid in three dimensions needs more than a fraction.
+SAMPLES, PRICED = 160, 40
+#: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
+LONG_STEP_M = 2.0 * STEP_M
+#: Pushes are simulated this many times farther than requested, because their lengths are refined.
+BEYOND = 1.5
 #: Of the ends that touch a drive, so many are asked whether there is another one: their share is known to 0.18.
 LOOKED_AT = 8
 #: Steps of the descent [m]: the ladder's, which is doubled while it helps, and what a robot can execute.
@@ -225,6 +233,50 @@ def opening_at(
         *(ends[0] - corner), *(ends[1] - corner),
     )  # fmt: skip
     return found
+
+
+def end_errors(
+    domain: SearchDomain, index: int, contact: int, length: float, samples: int = SAMPLES
+) -> Float[np.ndarray, "n 3"]:
+    """Ends of simulated pushes from the planned end: x, y along the grid's axes [m], turn [rad].
+
+    Parameters
+    ----------
+    domain
+        Robot, map and bodies.
+    index, contact
+        Of the body, and of its contact.
+    length
+        Of the push [cells].
+    samples
+        Number of pushes: fewer are the first of more.
+    """
+    body, resolution_m = domain.bodies[index], domain.map.resolution_m
+    ahead = body.push(contact).direction
+    # About the body's centre before the push: the same wherever it stands.
+    begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
+    length_m = STAND_OFF_M + length * resolution_m
+    key = index, contact
+    known_m, poses = domain.ends.get(key, (0.0, np.zeros((0, 0, 3))))
+    if known_m < length_m or len(poses) < samples:
+        # Whole steps: however far it is simulated, the beginning is the same.
+        reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
+        model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
+        place_m, yaw_rad = body.obj.pose_sigma
+        learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
+        centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
+        unknown = PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad)
+        _, poses, _ = sampled_pushes(
+            model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
+            line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,
+            np.random.default_rng(0), uncertainty=unknown, samples=samples,  # one plan, one answer
+        )  # fmt: skip
+        domain.ends[key] = reach_m, poses
+    reach_m, poses = domain.ends[key][0], domain.ends[key][1][:samples]
+    place = (poses.shape[1] - 1) * length_m / reach_m
+    row = min(int(place), poses.shape[1] - 2)
+    ends = poses[:, row] + (place - row) * (poses[:, row + 1] - poses[:, row])
+    return ends - np.array([*(length * resolution_m * ahead), 0.0])
 
 
 def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3 3"]:

@@ -1,0 +1,189 @@
+"""Evidence of the rays of all views, summed in the voxels of a space."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from ...core.kernels import kernel
+
+__all__ = ["EDGE", "sum_evidence", "tile_bounds"]
+
+#: Edge of the blocks of voxels and of the tiles of pixels that share a bound.
+EDGE = 8
+#: Fraction of the voxels of a block of which a view has evidence.
+NO_VOXEL, SOME_VOXELS, EACH_VOXEL = 0, 1, 2
+
+
+@kernel(parallel=True)
+def tile_bounds(limits, found, reaching, nearest, farthest, max_found, max_reaching):
+    """Bounds of every tile of pixels: what :func:`sum_evidence` knows of a block of voxels before it looks at each.
+
+    Parameters
+    ----------
+    limits, found, reaching
+        As of :func:`sum_evidence`.
+    nearest, farthest, max_found, max_reaching
+        Least and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across),
+        filled.
+    """
+    views, rows, columns = limits.shape
+    down, across = nearest.shape[1:]
+    for n in prange(views):
+        for a in range(down):
+            for b in range(across):
+                least, most = np.float32(np.inf), np.float32(0)
+                top_found, top_reaching = np.float32(-np.inf), np.float32(-np.inf)
+                for i in range(a * EDGE, min((a + 1) * EDGE, rows)):
+                    for j in range(b * EDGE, min((b + 1) * EDGE, columns)):
+                        least, most = min(least, limits[n, i, j]), max(most, limits[n, i, j])
+                        if limits[n, i, j] > np.float32(0):
+                            top_found = max(top_found, found[n, i, j])
+                            top_reaching = max(top_reaching, reaching[n, i, j])
+                nearest[n, a, b], farthest[n, a, b] = least, most
+                max_found[n, a, b], max_reaching[n, a, b] = top_found, top_reaching
+
+
+@kernel
+def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, max_found, max_reaching):
+    """(whether a view says something of no, some or each voxel of a block, largest evidence of both kinds of one)."""
+    half = np.float32(0.5)
+    low_z, high_z = np.float32(np.inf), np.float32(-np.inf)
+    low_u, high_u, low_v, high_v = low_z, high_z, low_z, high_z
+    for p in range(8):
+        x = corner[0] + size[0] * np.float32(p & 1)
+        y = corner[1] + size[1] * np.float32(p >> 1 & 1)
+        w = corner[2] + size[2] * np.float32(p >> 2)
+        z = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
+        low_z, high_z = min(low_z, z), max(high_z, z)
+        if z > np.float32(0.05):
+            u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * w + m[0, 3]) / z + cx + half
+            v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * w + m[1, 3]) / z + cy + half
+            low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
+    top_found, top_reaching = np.float32(-np.inf), np.float32(-np.inf)
+    if high_z <= np.float32(0.05):
+        return NO_VOXEL, top_found, top_reaching
+    behind = low_z <= np.float32(0.051)
+    # Single precision: a pixel and a tenth of a millimetre more.
+    first_row = 0 if behind else int(min(max(low_v - 1, 0), rows)) // EDGE
+    first_column = 0 if behind else int(min(max(low_u - 1, 0), columns)) // EDGE
+    last_row = rows - 1 if behind else int(min(max(high_v + 1, -1), rows - 1))
+    last_column = columns - 1 if behind else int(min(max(high_u + 1, -1), columns - 1))
+    least, most = np.float32(np.inf), np.float32(0)
+    if last_row >= 0 and last_column >= 0:
+        for a in range(first_row, last_row // EDGE + 1):
+            for b in range(first_column, last_column // EDGE + 1):
+                least, most = min(least, nearest[a, b]), max(most, farthest[a, b])
+                top_found = max(top_found, max_found[a, b])
+                top_reaching = max(top_reaching, max_reaching[a, b])
+    slack = np.float32(1e-4)
+    if low_z - slack >= most:
+        return NO_VOXEL, top_found, top_reaching
+    inside = low_u >= 1 and low_v >= 1 and high_u < columns - 1 and high_v < rows - 1
+    if inside and not behind and high_z + slack < least:
+        return EACH_VOXEL, top_found, top_reaching
+    return SOME_VOXELS, max(top_found, np.float32(0)), max(top_reaching, np.float32(0))
+
+
+@kernel
+def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, first, shape, evidence, extent):  # fmt: skip
+    """Add what one view says of the voxels of a block."""
+    rows, columns = limit.shape
+    half = np.float32(0.5)
+    for i in range(first[0], first[0] + shape[0]):
+        x = low[0] + voxel * (np.float32(i) + half)
+        for j in range(first[1], first[1] + shape[1]):
+            y = low[1] + voxel * (np.float32(j) + half)
+            px = m[0, 0] * x + m[0, 1] * y + m[0, 3]
+            py = m[1, 0] * x + m[1, 1] * y + m[1, 3]
+            pz = m[2, 0] * x + m[2, 1] * y + m[2, 3]
+            for k in range(first[2], first[2] + shape[2]):
+                w = low[2] + voxel * (np.float32(k) + half)
+                z = pz + m[2, 2] * w
+                if z <= np.float32(0.05):
+                    continue
+                inverse = np.float32(1) / z
+                u = fx * (px + m[0, 2] * w) * inverse + cx + half
+                v = fy * (py + m[1, 2] * w) * inverse + cy + half
+                if not (u >= 0 and v >= 0 and u < columns and v < rows):
+                    continue
+                a, b = int(v), int(u)
+                if z < limit[a, b]:
+                    evidence[i, j, k] += weight * found[a, b]
+                    extent[i, j, k] += weight * reaching[a, b]
+
+
+@kernel
+def _sees(limit, m, fx, fy, cx, cy, x, y, w):
+    """Whether a view says something of a point of the world."""
+    z = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
+    if z <= np.float32(0.05):
+        return False
+    u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * w + m[0, 3]) / z + cx + np.float32(0.5)
+    v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * w + m[1, 3]) / z + cy + np.float32(0.5)
+    return u >= 0 and v >= 0 and u < limit.shape[1] and v < limit.shape[0] and z < limit[int(v), int(u)]
+
+
+@kernel(parallel=True)
+def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, nearest, farthest, max_found, max_reaching, low, voxel, evidence, extent, seen):  # fmt: skip
+    """Sum over the views, for every voxel, the evidence of the ray that passes it before it ends.
+
+    Blocks of voxels in which no sum can be positive, by the bounds of the tiles that they are seen in, are not looked at.
+
+    Parameters
+    ----------
+    limits
+        Depth up to which each ray is evidence (n, h, w) [m]; 0: of nothing.
+    found, reaching
+        Evidence of each ray that glass is on it, and that it is here rather than beside (n, h, w) [nat].
+    weights
+        Of each view (n).
+    motions
+        ``T_camera_world`` (n, 3, 4).
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    nearest, farthest, max_found, max_reaching
+        Of :func:`tile_bounds`.
+    low, voxel
+        Lowest corner (3) and edge of a voxel [m].
+    evidence, extent
+        Sums of each voxel (x, y, z) of both kinds of evidence [nat], filled: where neither can be positive the bounds.
+    seen
+        Sum of the weights at the middle of each block (blocks along x, y, z), filled.
+    """
+    views, rows, columns = limits.shape
+    bx, by, bz = seen.shape
+    half = np.float32(0.5)
+    for block in prange(bx * by * bz):
+        first, shape = np.empty(3, np.int64), np.empty(3, np.int64)
+        first[0], first[1], first[2] = block // (by * bz) * EDGE, block // bz % by * EDGE, block % bz * EDGE
+        corner, size = np.empty(3, np.float32), np.empty(3, np.float32)
+        for axis in range(3):
+            shape[axis] = min(EDGE, evidence.shape[axis] - first[axis])
+            corner[axis] = low[axis] + voxel * (np.float32(first[axis]) + half)
+            size[axis] = voxel * np.float32(shape[axis] - 1)
+        x, y, w = corner[0] + half * size[0], corner[1] + half * size[1], corner[2] + half * size[2]
+        sight = np.empty(views, np.uint8)
+        bound, reach, whole = np.float32(0), np.float32(0), np.float32(0)
+        for n in range(views):
+            sight[n], most, wide = _block_sight(
+                motions[n], fx, fy, cx, cy, rows, columns, corner, size, nearest[n], farthest[n], max_found[n], max_reaching[n]
+            )  # fmt: skip
+            if sight[n] != NO_VOXEL:
+                bound += weights[n] * most
+                reach += weights[n] * wide
+                if sight[n] == EACH_VOXEL or _sees(limits[n], motions[n], fx, fy, cx, cy, x, y, w):
+                    whole += weights[n]
+        seen[first[0] // EDGE, first[1] // EDGE, first[2] // EDGE] = whole
+        summed = bound > 0 or reach > 0
+        for i in range(first[0], first[0] + shape[0]):
+            for j in range(first[1], first[1] + shape[1]):
+                for k in range(first[2], first[2] + shape[2]):
+                    evidence[i, j, k] = np.float32(0) if summed else bound
+                    extent[i, j, k] = np.float32(0) if summed else reach
+        for n in range(views):
+            if summed and sight[n] != NO_VOXEL:
+                _add_view(
+                    limits[n], found[n], reaching[n], weights[n], motions[n], fx, fy, cx, cy, low, voxel, first, shape,
+                    evidence, extent
+                )  # fmt: skip
