@@ -91,8 +91,8 @@ LIST = ["list uchar int vertex_indices"]
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"solid x", "is no PLY file"),
-        (b"ply\nformat ascii 1.0\n", "is no PLY file"),
+        (b"solid x", "is not a PLY file"),
+        (b"ply\nformat ascii 1.0\n", "is not a PLY file"),
         (_file("ascii", LIST, [(3, 0, 1, 2)], "").replace(b"ascii 1.0", b"utf8 1.0"), "found format 'utf8'"),
         (
             _file("ascii", LIST, [(3, 0, 1, 2)], "").replace(b"vertex 4", b"vertex 999999"),

@@ -102,7 +102,7 @@ def test_a_sequence_that_was_stopped_is_not_written_over(tmp_path: Path) -> None
     assert recover(tmp_path / "scan").count == 3
     assert len(list(DepthSequence(tmp_path / "scan"))) == 3
     assert (tmp_path / "scan/depth/000003.png.part").exists()
-    with pytest.raises(InputError, match="is no depth sequence whose writer was stopped"):
+    with pytest.raises(InputError, match="is not an interrupted depth sequence"):
         recover(tmp_path / "scan")
 
 
@@ -139,12 +139,12 @@ def test_the_verb_and_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixt
     refused = {
         "a.csv": "does not end with .part",
         "none.part": "cannot be read",
-        "": "is no depth sequence",
+        "": "is not an interrupted depth sequence",
     }
     (tmp_path / "b.part").write_bytes(b"\0\1\2" * 99)
     (tmp_path / "c.part").write_bytes(b"\xff\xff\xff\xff" * 99)
     (tmp_path / "d.part").write_bytes(b"")
-    refused |= {"b.part": "neither a table", "c.part": "no table that was being written", "d.part": "neither"}
+    refused |= {"b.part": "neither a table", "c.part": "not an unfinished table", "d.part": "neither"}
     for name, reason in refused.items():
         assert main(["recording", "recover", str(tmp_path / name)]) == 2, name
         assert reason in capsys.readouterr().err

@@ -105,7 +105,7 @@ def test_what_cannot_be_trained_or_asked() -> None:
         HapticClassifier().fit(TRAINING, ["a", "b"])
     with pytest.raises(InputError, match="found 1 classes, expected at least 2"):
         HapticClassifier().fit(TRAINING, ["all"] * 36)
-    with pytest.raises(InputError, match="a class has 2 objects, expected at least 3"):
+    with pytest.raises(InputError, match="class 'few' has 2 objects, expected at least 3"):
         HapticClassifier().fit(TRAINING, ["few"] * 2 + ["many"] * 34)
     with pytest.raises(InputError, match="groups: found 'cup', expected one of flat, rim, soft"):
         HapticClassifier().fit(TRAINING, groups={"round": ["cup"]})

@@ -56,7 +56,7 @@ def test_a_name_that_is_both_means_the_figure() -> None:
 
 
 def test_unknown_name_lists_the_known(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"is no experiment, expected all or one of figure-3\.2"):
+    with pytest.raises(InputError, match=r"is not an experiment, expected all or one of figure-3\.2"):
         reproduce("figure-1.1", tmp_path)
 
 

@@ -122,7 +122,9 @@ class MissionMemory(Closing):
         floor, where = found[0], f"{found[0].id} in the memory"
         numbers = {name: float(value) for name, value in floor.state.items() if not isinstance(value, str)}
         if floor.appearance is None or floor.appearance.template_png is None or set(numbers) < set(_NUMBERS):
-            raise InputError(where, "is no map of a floor", remedy="remove it, the floor is mapped again")
+            raise InputError(
+                where, "is not a map of a floor", remedy="remove it, then the floor is mapped again"
+            )
         picture = decode_image(floor.appearance.template_png, where, "grey")
         cells = np.full(picture.shape, -1, np.int8)
         cells[picture == _FREE], cells[picture == _OCCUPIED] = 0, 100

@@ -329,8 +329,10 @@ def _candidates(used: FeatureSet, groups: Mapping[str, Sequence[str]]) -> tuple[
         raise InputError("groups", f"found {foreign[0]!r}, expected one of {', '.join(used.classes)}")
     names = dict.fromkeys(name_of.get(label, label) for label in used.classes)
     candidates = used.of_classes(list(names), groups)
-    if (fewest := int(np.bincount(used.number).min())) < MIN_OBJECTS:
-        raise InputError("data", f"a class has {fewest} objects, expected at least {MIN_OBJECTS}")
+    counts = np.bincount(used.number)
+    if counts.min() < MIN_OBJECTS:
+        name, count = used.classes[int(counts.argmin())], int(counts.min())
+        raise InputError("data", f"class {name!r} has {count} objects, expected at least {MIN_OBJECTS}")
     return candidates, int(np.bincount(candidates.number).min())
 
 

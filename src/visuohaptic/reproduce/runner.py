@@ -198,7 +198,7 @@ def known_name(name: str) -> str:
         kind, number = key.split("-")
         if plain in {key, number, f"{kind}{number}", f"{kind[:3]}-{number}", f"{kind[:3]}{number}"}:
             return key
-    raise InputError(name, f"is no experiment, expected all or one of {', '.join(EXPERIMENTS)}")
+    raise InputError(name, f"is not an experiment, expected all or one of {', '.join(EXPERIMENTS)}")
 
 
 def _module(key: str) -> ModuleType:

@@ -171,7 +171,7 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
     if reason:
         raise InputError(
             wall.where,
-            f"is no thin-walled container: {reason}",
+            f"not a thin-walled container: {reason}",
             field="mesh",
             remedy="leave out what is not the container, or cut its mouth open",
         )

@@ -91,7 +91,7 @@ def import_container(
     Raises
     ------
     InputError
-        The mesh cannot be used, with the defect and its place; or it is no thin-walled container, with the reason.
+        The mesh cannot be used, with the defect and its place; or it is not a thin-walled container, with the reason.
     """
     where = str(path)
     given, convention = wall or WallProperties(), convention or MeshConvention()
@@ -390,7 +390,7 @@ def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, whe
     if fraction > THICKEST_FRACTION:
         raise InputError(
             where,
-            f"its wall is {1e3 * float(np.median(thickness_m)):.3g} mm, {100 * fraction:.0f} % of its radius: no thin-walled "
+            f"its wall is {1e3 * float(np.median(thickness_m)):.3g} mm, {100 * fraction:.0f} % of its radius: not a thin-walled "
             f"container, which has less than {100 * THICKEST_FRACTION:.0f} %",
             field="mesh",
             remedy="give the thickness with --thickness if the mesh is wrong",

@@ -99,7 +99,7 @@ def recover_sequence(folder: Path) -> int:
         Its writer ended, or got as far as no frame.
     """
     if not (folder / DESCRIPTION_PART).is_file():
-        raise InputError(folder, "is no depth sequence whose writer was stopped")
+        raise InputError(folder, "is not an interrupted depth sequence")
     part = folder / "poses.txt.part"
     if part.exists():
         lines = whole_lines(part)[1:]

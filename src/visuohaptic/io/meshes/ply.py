@@ -81,7 +81,7 @@ def parse_ply(path: Path, data: bytes) -> PlyMesh:
 def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
     end = data.find(b"end_header", 0, 1 << 16)
     if data[:3] != b"ply" or end < 0:
-        raise InputError(path, "is no PLY file: no header of ply ... end_header")
+        raise InputError(path, "is not a PLY file: no header of ply ... end_header")
     place = data.index(b"\n", end) + 1
     kind, elements = "", list[_Element]()
     for line in data[:end].decode("ascii", errors="replace").splitlines()[1:]:

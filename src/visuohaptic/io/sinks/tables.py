@@ -169,7 +169,7 @@ def pack_rows(part: Path, target: Path) -> int:
         # Mapped: a damaged header may ask for more than the file has.
         rows = pa.ipc.open_stream(pa.memory_map(str(part)))
     except (OSError, pa.ArrowException) as error:
-        raise InputError(part, f"is no table that was being written ({error})") from error
+        raise InputError(part, f"is not an unfinished table ({error})") from error
     try:
         with (
             atomic_path(target) as temporary,

@@ -140,7 +140,9 @@ def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
         np.linalg.cond(np.eye(6) + matrix) > 1e8
         or min(np.linalg.eigvalsh(row).min() for row in rows) < -1e-12
     ):
-        raise InputError(path, "is no correction: singular, or a covariance is negative", field="calibration")
+        raise InputError(
+            path, "is not a valid correction: singular, or a covariance is negative", field="calibration"
+        )
     return beam, Correction(matrix, rows, calibrated=True)
 
 

@@ -98,7 +98,8 @@ def _described(args: Any, container: ShellObject, found: StiffnessMap, inside: A
         "stiffness_N_per_m": {
             "min": float(stiffness[use].min()),
             "median": float(np.median(stiffness[use])),
-            "max": float(stiffness[use].max()),
+            # The stiffness diverges towards the clamped foot: a maximum would only show how close a vertex is to it.
+            "percentile_95": float(np.percentile(stiffness[use], 95)),
         },
         "relative_sigma_median": None if args.no_sigma else float(np.nanmedian(sigma[use] / stiffness[use])),
     }
