@@ -41,7 +41,7 @@ class StampedPose:
 
 
 def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
-    """Camera-to-world poses of a file, in its order.
+    """Camera-to-world poses of a file, in file order.
 
     Lines with eight numbers are TUM (``t tx ty tz qx qy qz qw``); 16 or 12 are a
     row-major matrix; 17 are the same after an index; four are one row of a matrix

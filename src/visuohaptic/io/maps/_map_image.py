@@ -60,7 +60,7 @@ def read_map_image(path: Path) -> MapImage:
 def cells_from_image(
     image: MapImage, mode: str, negate: bool, occupied_thresh: float, free_thresh: float
 ) -> Int8[np.ndarray, "rows columns"]:
-    """Occupancy by the rules of Nav2's map_server; what is not opaque is unknown.
+    """Convert grey levels to occupancy by the rules of Nav2's map_server; non-opaque pixels are unknown.
 
     Nav2 averages the transparency of a trinary map into its grey level, so that
     the unknown cells of an image with an opaque alpha channel become free;

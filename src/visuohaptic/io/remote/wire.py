@@ -49,7 +49,7 @@ KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (BaseState, Camera, Frame, GripperState, MapPose, Pose, RemoteTouch, Wrench)
 }
-#: Types of arrays as :func:`pack` writes them.
+#: Array types as written by :func:`pack`.
 _CODES = frozenset(np.dtype(name).newbyteorder("<").str for name in DTYPES)
 #: Components of a robot, and the members of each that the client may call.
 PROTOCOLS: dict[str, tuple[str, ...]] = {
