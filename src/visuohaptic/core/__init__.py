@@ -1,4 +1,4 @@
-"""The language of the house: measurements, objects, errors, files, geometry and what a robot must offer."""
+"""Shared foundation: measurements, objects, errors, files, geometry and the protocols of robots."""
 
 from .front_door import attach
 

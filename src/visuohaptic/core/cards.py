@@ -1,6 +1,6 @@
-"""Cards of objects: what is known of an object as strict JSON with arrays apart, and digests of its contents.
+"""Object cards: the known properties of an object as strict JSON with separate arrays, and content digests.
 
-A card leaves out what is not known. ``{"array": name}`` stands in it for the array of that name.
+A card omits unknown properties. ``{"array": name}`` is a reference to the array of that name.
 """
 
 from __future__ import annotations
@@ -27,52 +27,52 @@ def encode(obj: VisuoHapticObject) -> tuple[dict[str, Any], Arrays]:
     Parameters
     ----------
     obj
-        With all that is known of it.
+        Object with all its known properties.
 
     Returns
     -------
     card
-        Plain data of what is known.
+        Plain data of the known properties.
     arrays
-        Its arrays, by the names that stand in the card.
+        Arrays by the names used in the card.
     """
     arrays: Arrays = {}
     return encode_record(obj, arrays), arrays
 
 
 def decode(card: Any, arrays: Mapping[str, np.ndarray], where: object = "object") -> VisuoHapticObject:
-    """The object of a card.
+    """Decode an object from its card.
 
     Parameters
     ----------
     card
-        Plain data, as :func:`encode` makes them.
+        Plain data, as returned by :func:`encode`.
     arrays
         Arrays by name.
     where
-        File that they come from, for messages.
+        Source file, for messages.
 
     Raises
     ------
     InputError
-        A field is unknown, missing or of the wrong kind or shape.
+        A field is unknown or missing, or has the wrong type or shape.
     """
     return read_record(VisuoHapticObject, card, arrays, where)
 
 
 def card_text(card: Any) -> str:
-    """The card as JSON, always the same for the same contents.
+    """The card as JSON; deterministic for the same contents.
 
     Parameters
     ----------
     card
-        Plain data, as :func:`encode` makes them.
+        Plain data, as returned by :func:`encode`.
     """
     return _JSON.encode(card)
 
 
 def arrays_digest(arrays: Mapping[str, np.ndarray]) -> str:
-    """SHA-256 of arrays with names, types and shapes.
+    """SHA-256 of arrays, including names, types and shapes.
 
     Parameters
     ----------
@@ -93,14 +93,14 @@ def arrays_digest(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def digest_of(text: str, arrays_sha256: str) -> str:
-    """SHA-256 of a whole object, from its card's text and its arrays.
+    """SHA-256 of a whole object, from the text of its card and the digest of its arrays.
 
     Parameters
     ----------
     text
-        The card, as :func:`card_text` writes it.
+        The card, as returned by :func:`card_text`.
     arrays_sha256
-        Digest of its arrays.
+        Digest of the arrays.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def digest_of(text: str, arrays_sha256: str) -> str:
 
 
 def order_of(value: Any) -> str:
-    """A key that puts different contents into a fixed order; estimates are left out of it.
+    """Sort key for a deterministic order of contents; does not depend on estimates.
 
     Parameters
     ----------

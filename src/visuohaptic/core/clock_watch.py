@@ -1,4 +1,4 @@
-"""A robot's clock that stands still is noticed, by counted control periods and by the host's clock."""
+"""Detection of a stopped robot clock, by counting control periods and by the host's clock."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from collections.abc import Callable
 
 __all__ = ["MAX_STILL_PERIODS", "MAX_STILL_S", "ClockWatch"]
 
-#: A clock has stopped after this many control periods without advancing, five seconds of a loop at 50 Hz, or
-#: after so long by the host's clock [s]: no robot's odometry or camera is that slow, no operator that patient.
+#: A clock counts as stopped after this many control periods without advancing (five seconds of a loop at 50 Hz), or
+#: after this time on the host's clock [s]: no robot's odometry or camera is that slow.
 MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0
 
 
 class ClockWatch:
-    """Notices a robot's clock that stands still, by counted control periods and by the host's clock.
+    """Detects a stopped robot clock, by counting control periods and by the host's clock.
 
-    A time-out by the robot's clock alone never comes when that clock stands. Each control period
-    calls :meth:`update`; the clock has stopped when it did not advance for ``max_periods`` of them,
+    A time-out on the robot's clock never expires while that clock is stopped. Each control period
+    calls :meth:`update`; the clock counts as stopped when it has not advanced for ``max_periods`` calls,
     or for ``max_host_s`` of the host's monotonic clock.
 
     Parameters
     ----------
     max_periods
-        Control periods; ``None`` for a caller whose periods have no length, as one that polls.
+        Number of control periods; ``None`` if the periods have no fixed length, as in polling.
     max_host_s
-        Time of the host [s].
+        Time on the host's clock [s].
     host_clock
         Returns the host's monotonic time [s].
     """
@@ -41,17 +41,17 @@ class ClockWatch:
         self._newest_s, self._since_s, self.periods = -math.inf, math.nan, 0
 
     def update(self, t_s: float) -> str:
-        """Take the robot's time, and judge whether its clock runs.
+        """Process the robot's time, and check whether its clock is running.
 
         Parameters
         ----------
         t_s
-            Time by the robot's clock [s].
+            Time on the robot's clock [s].
 
         Returns
         -------
         str
-            Why the clock counts as stopped; empty while it runs.
+            Why the clock counts as stopped; empty while it is running.
         """
         if t_s > self._newest_s or math.isnan(self._since_s):
             self._newest_s = t_s if math.isfinite(t_s) else self._newest_s

@@ -1,14 +1,14 @@
-"""Dataclasses as plain data and back, with every field checked: for YAML, JSON, cards and traces.
+"""Conversion of dataclasses to plain data and back with a check of every field: for YAML, JSON, cards and traces.
 
-Plain data are mappings, lists, texts, numbers, truth values and null. A NaN or infinity is the text ``"nan"``,
-``"inf"`` or ``"-inf"``, so that the text is strict JSON. :func:`to_dict` writes all fields, arrays as nested
-lists; :func:`from_dict` reads any dataclass by the annotations of its fields:
+Plain data are mappings, lists, strings, numbers, booleans and null. NaN and infinity become the strings ``"nan"``,
+``"inf"`` and ``"-inf"``, so that the text is strict JSON. :func:`to_dict` writes all fields, arrays as nested
+lists; :func:`from_dict` reads any dataclass according to its field annotations:
 
-- a field that is null or left out has its default; without a default it is missing
-- a field that the dataclass does not have is refused, and so is a value of another type
-- a number may be a text, as YAML 1.1 reads ``1e-3``; a whole number may be written ``2.0``
-- a dataclass with a class method ``from_number`` may be a number alone
-- a dataclass with a method ``check_read`` is checked by it; it raises :class:`.InputError` with the field
+- a field that is null or absent takes its default; without a default, it is reported as missing
+- unknown fields and values of the wrong type are rejected
+- a number may be a string, as YAML 1.1 reads ``1e-3``; an integer may be written ``2.0``
+- a dataclass with a class method ``from_number`` may be a single number
+- a method ``check_read`` of a dataclass is called to validate it; it raises :class:`.InputError` with the field
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from .errors import InputError, brief
 
 __all__ = ["from_dict", "to_dict"]
 
-#: Arrays by name, of plain number types.
+#: Arrays by name, with plain numeric types.
 Arrays = dict[str, np.ndarray]
 
 RecordT = TypeVar("RecordT")
 
-#: Number types that arrays may have.
+#: Numeric types allowed for arrays.
 DTYPES = frozenset(
     {"bool", "uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"}
 )
@@ -44,62 +44,62 @@ _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
 def to_dict(record: Any) -> dict[str, Any]:
-    """Plain data of a dataclass instance or mapping: all of its fields, arrays as nested lists.
+    """Convert a dataclass instance or mapping to plain data: all of its fields, arrays as nested lists.
 
     Parameters
     ----------
     record
-        Mapping, or instance of a dataclass, whose fields are numbers, texts, enumerations, arrays of numbers, tuples,
-        mappings with texts as keys, and such dataclasses.
+        Mapping or dataclass instance whose fields are numbers, strings, enumerations, numeric arrays, tuples,
+        mappings with string keys, or such dataclasses.
 
     Raises
     ------
     InputError
-        A field holds something else; names the field.
+        A field contains something else; the message names the field.
     """
     return cast("dict[str, Any]", _encode(record, "", None))
 
 
 def from_dict(kind: type[RecordT], data: Any, *, where: object = "", place: str = "") -> RecordT:
-    """A dataclass instance of plain data; the reader of what :func:`to_dict` writes.
+    """Create a dataclass instance from plain data, as written by :func:`to_dict`.
 
     Parameters
     ----------
     kind
         The dataclass.
     data
-        Mapping of its fields, as a YAML or JSON file gives them.
+        Mapping of its fields, as loaded from YAML or JSON.
     where
-        File or argument that the data come from, for messages; by default the dataclass.
+        Source file or argument, for messages; by default the name of the dataclass.
     place
-        Field of it that ``data`` is, for messages; empty for the whole.
+        Field that ``data`` represents, for messages; empty for the top level.
 
     Raises
     ------
     InputError
-        A field is unknown, missing, of another type or outside of its range: one line with its place.
+        A field is unknown, missing, of the wrong type or out of range: one line with its location.
     """
     return read_record(kind, data, {}, where or kind.__name__, place)
 
 
 def encode_record(record: Any, arrays: Arrays, place: str = "") -> Any:
-    """Plain data of what is not a default, its arrays put apart under their place."""
+    """Plain data of all values that differ from their defaults; arrays are stored separately under their path."""
     return _encode(record, place, arrays)
 
 
 def read_record(
     kind: type[RecordT], data: Any, arrays: Mapping[str, np.ndarray], where: object, place: str = ""
 ) -> RecordT:
-    """As :func:`from_dict`, with arrays that stand apart."""
+    """Like :func:`from_dict`, with separately stored arrays."""
     reader = _reader(cast("Hashable", kind))
     return cast(RecordT, reader(data, _Context(arrays, where), place))
 
 
 def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
-    """Plain data of a value; without ``arrays`` all fields are written, and arrays as lists."""
+    """Plain data of a value; without ``arrays``, all fields are written, and arrays become lists."""
     kind: type = type(value)
     if value is None or kind in (str, int, bool):
-        return value  # most values: asked for by name, an import is a tenth faster
+        return value  # most values; checking the name makes an import a tenth faster
     inside = f"{place}." if place else ""
     if is_dataclass(kind):
         found = {}
@@ -139,13 +139,13 @@ def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
 
 @cache
 def dtype_name(kind: np.dtype) -> str:
-    """Name of a number type; NumPy builds it anew each time, which took a fifth of an import."""
+    """Name of a numeric type; cached, because NumPy rebuilds it each time, which took a fifth of an import."""
     return kind.name
 
 
 @cache
 def _defaults(kind: Any) -> tuple[tuple[str, Any], ...]:
-    """Fields with their defaults; ``()`` where that is a mapping, list or tuple without entries."""
+    """Fields with their defaults; ``()`` if the default is an empty mapping, list or tuple."""
     empty = {dict: (), list: (), tuple: ()}
     return tuple((f.name, empty.get(cast("Any", f.default_factory), f.default)) for f in fields(kind))
 
@@ -155,7 +155,7 @@ def _is_empty(item: Any) -> bool:
 
 
 class _Context:
-    """What the readers share."""
+    """State shared by the readers."""
 
     __slots__ = ("arrays", "where")
 
@@ -197,7 +197,7 @@ def _read_union(parts: tuple[Any, ...], optional: bool) -> _Reader:
     readers = [_reader(part) for part in parts]
 
     def read_union(value: Any, context: _Context, place: str) -> Any:
-        """The first alternative that reads the value; of a state, a word before a number."""
+        """The first alternative that accepts the value; for a state, strings are tried before numbers."""
         if value is None and optional:
             return None
         for read in readers[:-1]:
@@ -235,7 +235,7 @@ def _read_tuple(inner: tuple[Any, ...]) -> _Reader:
 
 
 def _read_choice(choose: Callable[[Any], Any], values: Sequence[Any]) -> _Reader:
-    """One of some values: members of an enumeration, or words of a ``Literal``."""
+    """One of a set of values: members of an enumeration, or strings of a ``Literal``."""
 
     def read_choice(value: Any, context: _Context, place: str) -> Any:
         try:
@@ -344,8 +344,8 @@ def _read_float(value: Any, context: _Context, place: str) -> float:
         if value in _NOT_FINITE:
             return _NOT_FINITE[value]
         with contextlib.suppress(ValueError):
-            value = float(value)  # YAML 1.1 reads 1e-3 as a text
-    # A card says "nan" where something is not known; a bare .nan is what a broken program writes.
+            value = float(value)  # YAML 1.1 reads 1e-3 as a string
+    # A card says "nan" for unknown values; an unquoted .nan comes from a faulty program.
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _MAX_FLOAT:
         raise context.refuse(place, value, "a finite number")
     return float(value)

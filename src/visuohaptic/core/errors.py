@@ -1,7 +1,7 @@
-"""What can go wrong, one class per cause.
+"""Exceptions of this library, one class per cause.
 
-Every message is one line: what was found, what was expected, where, and what
-to do. The command line turns each of these into exit code 2 and that line.
+Every message is a single line: what was found, what was expected, where, and how
+to fix it. The command line prints that line and exits with code 2.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ __all__ = [
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 60
-#: A word longer than those of any language or number format is what a damaged file held.
+#: Words longer than in any language or number format come from damaged files.
 _LONG_WORD = re.compile(r"(\S{60})\S{440,}")
 
 
 def brief(value: object) -> str:
-    """What was found, for a message: at most 60 characters, however much the value holds.
+    """The found value, for a message: at most 60 characters, regardless of its size.
 
     Parameters
     ----------
     value
-        Anything.
+        Any object.
     """
-    # Not repr: of nested aliases it would be as large as the memory.
+    # Not repr: with nested aliases it could exhaust the memory.
     text = _BRIEF.repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 class VisuohapticError(Exception):
-    """Base of everything that this library raises on purpose.
+    """Base class of all exceptions that this library raises deliberately.
 
     Examples
     --------
@@ -56,18 +56,18 @@ class VisuohapticError(Exception):
 
 
 class InputError(VisuohapticError, ValueError):
-    """A file, field or argument that cannot be used.
+    """An invalid file, field or argument.
 
     Parameters
     ----------
     where
-        File, or function argument, that was read.
+        File or function argument.
     problem
         What was found and what was expected.
     field
-        Field, column or row inside ``where``; empty when the whole is meant.
+        Field, column or row inside ``where``; empty for the whole.
     remedy
-        What to do next; empty when the problem says it already.
+        How to fix it; empty if the problem already states it.
     """
 
     def __init__(self, where: object, problem: str, *, field: str = "", remedy: str = "") -> None:
@@ -80,7 +80,7 @@ class InputError(VisuohapticError, ValueError):
         super().__init__(" ".join(text.split()))
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Keyword-only arguments: the default would lose them between worker processes.
+        # Keyword-only arguments: default pickling between worker processes would lose them.
         return (_rebuild_input_error, (type(self), self.where, self.problem, self.field, self.remedy))
 
 
@@ -91,15 +91,15 @@ def _rebuild_input_error(
 
 
 class CalibrationError(InputError):
-    """Calibration data that would give a sensor that lies: refused, with the reason."""
+    """Calibration data that would give wrong measurements: rejected, with the reason."""
 
 
 class DatabaseError(VisuohapticError):
-    """A database that cannot be opened, read or written now: full disk, lost server, damage."""
+    """A database that currently cannot be opened, read or written: full disk, lost server, damage."""
 
 
 class DeviceError(VisuohapticError):
-    """A camera or robot that does not answer as promised."""
+    """A camera or robot that does not respond as specified."""
 
 
 class StaleFrameError(DeviceError):
@@ -107,16 +107,16 @@ class StaleFrameError(DeviceError):
 
 
 class MissingExtraError(VisuohapticError, ImportError):
-    """An optional library that is not installed; the message has the install line.
+    """An optional library is not installed; the message contains the install command.
 
     Parameters
     ----------
     module
         Name of the package that cannot be imported.
     extra
-        Extra of this library that installs it.
+        Extra of this library that installs the package.
     purpose
-        What it is needed for.
+        What the package is needed for.
     """
 
     def __init__(self, module: str, extra: str, purpose: str) -> None:
@@ -132,12 +132,12 @@ class MissingExtraError(VisuohapticError, ImportError):
 
 @contextmanager
 def needs(module: str, extra: str, purpose: str) -> Iterator[None]:
-    """Around the import of an optional library.
+    """Context manager for the import of an optional library.
 
     Parameters
     ----------
     module, extra, purpose
-        As in :class:`MissingExtraError`, which is raised where it is not installed.
+        As in :class:`MissingExtraError`, which is raised if the library is not installed.
     """
     try:
         yield

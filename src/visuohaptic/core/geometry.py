@@ -1,6 +1,6 @@
-"""Geometry that several packages need: angles, rotations as a Lie group, polygons and surfaces.
+"""Geometry shared by several packages: angles, rotations as a Lie group, polygons and surfaces.
 
-Arrays have any shape of batch where ``*batch`` or ``...`` is written. Rotation vectors are axis times angle [rad].
+``*batch`` or ``...`` stands for any batch shape. Rotation vectors are axis times angle [rad].
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = [
     "wrap_angle",
 ]
 
-#: A polygon whose area is less than this part of its squared extent is a line but for rounding.
+#: A polygon whose area is below this fraction of its squared extent is a line up to rounding.
 _MIN_AREA = 1e-12
 
 
@@ -35,7 +35,7 @@ def wrap_angle(angle_rad: float) -> float: ...
 @overload
 def wrap_angle(angle_rad: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]: ...
 def wrap_angle(angle_rad: float | np.ndarray) -> float | np.ndarray:
-    """The angle of the same direction in (-pi, pi].
+    """Wrap an angle to (-pi, pi].
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def wrap_angle(angle_rad: float | np.ndarray) -> float | np.ndarray:
     Returns
     -------
     float or array
-        Of the argument's shape [rad]; NaN stays NaN.
+        Same shape as the argument [rad]; NaN stays NaN.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def wrap_angle(angle_rad: float | np.ndarray) -> float | np.ndarray:
 
 
 def rotation_2d(angle_rad: float) -> Float[np.ndarray, "2 2"]:
-    """Rotation matrix of the plane.
+    """2D rotation matrix.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def rotation_2d(angle_rad: float) -> Float[np.ndarray, "2 2"]:
 def compose_2d(
     first: tuple[float, float, float], second: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Pose in the plane of what has the pose ``second`` in the frame of ``first``.
+    """Composition of planar poses: ``second``, given in the frame of ``first``.
 
     Parameters
     ----------
@@ -135,23 +135,26 @@ def so3_exp(rotation_vector_rad: Float[np.ndarray, "*batch 3"]) -> Float[np.ndar
     vector = np.asarray(rotation_vector_rad, dtype=np.float64)
     angle = np.sqrt((vector * vector).sum(axis=-1))[..., None, None]
     cross = hat(vector)
-    sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # by angle, by its square
+    sine, versine = (
+        np.sinc(angle / np.pi),
+        0.5 * np.sinc(angle / (2 * np.pi)) ** 2,
+    )  # over angle, over its square
     return np.eye(3) + sine * cross + versine * (cross @ cross)
 
 
 def so3_log(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Rotation vectors of rotation matrices; the inverse of :func:`so3_exp`.
+    """Rotation vectors of rotation matrices; inverse of :func:`so3_exp`.
 
     Parameters
     ----------
     rotation
-        Rotation matrices, shape (..., 3, 3); orthonormal but for rounding.
+        Rotation matrices, shape (..., 3, 3); orthonormal up to rounding.
 
     Returns
     -------
     array
-        Axis times angle, shape (..., 3), of length 0 to pi [rad]. Of a half turn both signs of the axis
-        are right, and one is returned.
+        Axis times angle, shape (..., 3), of length 0 to pi [rad]. For a half turn, both signs of the axis
+        are valid; one of them is returned.
     """
     matrix = np.asarray(rotation, dtype=np.float64)
     transposed = np.swapaxes(matrix, -1, -2)
@@ -163,12 +166,12 @@ def so3_log(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*ba
     out = vector * (np.where(sine > 0, angle, 1.0) / np.where(sine > 0, sine, 1.0))[..., None]
     obtuse = cosine < 0
     if obtuse.any():
-        # Towards a half turn the sine vanishes, but not the symmetric part, cos I + (1 - cos) axis axis^T.
+        # Near a half turn the sine vanishes, but not the symmetric part, cos I + (1 - cos) axis axis^T.
         square = 0.5 * (matrix + transposed) - cosine[..., None, None] * np.eye(3)
         column = np.argmax(np.diagonal(square, axis1=-2, axis2=-1), axis=-1)
         axis = np.take_along_axis(square, column[..., None, None], axis=-1)[..., 0]
         length = np.sqrt((axis * axis).sum(axis=-1)) * np.where((axis * vector).sum(axis=-1) < 0, -1.0, 1.0)
-        length = np.where(obtuse, length, 1.0)  # of a small turn there is no such axis
+        length = np.where(obtuse, length, 1.0)  # undefined for small angles
         out = np.where(obtuse[..., None], axis * (angle / length)[..., None], out)
     return out
 
@@ -188,23 +191,23 @@ def sphere_directions(count: int) -> Float[np.ndarray, "count 3"]:
 
 
 def polygon_area(outline_m: Float[np.ndarray, "n 2"]) -> float:
-    """Signed area of a simple polygon [m^2], positive when its corners run counter-clockwise.
+    """Signed area of a simple polygon [m^2], positive for counter-clockwise order.
 
     Parameters
     ----------
     outline_m
-        Corners in order, shape (n, 2) [m]; the last edge leads back to the first corner.
+        Corners in order, shape (n, 2) [m]; closed implicitly.
     """
     return 0.5 * float(_fan(outline_m)[2].sum())
 
 
 def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"]:
-    """Centroid of a polygon's area, shape (2,) [m]; of a polygon without area the mean of its corners.
+    """Centroid of a polygon's area, shape (2,) [m]; for zero area, the mean of its corners.
 
     Parameters
     ----------
     outline_m
-        Corners in order, either way round, shape (n, 2) [m].
+        Corners in order, of either orientation, shape (n, 2) [m].
     """
     outline = np.asarray(outline_m, dtype=np.float64)
     p, q, double = _fan(outline)
@@ -215,14 +218,14 @@ def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "
 
 
 def polygon_second_moments(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
-    """Second moments of a polygon's area about its centroid, by the area: a covariance matrix [m^2].
+    """Second moments of a polygon's area about its centroid, divided by the area: a covariance matrix [m^2].
 
-    Its trace is the squared polar radius of gyration.
+    The trace is the squared polar radius of gyration.
 
     Parameters
     ----------
     outline_m
-        Corners in order, either way round, shape (n, 2) [m]; with an area.
+        Corners in order, of either orientation, shape (n, 2) [m]; with nonzero area.
     """
     centred = np.asarray(outline_m, dtype=np.float64) - polygon_centroid(outline_m)
     p, q = centred, np.roll(centred, -1, axis=0)
@@ -233,7 +236,7 @@ def polygon_second_moments(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndar
 
 
 def _fan(outline_m: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sides from the first corner of the triangles of a fan, and twice their areas: exact far from the origin."""
+    """Edges of a triangle fan from the first corner, and twice the triangles' areas: accurate far from the origin."""
     away = np.asarray(outline_m, dtype=np.float64)[1:] - outline_m[:1]
     p, q = away[:-1], away[1:]
     return p, q, p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
@@ -250,7 +253,7 @@ def area_vectors(
         Vertices, shape (v, 3) [m].
     faces
         Vertex indices of triangles, quadrilaterals or larger polygons, counter-clockwise seen from the side
-        to which the normal points, shape (f, k). Of a warped polygon, its mean normal times the area it spans.
+        to which the normal points, shape (f, k). For a non-planar polygon, its mean normal times the spanned area.
     """
     corners = np.asarray(vertices_m)[faces]
     away = corners[:, 1:] - corners[:, :1]
@@ -260,14 +263,14 @@ def area_vectors(
 def vertex_normals(
     vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f k"]
 ) -> Float[np.ndarray, "v 3"]:
-    """Unit normals of vertices, shape (v, 3): means over the faces around, weighted by area; 0 where there is none.
+    """Unit normals of vertices, shape (v, 3): area-weighted means over adjacent faces; 0 for vertices without faces.
 
     Parameters
     ----------
     vertices_m
         Vertices, shape (v, 3) [m].
     faces
-        Vertex indices, shape (f, k), as of :func:`area_vectors`.
+        Vertex indices, shape (f, k), as in :func:`area_vectors`.
     """
     vectors = area_vectors(vertices_m, faces)
     sums = np.zeros((len(vertices_m), 3))

@@ -1,8 +1,8 @@
-"""What the machine code of a kernel is made from, as a digest.
+"""Digest of everything that determines the machine code of a kernel.
 
-Taking the values from memory rather than the text of the sources covers a callee in another file,
-a constant that is imported or computed, and a file that was edited while the process ran. A function that
-uses anything else (an object, a function of a library not named below) has no digest.
+The values are taken from memory rather than from the source text. This covers callees in other files,
+imported or computed constants, and files edited while the process ran. A function that
+uses anything else (an object, a function of a library not listed below) has no digest.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ __all__ = ["code_digest", "kernel_name", "text_digest"]
 
 _log = logging.getLogger(__name__)
 
-#: Libraries whose functions a kernel may use and be cached: part of Python, or named in the folder's name.
+#: Libraries whose functions a cached kernel may use: part of Python, or named in the folder's name.
 _LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "operator", "_operator"}
 
 
 def code_digest(dispatcher: Dispatcher) -> str | None:
-    """Digest of all that a kernel's machine code is made from, the types of its arguments apart.
+    """Digest of everything that determines a kernel's machine code, except the types of its arguments.
 
-    None if it uses something whose value has no exact text, so that it must not be cached.
+    None if the kernel uses a value without an exact text representation, and must not be cached.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ def code_digest(dispatcher: Dispatcher) -> str | None:
 
 
 class _NotPlainError(Exception):
-    """A kernel uses a value that has no exact text."""
+    """A kernel uses a value without an exact text representation."""
 
 
 def _ingredients(dispatcher: Dispatcher, seen: set[Dispatcher]) -> Iterator[str]:
-    """Texts that together determine the machine code of a kernel; a kernel met before is only named."""
+    """Texts that together determine the machine code of a kernel; already visited kernels are only named."""
     function = dispatcher.py_func
     yield kernel_name(dispatcher)
     if dispatcher in seen:
@@ -80,7 +80,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _text(value: Any) -> str:
-    """Exact text of a value that numba may freeze into machine code."""
+    """Exact text of a value that numba may compile into machine code as a constant."""
     kind = type(value).__name__
     if value is None or value is Ellipsis or isinstance(value, (bool, int, float, complex, str, bytes, Type)):
         return f"{kind} {value!r}"
@@ -106,7 +106,7 @@ def _text(value: Any) -> str:
 
 
 def kernel_name(dispatcher: Dispatcher) -> str:
-    """A kernel's name in file names.
+    """Name of a kernel in file names.
 
     Parameters
     ----------

@@ -1,22 +1,22 @@
-"""One decorator for all compiled functions, with a cache of machine code that is never stale.
+"""Decorator for all compiled functions, with a cache of machine code that is never stale.
 
 A *kernel* is a function that numba compiles at its first call with arguments of new types; nothing is
-compiled at import. What was compiled is kept in one file for each signature, so that the next process
-only loads it. The name of the file carries a digest of all that the machine code was made from:
+compiled at import. The machine code is kept in one file per signature, so that later processes
+only load it. The file name contains a digest of everything that determines the machine code:
 
 - the byte code and constants of the function *as they are in memory*, the values of the globals it uses
-  (numba freezes them), the options of the decorator, and the same of every kernel that it calls;
+  (numba treats them as constants), the options of the decorator, and the same of every kernel that it calls;
 - the types of the arguments;
 - in the name of the folder: the versions of numba, llvmlite, NumPy and Python, the processor and its
   features, and the environment variables of numba.
 
-The package ``visuohaptic-kernels``, which a release may ship, has the same files made for every processor with AVX2 and
-FMA (x86-64-v3) and every patch version of NumPy; they are looked up where the user's folder has none.
+The optional package ``visuohaptic-kernels`` contains the same files, compiled for all processors with AVX2 and
+FMA (x86-64-v3) and every patch version of NumPy; they are used if the user's folder has none.
 
-The digest is that of :mod:`.kernel_code`; a function that has none is compiled, but never cached.
+The digest is computed by :mod:`.kernel_code`; a function without digest is compiled, but never cached.
 
-Files are written under another name and renamed, so that a reader sees a whole file or none, and they
-begin with a checksum. They hold object code and are trusted like the installation itself: see ``SECURITY.md``.
+Files are written under a temporary name and renamed, so that a reader finds a complete file or none, and they
+start with a checksum. They contain object code and are trusted like the installation itself: see ``SECURITY.md``.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-#: Every kernel of the modules imported so far, in the order of their definition.
+#: All kernels of the modules imported so far, in order of definition.
 KERNELS: list[Dispatcher] = []
 
-#: Environment variables of numba that do not change the machine code, or are in the folder's name by their effect.
+#: Environment variables of numba that do not affect the machine code, or whose effect is in the folder's name.
 _NO_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"}
-#: Processor that shipped machine code is made for, and what it has beyond x86-64 (System V ABI, AMD64 supplement 1.0).
+#: Processor of the shipped machine code, and its features beyond x86-64 (System V ABI, AMD64 supplement 1.0).
 SHIPPED_CPU = "x86-64-v3"
 _SHIPPED_FEATURES = [
     "avx",
@@ -90,15 +90,15 @@ def kernel(
     boundscheck: Any = None,
     nogil: Any = False,
 ) -> Any:
-    """Compile a function with numba at its first call, and keep the machine code for later processes.
+    """Compile a function with numba at its first call, and cache the machine code for later processes.
 
     Parameters
     ----------
     function
-        The function, when the decorator is used without parentheses. A signature is refused, since it would
+        The function, if the decorator is used without parentheses. A signature is rejected, since it would
         be compiled at import.
     fastmath, parallel, inline, error_model, boundscheck, nogil
-        As of :func:`numba.njit`.
+        As in :func:`numba.njit`.
 
     Returns
     -------
@@ -135,22 +135,22 @@ def kernel(
 
 
 def _call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
-    """Numba's types of a call from another kernel, of which the values are no part.
+    """Numba's argument types of a call from another kernel, without literal values.
 
-    Numba sees ``0`` in a variable's first assignment as a type of its own, and would compile the callee for it alone.
+    Numba treats ``0`` in a variable's first assignment as a separate type, and would compile the callee for it alone.
     """
     return typed(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in kws.items()})
 
 
 @Listener.register
 class _RestingCollector:
-    """Keeps the garbage collector from walking through the millions of objects of the compiler at work."""
+    """Pauses the garbage collector during compilation, when it would traverse millions of compiler objects."""
 
     def __init__(self) -> None:
         self._depth, self._collecting = 0, False
 
     def notify(self, event: Any) -> None:
-        """A kernel begins to be compiled, perhaps because another one calls it, or it is, or has failed."""
+        """Handle the start, end or failure of a compilation, which may be nested."""
         if event.is_start and self._depth == 0:
             self._collecting = gc.isenabled()
             gc.disable()
@@ -161,12 +161,12 @@ class _RestingCollector:
 
 @Listener.register
 class _CompileNotice:
-    """Measures the time spent on compilation, and logs once per process that the first run compiles.
+    """Measures compilation time, and logs once per process that the first run compiles.
 
-    A process that finds its kernels in the cache compiles nothing and logs nothing.
+    A process that finds its kernels in the cache compiles and logs nothing.
     """
 
-    #: A delay of more than one second interrupts a person's flow of thought (Miller 1968); twice that is explained.
+    #: A delay of more than one second interrupts a person's flow of thought (Miller 1968); twice that is logged.
     WAIT_S = 2.0
 
     def __init__(self) -> None:
@@ -197,7 +197,7 @@ def compiled_s() -> float:
 
 
 class KernelCache:
-    """What numba asks for the machine code of one kernel before it compiles a signature, and gives it to after.
+    """Numba's interface to the cache: loads the machine code of a signature before compilation, and saves it afterwards.
 
     Parameters
     ----------
@@ -205,16 +205,16 @@ class KernelCache:
         Numba's dispatcher of the kernel.
     """
 
-    cache_path = None  # numba shows it in its statistics
+    cache_path = None  # shown in numba's statistics
 
     def __init__(self, dispatcher: Any) -> None:
         self._dispatcher = dispatcher
 
     def flush(self) -> None:
-        """Numba asks for it before it compiles all signatures again; they are then saved over the old ones."""
+        """Called by numba before it recompiles all signatures; saving then overwrites the old files."""
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
-        """The machine code of a signature; None where it is absent, damaged or another user's.
+        """The machine code of a signature; None if it is absent, damaged or owned by another user.
 
         Parameters
         ----------
@@ -228,19 +228,19 @@ class KernelCache:
         for folder, owned in ((cache_folder(), True), (_shipped_folder(), False)):
             payload = _read(folder / name, owned) if name and folder else None
             if payload is not None:
-                # Numba's own format; the owner and the checksum of the file were verified.
+                # Numba's own format; owner and checksum of the file have been verified.
                 return CompileResult._rebuild(target_context, *pickle.loads(payload))  # noqa: S301
         return None
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
-        """Write the machine code of a signature; without a place to write, or for code that cannot be kept, nothing.
+        """Write the machine code of a signature; does nothing without a writable folder or for uncacheable code.
 
         Parameters
         ----------
         sig
             Numba's signature: types of the arguments.
         data
-            What numba has compiled.
+            Compilation result of numba.
         """
         name, folder = self._entry(sig), cache_folder()
         lifted = any(not part.can_cache for part in data.lifted)
@@ -248,7 +248,7 @@ class KernelCache:
             _write(folder / name, serialize.dumps(data._reduce()))
 
     def _entry(self, sig: Any) -> str | None:
-        """Name of a signature's file; None if it is not cached."""
+        """File name of a signature; None if it is not cached."""
         code = code_digest(self._dispatcher)
         arguments, _ = sigutils.normalize_signature(sig)
         if code is None or not all(map(_is_plain, arguments)):
@@ -258,9 +258,9 @@ class KernelCache:
 
 
 def cache_folder() -> Path | None:
-    """Folder of this user's machine code for this processor and these versions; None without a home.
+    """Folder of this user's machine code for this processor and these versions; None without a home folder.
 
-    It lies in ``VISUOHAPTIC_CACHE_DIR``, ``NUMBA_CACHE_DIR`` or the user's cache folder, whichever is set first.
+    It is inside ``VISUOHAPTIC_CACHE_DIR``, ``NUMBA_CACHE_DIR`` or the user's cache folder, whichever is set first.
     """
     named = os.environ.get("VISUOHAPTIC_CACHE_DIR") or os.environ.get("NUMBA_CACHE_DIR")
     if not named and sys.platform == "win32":
@@ -276,7 +276,7 @@ def cache_folder() -> Path | None:
 
 
 def shipped_name() -> str:
-    """Name of the folder of shipped machine code for these versions, in the package ``visuohaptic_kernels``."""
+    """Folder name of shipped machine code for these versions, in the package ``visuohaptic_kernels``."""
     triple = cpu_target.target_context.codegen().magic_tuple()[0]
     return _environment((triple, SHIPPED_CPU, ""), ".".join(np.__version__.split(".")[:2]))
 
@@ -295,10 +295,10 @@ def _shipped_package() -> Path | None:
 
 
 def remove_stale() -> int:
-    """Remove the user's entries that cannot be loaded any more; returns their number.
+    """Remove the user's entries that can no longer be loaded; returns their number.
 
-    These are the entries of functions that have changed or are gone, and files left by a process that was ended
-    while it wrote. Modules that were not imported keep theirs, and so do other versions of Python and numba.
+    These are entries of functions that were changed or removed, and temporary files of processes that were killed
+    while writing. Entries of modules that are not imported, and of other versions of Python and numba, are kept.
     """
     folder = cache_folder()
     current = {f"{kernel_name(one)}-{code_digest(one)}" for one in KERNELS}
@@ -314,16 +314,16 @@ def remove_stale() -> int:
 
 
 def _may_be_imported(entry: str) -> bool:
-    """Whether the module of an entry exists and was not imported, so that its kernels are not known."""
+    """Whether the module of an entry exists but is not imported, so that its kernels are unknown."""
     module = entry.partition("-")[0].rpartition(".")[0]
     try:
         return bool(module) and module not in sys.modules and find_spec(module) is not None
-    except ModuleNotFoundError:  # its package is gone, too
+    except ModuleNotFoundError:  # its package no longer exists
         return False
 
 
 def _is_plain(kind: Type) -> bool:
-    """Whether the text of a type says all about it: numbers, arrays and tuples of them, but no functions."""
+    """Whether the text of a type describes it completely: numbers, arrays and tuples of them, but no functions."""
     if isinstance(kind, BaseTuple):
         return all(map(_is_plain, kind.types))
     scalar = kind.dtype if isinstance(kind, Array) else kind
@@ -337,7 +337,7 @@ def _runs_shipped_code() -> bool:
 
 
 def _environment(processor: tuple[str, str, str], numpy_version: str) -> str:
-    """Name of the folder for a processor (target, name, features), a version of NumPy, and those of the rest here."""
+    """Folder name for a processor (target, name, features), a version of NumPy, and the other versions in use."""
     versions = (numba.__version__, llvmlite.__version__, numpy_version, sys.implementation.cache_tag)
     settings = sorted(
         item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in _NO_CODE
@@ -347,7 +347,7 @@ def _environment(processor: tuple[str, str, str], numpy_version: str) -> str:
 
 
 def _read(path: Path, owned: bool) -> bytes | None:
-    """Content of an entry; None if it is absent or damaged, or, with ``owned``, if another user could write it."""
+    """Content of an entry; None if it is absent or damaged, or, with ``owned``, if another user could have written it."""
     try:
         with path.open("rb") as file:
             statuses = (os.fstat(file.fileno()), path.parent.stat())
@@ -358,7 +358,7 @@ def _read(path: Path, owned: bool) -> bytes | None:
     if user is not None and any(one.st_uid != user or one.st_mode & 0o022 for one in statuses):
         _log.debug("%s is not loaded: another user could write it", path)
         return None
-    # The name is part of the checksum: an entry that was renamed is not the entry that is requested.
+    # The checksum includes the name: a renamed entry does not match the requested one.
     if content[:32] != _checksum(path.name, content[32:]):
         _log.debug("%s is not loaded: it is damaged", path)
         return None
@@ -366,7 +366,7 @@ def _read(path: Path, owned: bool) -> bytes | None:
 
 
 def _write(path: Path, payload: bytes) -> None:
-    """Write an entry under another name and rename it; a place that cannot be written is passed over."""
+    """Write an entry under a temporary name and rename it; errors of an unwritable folder are ignored."""
     temporary = None
     try:
         path.parent.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -1,4 +1,4 @@
-"""One turn of a laser scanner."""
+"""One scan of a laser scanner."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ MAX_BEAMS = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserScan:
-    """Distances in a plane parallel to the floor, in the frame of the scanner (x ahead, y left)."""
+    """Ranges in a plane parallel to the floor, in the scanner's frame (x forward, y left)."""
 
     t_s: float = field(metadata=FINITE)  #: time of the scan [s]
-    ranges_m: Float[np.ndarray, "n"]  #: infinite: nothing within range; NaN: no measurement
+    ranges_m: Float[np.ndarray, "n"]  #: infinite: no return within range; NaN: no measurement
     angle_min_rad: float = field(metadata=FINITE)  #: direction of the first beam, counter-clockwise from x
-    angle_step_rad: float = field(metadata=FINITE)  #: from one beam to the next, not 0
-    range_min_m: float = field(default=0.05, metadata=NON_NEGATIVE)  #: nearer is not measured
+    angle_step_rad: float = field(metadata=FINITE)  #: angle between beams, not 0
+    range_min_m: float = field(default=0.05, metadata=NON_NEGATIVE)  #: minimum range
     range_max_m: float = field(default=30.0, metadata=POSITIVE)
-    sigma_m: float = field(default=0.01, metadata=POSITIVE)  #: standard deviation of a distance
+    sigma_m: float = field(default=0.01, metadata=POSITIVE)  #: standard deviation of a range
     valid: bool = True
     reason: Reason = Reason.OK
 
@@ -52,13 +52,13 @@ class LaserScan:
 
     @property
     def hits(self) -> Bool[np.ndarray, "n"]:
-        """Beams that have met something within the range of the scanner."""
+        """Beams with a return within the scanner's range."""
         with np.errstate(invalid="ignore"):
             return np.asarray((self.ranges_m >= self.range_min_m) & (self.ranges_m < self.range_max_m))
 
     @property
     def points_m(self) -> Float[np.ndarray, "k 2"]:
-        """Where the beams that have met something end, frame of the scanner."""
+        """End points of the beams with a return, in the scanner's frame."""
         hits = self.hits
         angles, ranges = self.angles_rad[hits], self.ranges_m[hits]
         return np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])

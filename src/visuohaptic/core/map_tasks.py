@@ -1,12 +1,12 @@
-"""Independent tasks of one function: here, in processes of this machine, or on a cluster.
+"""Independent tasks of one function, executed in this process, in worker processes, or on a cluster.
 
-A task is one picklable argument, and its result depends on that argument alone; so whoever computes it, and however
-often, the bytes are the same. Three things take care of that: BLAS has one thread wherever a task runs, a worker with
-other versions of the numerical libraries is refused, and a worker that dies costs its task a repetition and nothing
-else. Results come as they are ready, so that the caller keeps each of them and goes on after an interruption.
+A task is one picklable argument, and its result depends on that argument alone: results are identical to the byte
+wherever and however often they are computed. Three measures ensure this: BLAS uses one thread in every worker, a worker with
+other versions of the numerical libraries is rejected, and the death of a worker only causes its task to be repeated.
+Results are yielded as they complete, so that the caller can store each of them and resume after an interruption.
 
-The cluster is a ``dask.distributed`` scheduler. Whoever reaches it runs code on its workers: it belongs into a
-network of its own, or behind TLS (``docs/howto/cluster.md``).
+The cluster is a ``dask.distributed`` scheduler. Anyone who can connect to it can run code on its workers: it belongs in a
+separate network, or behind TLS (``docs/howto/cluster.md``).
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 
-#: Workers that may die with one task, and losses of the scheduler in a row: a machine that is restarted or short of
-#: memory for a moment needs one or two, a task that no worker survives must end.
+#: Maximum deaths of workers per task, and consecutive losses of the scheduler: a machine that restarts or is temporarily
+#: short of memory needs one or two, a task that kills every worker must end.
 MAX_DEATHS = 3
-#: How long the scheduler is waited for: at the beginning, and while it restarts [s].
+#: Time-outs of the connection to the scheduler: initially, and while it restarts [s].
 CONNECT_S, RECONNECT_S = 20.0, 120.0
-#: One thread for each process: libraries that all take every core wait for each other.
+#: One thread per process: libraries that all use every core slow each other down.
 _THREADS: Mapping[str, str] = dict.fromkeys(
     (
         "OMP_NUM_THREADS",
@@ -52,15 +52,15 @@ _THREADS: Mapping[str, str] = dict.fromkeys(
     ),
     "1",
 )
-#: Tasks change what belongs to the whole process (threads of BLAS, plots, times): one at a time in each.
+#: Tasks change global state of the process (BLAS threads, plots, times): one at a time per process.
 _turn = threading.Lock()
 
 
 def available_cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on every system
+    except AttributeError:  # not available on every system
         return os.cpu_count() or 1
 
 
@@ -73,35 +73,35 @@ def map_tasks(
     hosts: Sequence[str] | None = None,
     on_death: Callable[[Task, str], Result] | None = None,
 ) -> Iterator[tuple[int, Result]]:
-    """Results of independent tasks, as they are ready.
+    """Yield the results of independent tasks as they complete.
 
     Parameters
     ----------
     function
-        Of a module, so that other processes can import it.
+        Module-level function, so that other processes can import it.
     tasks
-        Its arguments; those that come first start first.
+        Arguments of the function; started in this order.
     name
-        What is done, for messages, like "objects build".
+        Description of the work, for messages, like "objects build".
     workers
-        Processes of this machine; 1 computes here. With more, a script needs ``if __name__ == "__main__":``. Or the
-        address of a ``dask.distributed`` scheduler, like ``tcp://10.0.0.1:8786``; its workers may die and come.
+        Number of processes on this machine; 1 computes in this process. With more, a script needs ``if __name__ == "__main__":``.
+        Or the address of a ``dask.distributed`` scheduler, like ``tcp://10.0.0.1:8786``; its workers may join and leave.
     hosts
-        On a cluster the host on which each task has to run; any without.
+        On a cluster, the host on which each task has to run; any if omitted.
     on_death
-        Gives the result of a task with which :data:`MAX_DEATHS` workers died, from the task and the reason.
+        Returns the result of a task that killed :data:`MAX_DEATHS` workers, from the task and the reason.
 
     Yields
     ------
     tuple
-        Number of the task, and its result.
+        Index of the task, and its result.
 
     Raises
     ------
     InputError
-        ``workers`` is less than 1, no scheduler answers, or a worker has other versions than this process.
+        ``workers`` is less than 1, no scheduler responds, or a worker has other versions than this process.
     VisuohapticError
-        A task failed, or workers died with it and there is no ``on_death``. What was yielded is not lost.
+        A task failed, or killed its workers and there is no ``on_death``. Results yielded before are valid.
 
     Examples
     --------
@@ -131,20 +131,20 @@ def map_tasks(
 
 
 def cluster_hosts(address: str) -> list[str]:
-    """Hosts on which a cluster has workers, once there is one.
+    """Hosts on which a cluster has workers; waits for the first worker.
 
     Parameters
     ----------
     address
-        Of the scheduler.
+        Address of the scheduler.
 
     Raises
     ------
     InputError
-        No scheduler answers, or no worker of its comes within :data:`CONNECT_S`.
+        No scheduler responds, or none of its workers appears within :data:`CONNECT_S`.
     """
     with _connected(address, CONNECT_S) as client:
-        try:  # workers that were started just before need seconds
+        try:  # recently started workers need seconds
             client.wait_for_workers(1, timeout=CONNECT_S)
         except TimeoutError as error:
             raise InputError(
@@ -194,7 +194,7 @@ def _in_processes(
                 if error is not None:
                     raise error
                 yield number, result
-    finally:  # done, or interrupted
+    finally:  # finished or interrupted
         for process in [process for _, process in idle] + [process for process, _ in running.values()]:
             process.terminate()
             process.join()
@@ -211,10 +211,10 @@ def _started(function: Callable[[Any], Any]) -> tuple[Connection, BaseProcess]:
 
 
 def _work(connection: Connection, function: Callable[[Any], Any]) -> None:
-    """What a process of this machine does: a result for each task that comes in, until nobody listens."""
+    """Main loop of a worker process: computes a result for each received task, until the connection closes."""
     import signal
 
-    # Ctrl-C is for the process that was started by hand; this one is ended by it.
+    # Ctrl-C is handled by the main process, which terminates this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while True:
         try:
@@ -225,7 +225,7 @@ def _work(connection: Connection, function: Callable[[Any], Any]) -> None:
 
 
 def _attempt(function: Callable[[Any], Any], task: Any) -> tuple[Any, VisuohapticError | None]:
-    """The result, or the error in a form that every process can read."""
+    """The result, or the error in a form that every process can unpickle."""
     with _turn, one_blas_thread():
         try:
             return function(task), None
@@ -241,7 +241,7 @@ def _attempt(function: Callable[[Any], Any], task: Any) -> tuple[Any, Visuohapti
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Environment of processes that are started meanwhile."""
+    """Environment of processes started inside the block: one thread each."""
     before = {variable: os.environ.get(variable) for variable in _THREADS}
     os.environ.update(_THREADS)
     try:
@@ -295,7 +295,7 @@ def _futures(
     numbers: Sequence[int],
     hosts: Sequence[str] | None,
 ) -> Iterator[tuple[int, Any]]:
-    """Futures as they are done, by the number of their task; none where workers died again and again."""
+    """Completed futures by the index of their task; None if its workers died repeatedly."""
     distributed = _distributed()
     by_key: dict[str, int] = {}
 
@@ -313,7 +313,7 @@ def _futures(
             yield number, future
         elif number in suspected:
             yield number, None
-        else:  # it may only have waited beside the task that its workers died of
+        else:  # it may only have been queued with the task that killed the workers
             suspected.add(number)
             coming.add(submitted(number))
 
@@ -356,7 +356,7 @@ def _distributed() -> Any:
 def _checked(
     function: Callable[[Any], Any], task: Any, expected: Mapping[str, str]
 ) -> tuple[Any, VisuohapticError | None]:
-    """What a worker of a cluster does; one with other versions might compute other bytes."""
+    """Task wrapper on a cluster's worker; checks the versions, since others might compute different bytes."""
     found = _versions()
     if other := [one for one in expected if found.get(one) != expected[one]]:
         return None, InputError(
@@ -370,7 +370,7 @@ def _checked(
 
 @cache
 def _versions() -> dict[str, str]:
-    """What the bytes of a result may depend on."""
+    """Versions that the bytes of a result may depend on."""
     from importlib.metadata import version
 
     return {

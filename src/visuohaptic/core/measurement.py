@@ -1,4 +1,4 @@
-"""What sensors say: every measurement has a time, a validity with its reason, and an uncertainty."""
+"""Sensor measurements: each has a time, a validity with its reason, and an uncertainty."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ __all__ = [
     "Wrench",
 ]
 
-#: Acceleration of gravity [m/s^2] and pressure of the air [Pa], where nobody has measured them.
+#: Gravitational acceleration [m/s^2] and air pressure [Pa], used if not measured.
 GRAVITY_M_S2, AIR_PA = 9.81, 101_325.0
 
 
 class Reason(StrEnum):
-    """Why a measurement can or cannot be trusted."""
+    """Why a measurement is valid or invalid."""
 
     OK = "ok"
-    OCCLUDED = "occluded"  #: something covers what has to be seen
+    OCCLUDED = "occluded"  #: something covers the sensor
     SATURATED = "saturated"  #: beyond the working range of the deformable element
     UNLOADING = "unloading"  #: on the unloading branch of the hysteresis
     LOST = "lost"  #: the contour, template or point could not be found
-    STALE = "stale"  #: the frame is too old, out of order, or a repetition
+    STALE = "stale"  #: the frame is too old, out of order, or repeated
     NOT_ZEROED = "not_zeroed"  #: there is no zero reference yet
-    DRIFTED = "drifted"  #: the zero reference no longer holds
-    MOVED = "moved"  #: the camera has moved with respect to the sensor
+    DRIFTED = "drifted"  #: the zero reference is no longer valid
+    MOVED = "moved"  #: the camera has moved relative to the sensor
 
 
 class EventKind(StrEnum):
@@ -49,16 +49,16 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened at a time."""
+    """A timestamped event."""
 
     kind: EventKind
     t_s: float
-    s_m: float = float("nan")  #: where along the sensor, NaN if it has no place
+    s_m: float = float("nan")  #: position along the sensor, NaN if it has none
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorBudget:
-    """Standard deviations of a force [N], by their cause; independent of each other."""
+    """Independent standard deviations of a force [N], by cause."""
 
     image_N: float = 0.0  #: pixel noise, propagated through Eq. (3.9) and (3.10)
     calibration_N: float = 0.0  #: covariance of the fitted material curve
@@ -67,7 +67,7 @@ class ErrorBudget:
 
     @classmethod
     def unknown(cls) -> ErrorBudget:
-        """Of a force that was not read: NaN."""
+        """Budget of a force that was not measured: NaN."""
         return cls(*[float("nan")] * 4)
 
     @property
@@ -78,7 +78,7 @@ class ErrorBudget:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contact:
-    """One contact region of a laminar sensor: the interval where the deflection is positive."""
+    """One contact region of a laminar sensor: an interval with positive deflection."""
 
     s_start_m: float  #: start of the region along the sensor
     s_end_m: float  #: end of the region along the sensor
@@ -97,7 +97,7 @@ class Contact:
 
     @property
     def centre_m(self) -> float:
-        """Centre of the region along the sensor, weighted with the deflection [m]."""
+        """Centre of the region along the sensor, weighted by deflection [m]."""
         s = np.linspace(self.s_start_m, self.s_end_m, len(self.delta_m))
         total = float(self.delta_m.sum())
         return float(s @ self.delta_m / total) if total > 0 else 0.5 * (self.s_start_m + self.s_end_m)
@@ -105,10 +105,10 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceProfile:
-    """Force and shape that a laminar sensor reads from one frame; K points along the strip.
+    """Force and shape measured by a laminar sensor in one frame; K points along the strip.
 
-    Of a frame that is not valid, force, pressure and their standard deviations are NaN, in its contacts too;
-    what was seen of the contour stays, for drawing. A valid frame without contact has a force of zero
+    In an invalid frame, force, pressure and their standard deviations are NaN, including those of its contacts;
+    the detected contour is kept for display. A valid frame without contact has a force of zero
     within the noise of the whole strip.
 
     Examples
@@ -136,10 +136,10 @@ class ForceProfile:
     pressure_sigma_Pa: Float[np.ndarray, "K"]
     point_valid: Bool[np.ndarray, "K"]
     contacts: tuple[Contact, ...] = ()
-    evidence: str = ""  #: what spoke most against reading it; empty where nothing did
+    evidence: str = ""  #: strongest evidence against reading the frame; empty if there is none
 
     def unread(self) -> ForceProfile:
-        """The profile of a frame that is not to be believed: its contours, but neither force nor pressure."""
+        """The profile of an invalid frame: its contours, but neither force nor pressure."""
         unknown, budget = np.full(len(self.s_m), np.nan), ErrorBudget.unknown()
         contacts = tuple(
             replace(
@@ -162,7 +162,7 @@ class ForceProfile:
 
     @property
     def max_contact(self) -> Contact | None:
-        """The contact with the largest sum of deflections, whether its force was read or not."""
+        """The contact with the largest sum of deflections, whether or not its force is valid."""
         return max(self.contacts, key=lambda contact: float(contact.delta_m.sum()), default=None)
 
     @property

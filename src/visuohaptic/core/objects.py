@@ -1,4 +1,4 @@
-"""The shared language: what is known of an object by sight and by touch; every part is optional."""
+"""Object model: visual and haptic properties of an object; every part is optional."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 
-#: Of a haptic tag, what has no sign.
+#: Unsigned quantities of a haptic tag.
 _MAGNITUDES = (
     "static_friction_N",
     "dynamic_friction_N",
@@ -40,21 +40,21 @@ _MAGNITUDES = (
     "deformability",
     "stiffness_N_per_m",
 )
-#: Noise brings a magnitude below zero by more than this many standard deviations once in 10^9.
+#: By noise, a magnitude is below zero by more than this number of standard deviations once in 10^9.
 _MAX_NOISE = 6.0
-#: A contour is what a platform touches at once; farther than any building is long cannot be its coordinates.
+#: A contact contour spans one contact of a platform; coordinates larger than any building are invalid.
 _MAX_CONTOUR_M = 1e3
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A measured property. "Not observed" is ``None`` in its place, never an estimate of zero."""
+    """A measured property. An unobserved property is ``None``, never an estimate of zero."""
 
     value: float  #: best estimate
-    #: standard deviation of ``value`` as measured at this contact; 0 where a file does not state it
+    #: standard deviation of ``value`` as measured at this contact; 0 if the file does not state it
     sigma: float = 0.0
     spread: float = 0.0  #: standard deviation of the property over contact points and repetitions
-    samples: int = 1  #: how many observations are in it
+    samples: int = 1  #: number of observations
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.value) and self.sigma >= 0 and self.spread >= 0 and self.samples >= 1):
@@ -67,23 +67,23 @@ class Estimate:
 
     @classmethod
     def from_number(cls, value: float) -> Estimate:
-        """An estimate whose uncertainty is not stated.
+        """An estimate with unspecified uncertainty.
 
         Parameters
         ----------
         value
-            The property, in its unit.
+            Value of the property, in its unit.
         """
         return cls(value)
 
     @property
     def predictive_sigma(self) -> float:
-        """Standard deviation expected for the next push, at another contact point."""
+        """Standard deviation predicted for the next push, at another contact point."""
         return float(np.hypot(self.sigma, self.spread))
 
 
 class PrimitiveKind(StrEnum):
-    """Shapes that are fitted to a contact (Alt 2016, Sec. 3.3.3)."""
+    """Shapes fitted to a contact (Alt 2016, Sec. 3.3.3)."""
 
     LINE = "line"
     SEGMENT = "segment"
@@ -91,7 +91,7 @@ class PrimitiveKind(StrEnum):
     CIRCLE = "circle"
 
 
-#: How many parameters a primitive has, by kind.
+#: Number of parameters of a primitive, by kind.
 _PARAMETERS = {
     PrimitiveKind.LINE: 3,
     PrimitiveKind.SEGMENT: 4,
@@ -102,7 +102,7 @@ _PARAMETERS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Primitive:
-    """A plane shape fitted to a contact, in the frame of the points it was fitted to.
+    """A planar shape fitted to a contact, in the frame of the fitted points.
 
     ``parameters`` by kind [m, rad]:
 
@@ -118,7 +118,7 @@ class Primitive:
     score: float  #: S_p of Eq. (3.11), 0..1
 
     def check_read(self) -> None:
-        """Refuse what no file may hold: other than the kind's number of parameters, or numbers that are not finite."""
+        """Reject invalid contents of a file: a wrong number of parameters for the kind, or non-finite values."""
         count = _PARAMETERS[self.kind]
         if self.parameters.shape != (count,) or self.covariance.shape != (count, count):
             raise InputError(
@@ -132,7 +132,7 @@ class Primitive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HapticTag:
-    """How an object answers to a push (Alt 2016, Sec. 4.1); ``None`` means not observed.
+    """Response of an object to a push (Alt 2016, Sec. 4.1); ``None`` means not observed.
 
     Examples
     --------
@@ -145,26 +145,26 @@ class HapticTag:
 
     static_friction_N: Estimate | None = None  #: H_F
     dynamic_friction_N: Estimate | None = None  #: H_F'
-    deceleration_s: Estimate | None = None  #: H_I, duration of motion after the platform stopped
-    drift: Estimate | None = None  #: H_S [m/m], sideways shift of the contact per pushed distance
-    deformability: Estimate | None = None  #: H_D [m/m], 0 = rigid, 1 = yields fully
-    stiffness_N_per_m: Estimate | None = None  #: pushing force by absolute deformation of the object
+    deceleration_s: Estimate | None = None  #: H_I, duration of the motion after the platform stopped
+    drift: Estimate | None = None  #: H_S [m/m], lateral shift of the contact per pushed distance
+    deformability: Estimate | None = None  #: H_D [m/m], 0 = rigid, 1 = fully compliant
+    stiffness_N_per_m: Estimate | None = None  #: pushing force over absolute deformation of the object
     rotation_rad_per_m: Estimate | None = None  #: H_R on the floor plane
     contact_offset_m: Estimate | None = None  #: lateral distance of the contact from the object's centre
     primitive: Primitive | None = None  #: best fitting shape
     deformation_shape_m: Float[np.ndarray, "k 2"] | None = None  #: contact contour at the largest force
     fixed: bool | None = None  #: does not move within the platform's capability
-    falls: bool | None = None  #: has fallen over when pushed
-    explored: int = 0  #: counter of explorations
-    failed: int = 0  #: counter of failures
-    #: lower bound of the static friction [N]: a push with this force did not move it
+    falls: bool | None = None  #: fell over when pushed
+    explored: int = 0  #: number of explorations
+    failed: int = 0  #: number of failures
+    #: lower bound of the static friction [N]: a push with this force did not move the object
     min_static_friction_N: float | None = None
 
     def check_read(self) -> None:
-        """Refuse what no file may hold.
+        """Reject invalid contents of a file.
 
-        Magnitudes are not negative but for their noise, counts not at all; a bound is finite, and a contour fits
-        into a building.
+        Magnitudes are nonnegative up to noise, counts strictly; bounds are finite, and a contour
+        is not larger than a building.
         """
         for name in _MAGNITUDES:
             found: Estimate | None = getattr(self, name)
@@ -186,7 +186,7 @@ class HapticTag:
             )
 
     def needs_more_than(self, force_N: float) -> bool:
-        """Whether a push is known not to move the object, or its friction is measured above the push.
+        """Whether a push is known not to move the object, or the measured friction exceeds the push.
 
         Parameters
         ----------
@@ -219,22 +219,22 @@ class Geometry:
     footprint_m: Float[np.ndarray, "p 2"] | None = None  #: outline on the floor, counter-clockwise
 
     def check_read(self) -> None:
-        """Refuse faces of vertices that are not there."""
+        """Reject faces with vertex indices out of range."""
         _check_faces(self.faces, 0 if self.vertices_m is None else len(self.vertices_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Appearance:
-    """What the object looks like."""
+    """Visual appearance of the object."""
 
     colour_rgb: tuple[float, float, float] | None = None  #: mean colour, 0..1
     template_png: bytes | None = None  #: image of a planar face
-    template_size_m: tuple[float, float] | None = None  #: its width and height
+    template_size_m: tuple[float, float] | None = None  #: width and height
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What it is made of."""
+    """Material of the object."""
 
     name: str = "unknown"
     youngs_modulus_Pa: Estimate | None = None
@@ -253,7 +253,7 @@ class StiffnessMap:
     stiffness_sigma_N_per_m: Float[np.ndarray, "v"]
 
     def check_read(self) -> None:
-        """Refuse faces of vertices that are not there, and other than one stiffness and sigma for each."""
+        """Reject faces with indices out of range, and a number of stiffnesses or sigmas that differs from the vertices."""
         count = len(self.vertices_m)
         _check_faces(self.faces, count)
         if not len(self.stiffness_N_per_m) == len(self.stiffness_sigma_N_per_m) == count:
@@ -267,49 +267,49 @@ def _check_faces(faces: Int[np.ndarray, "f 3"] | None, count: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where a piece of knowledge comes from."""
+    """Origin of a piece of information."""
 
     source: str = "unknown"  #: sensor, simulation or file
-    t_s: float = float("nan")  #: when it was obtained, seconds since the epoch
+    t_s: float = float("nan")  #: time of acquisition, seconds since the epoch
     version: str = ""  #: version of the library that wrote it
     note: str = ""
 
     def check_read(self) -> None:
-        """Refuse an infinite time: it would win every merge."""
+        """Reject an infinite time: it would take precedence in every merge."""
         if math.isinf(self.t_s):
             raise InputError("Provenance", f"found {self.t_s}, expected a finite number", field="t_s")
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """One observation (or simulation) of one property; the property is what all of them say together."""
+    """One observation (or simulation) of one property; the property is estimated from all of them."""
 
-    property: str  #: place in the object, with dots: "material.youngs_modulus_Pa", "parts.lid.tag.drift"
+    property: str  #: path in the object, with dots: "material.youngs_modulus_Pa", "parts.lid.tag.drift"
     estimate: Estimate
     provenance: Provenance = Provenance()
-    key: str = ""  #: names this observation where two could look alike, as "run 7, contact 2"
+    key: str = ""  #: distinguishes otherwise identical observations, as "run 7, contact 2"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureVector:
-    """A description of fixed length, to find similar objects by."""
+    """A feature vector of fixed length, for similarity search."""
 
     values: Float[np.ndarray, "n"]
-    sigma: Float[np.ndarray, "n"] | None = None  #: standard deviations; none when not known
+    sigma: Float[np.ndarray, "n"] | None = None  #: standard deviations; None if unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectPart:
-    """What is known of a part alone, as a lid or a handle."""
+    """Properties of a single part, such as a lid or a handle."""
 
-    vertices: Int[np.ndarray, "k"] | None = None  #: its vertices in the object's geometry
+    vertices: Int[np.ndarray, "k"] | None = None  #: indices of its vertices in the object's geometry
     material: Material | None = None
     tag: HapticTag | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectState:
-    """How the object feels in one state, as "open", "closed" or "full"."""
+    """Haptic properties of the object in one state, such as "open", "closed" or "full"."""
 
     stiffness: StiffnessMap | None = None
     features: Mapping[str, FeatureVector] = field(default_factory=dict)  #: by kind
@@ -318,23 +318,23 @@ class ObjectState:
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """Where the object was last, and among what (Alt 2016, Sec. 6.3.3)."""
+    """Last known position of the object, and its context (Alt 2016, Sec. 6.3.3)."""
 
     position_m: tuple[float, float, float]  #: of the object's origin, in ``frame``
     sigma_m: float  #: standard deviation along each axis
     t_s: float  #: seconds since the epoch
     frame: str = "map"
-    context: tuple[str, ...] = ()  #: room, furniture and neighbours, as ("kitchen", "sink")
+    context: tuple[str, ...] = ()  #: room, furniture and neighbours, such as ("kitchen", "sink")
 
     def check_read(self) -> None:
-        """Refuse a place or time that is not finite."""
+        """Reject a non-finite position or time."""
         if not all(map(math.isfinite, (*self.position_m, self.sigma_m, self.t_s))) or self.sigma_m < 0:
             raise InputError("Sighting", "expected finite position_m, sigma_m >= 0 and t_s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisuoHapticObject:
-    """All that a robot knows of one object.
+    """All known properties of one object.
 
     Examples
     --------
@@ -352,11 +352,11 @@ class VisuoHapticObject:
     tag: HapticTag | None = None
     state: Mapping[str, str | float] = field(default_factory=dict)  #: e.g. closed, fill level
     provenance: Mapping[str, Provenance] = field(default_factory=dict)  #: by field name
-    #: what vision calls it; several objects with different haptic models may share one
+    #: visual class; several objects with different haptic models may share it
     visual_class: str = ""
     parts: Mapping[str, ObjectPart] = field(default_factory=dict)  #: by name
     states: Mapping[str, ObjectState] = field(default_factory=dict)  #: haptic models by state
     features: Mapping[str, FeatureVector] = field(default_factory=dict)  #: by kind
     evidence: tuple[Evidence, ...] = ()  #: what the estimates above were combined from
-    seen: Sighting | None = None  #: last known position, knowledge of one robot alone
-    licence: str = ""  #: under which the data may be passed on, an SPDX identifier
+    seen: Sighting | None = None  #: last known position, specific to one robot
+    licence: str = ""  #: licence of the data, an SPDX identifier

@@ -1,4 +1,4 @@
-"""Ranges of numbers, declared in the metadata of dataclass fields and checked in one place.
+"""Value ranges, declared in the metadata of dataclass fields and checked in one place.
 
 Examples
 --------
@@ -33,7 +33,7 @@ _KEY = "visuohaptic range"
 class _Range:
     low: float
     high: float
-    strict: bool  #: the lower bound itself is outside
+    strict: bool  #: the lower bound is exclusive
 
     @property
     def text(self) -> str:
@@ -53,34 +53,34 @@ class _Range:
 
 
 def above(low: float) -> Mapping[str, Any]:
-    """Metadata of a field that is finite and more than ``low``.
+    """Metadata of a field that must be finite and greater than ``low``.
 
     Parameters
     ----------
     low
-        Bound that is itself outside, in the field's unit.
+        Exclusive lower bound, in the field's unit.
     """
     return {_KEY: _Range(low, math.inf, True)}
 
 
 def at_least(low: float) -> Mapping[str, Any]:
-    """Metadata of a field that is finite and not less than ``low``.
+    """Metadata of a field that must be finite and at least ``low``.
 
     Parameters
     ----------
     low
-        Smallest value that is allowed, in the field's unit.
+        Smallest allowed value, in the field's unit.
     """
     return {_KEY: _Range(low, math.inf, False)}
 
 
 def within(low: float, high: float) -> Mapping[str, Any]:
-    """Metadata of a field from ``low`` to ``high``, both included.
+    """Metadata of a field from ``low`` to ``high``, inclusive.
 
     Parameters
     ----------
     low, high
-        Smallest and largest value that are allowed, in the field's unit.
+        Smallest and largest allowed value, in the field's unit.
     """
     return {_KEY: _Range(low, high, False)}
 
@@ -91,9 +91,9 @@ NON_NEGATIVE = at_least(0.0)
 
 
 def check_ranges(instance: Any) -> None:
-    """Check every field of a dataclass that declares a range; to be used as ``__post_init__``.
+    """Check every dataclass field that declares a range; used as ``__post_init__``.
 
-    A field whose value is ``None``, as its default, is not given and passes. Of an array every element is checked.
+    A field whose value and default are ``None`` is not given and passes. Arrays are checked elementwise.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def check_ranges(instance: Any) -> None:
     Raises
     ------
     InputError
-        A value is not a finite number in its range; names class and field, what was found and expected.
+        A value is not a finite number in its range; the message names class and field, what was found and expected.
     """
     for one in fields(instance):
         limits = one.metadata.get(_KEY)

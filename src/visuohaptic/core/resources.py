@@ -1,7 +1,7 @@
-"""What is held for the time of a ``with`` block: a device, a file, a thread; and BLAS, to one thread.
+"""Context managers: resources held during a ``with`` block (device, file, thread), and BLAS limited to one thread.
 
-Starting threads for a matrix of fifty rows costs more than the work in it, up to a hundred times
-on a busy machine. Objects and grasps are the better thing to spread over cores.
+Starting threads for a matrix of fifty rows costs more than the computation, up to a hundred times
+on a busy machine. It is better to distribute objects and grasps over cores.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ __all__ = ["Closing", "one_blas_thread"]
 
 
 class Closing(ABC):
-    """Closed when its ``with`` block ends, after an error as well: what was done until then is worth as much."""
+    """A resource closed at the end of its ``with`` block, also after an error, so that partial results are kept."""
 
     __slots__ = ()
 
     @abstractmethod
     def close(self) -> None:
-        """Give back what is held."""
+        """Release the resource."""
 
     def __enter__(self) -> Self:
         return self
@@ -33,7 +33,7 @@ class Closing(ABC):
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread inside the block; does nothing without ``threadpoolctl``."""
+    """Limit BLAS to one thread inside the block; no effect without ``threadpoolctl``."""
     controller = _controller()
     if controller is None:
         yield

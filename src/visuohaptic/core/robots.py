@@ -1,7 +1,7 @@
-"""What a robot must offer, and nothing else.
+"""Protocols of robots.
 
-The simulator and a real robot implement the same protocols, so that a task
-never knows which of them it drives.
+Simulated and real robots implement the same protocols; tasks
+do not depend on which of them they control.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ __all__ = [
     "require_members",
 ]
 
-#: Version of the protocols. The first number changes when a robot that kept them may not any more.
+#: Version of the protocols. The major number changes if conforming robots may no longer conform.
 ROBOT_CONTRACT = "1.1"
 
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """Images with times, from a file, a live camera or the simulator.
+    """Timestamped images from a file, a live camera or the simulator.
 
     Examples
     --------
-    Anything with these members is one; a list of frames as well needs a class around it:
+    Any object with these members conforms; even a list of frames needs a wrapper class:
 
     >>> class Still:
     ...     camera, frame_count = None, 1
@@ -60,17 +60,17 @@ class FrameSource(Protocol):
 
     @property
     def camera(self) -> Camera | None:
-        """The camera's model where the source knows it."""
+        """Camera model, if the source knows it."""
 
     @property
     def frame_count(self) -> int | None:
-        """How many frames there are; ``None`` for a live camera."""
+        """Number of frames; ``None`` for a live camera."""
 
     def __iter__(self) -> Iterator[Frame]:
-        """Frames in order of time, until the source ends."""
+        """Frames in temporal order, until the source ends."""
 
     def close(self) -> None:
-        """Release the file or device; harmless when repeated."""
+        """Release the file or device; may be called repeatedly."""
 
     def __enter__(self) -> Self: ...
 
@@ -84,7 +84,7 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class BaseState:
-    """Where a mobile base believes to be."""
+    """Odometry of a mobile base."""
 
     t_s: float
     x_m: float  #: in the odometry frame
@@ -96,7 +96,7 @@ class BaseState:
 
 @runtime_checkable
 class MobileBase(Protocol):
-    """A platform that drives on the floor.
+    """A mobile platform on the floor.
 
     Examples
     --------
@@ -109,26 +109,26 @@ class MobileBase(Protocol):
     """
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`.
+        """Set the velocities; they remain active until the next call or :meth:`stop`.
 
         Parameters
         ----------
         speed_m_s
-            Forward speed [m/s]; negative drives backwards.
+            Forward speed [m/s]; negative for reverse.
         turn_rate_rad_s
             Turn rate, counter-clockwise seen from above [rad/s].
         """
 
     def stop(self) -> None:
-        """Stand still as soon as possible."""
+        """Stop as soon as possible."""
 
     def state(self) -> BaseState:
-        """Newest odometry."""
+        """Latest odometry."""
 
 
 @dataclass(frozen=True, slots=True)
 class GripperState:
-    """Opening of a two-finger gripper."""
+    """State of a two-finger gripper."""
 
     t_s: float
     opening_m: float
@@ -153,21 +153,21 @@ class Gripper(Protocol):
     """
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Start to move to an opening.
+        """Start to move to an opening width.
 
         Parameters
         ----------
         opening_m
-            Distance of the fingers [m].
+            Distance between the fingers [m].
         speed_m_s
-            Rate at which the opening changes [m/s].
+            Rate of change of the opening [m/s].
         """
 
     def stop(self) -> None:
-        """Hold the present opening."""
+        """Stop and hold the current opening."""
 
     def state(self) -> GripperState:
-        """Newest reading."""
+        """Latest reading."""
 
 
 @runtime_checkable
@@ -188,29 +188,29 @@ class ProbeArm(Protocol):
     """
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
-        """Start to move the tip in a straight line.
+        """Start to move the tip along a straight line.
 
         Parameters
         ----------
         T_base_tip
-            Target of the tip in the frame of the arm's base [m].
+            Target pose of the tip in the frame of the arm's base [m].
         speed_m_s
             Speed of the tip [m/s].
         """
 
     def stop(self) -> None:
-        """Hold the present pose."""
+        """Stop and hold the current pose."""
 
     def pose(self) -> tuple[float, Pose]:
-        """Newest time [s] and pose of the tip in the base frame."""
+        """Latest time [s] and pose of the tip in the base frame."""
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
-        """Smallest and largest distance of the tip from the base."""
+        """Minimum and maximum distance of the tip from the base."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapPose:
-    """Where a robot is in a map."""
+    """Pose of a robot in a map."""
 
     t_s: float  #: of the measurement
     x_m: float
@@ -220,7 +220,7 @@ class MapPose:
 
 @runtime_checkable
 class Localizer(Protocol):
-    """Says where the robot is in the map.
+    """Localises the robot in the map.
 
     Examples
     --------
@@ -231,23 +231,23 @@ class Localizer(Protocol):
     """
 
     def locate(self) -> MapPose:
-        """Newest pose in the map, with the time of the measurement that it is from."""
+        """Latest pose in the map, with the time of the underlying measurement."""
 
 
 class FingerTouch(Protocol):
-    """What a finger's sensor says of a frame."""
+    """Measurement of a finger's sensor in one frame."""
 
     @property
     def valid(self) -> bool:
-        """Whether it can be trusted."""
+        """Whether the measurement is valid."""
 
     @property
     def force_N(self) -> float:
-        """Force of the finger on what it touches [N]."""
+        """Force of the finger on the touched object [N]."""
 
     @property
     def surface_m(self) -> float:
-        """Where the touched surface is, from the middle between the fingers [m]; NaN without touch."""
+        """Position of the touched surface, relative to the centre between the fingers [m]; NaN without contact."""
 
 
 class DepthImage(Protocol):
@@ -255,11 +255,11 @@ class DepthImage(Protocol):
 
     @property
     def t_s(self) -> float:
-        """When it was taken [s]."""
+        """Acquisition time [s]."""
 
     @property
     def depth_m(self) -> Float[np.ndarray, "rows columns"]:
-        """Along the optical axis [m]; NaN: not measured."""
+        """Depth along the optical axis [m]; NaN: not measured."""
 
 
 @runtime_checkable
@@ -277,7 +277,7 @@ class DepthSource(Protocol):
 
     @property
     def camera(self) -> Camera:
-        """Its model, of the size of the images."""
+        """Camera model, for the size of the depth images."""
 
     def read(self) -> DepthImage:
         """Wait for the next image."""
@@ -286,26 +286,26 @@ class DepthSource(Protocol):
 def require_members(
     obj: object, protocol: type, where: str, role: str = "robot", *, members: Sequence[str] | None = None
 ) -> None:
-    """Refuse an object that lacks what its protocol asks for, before anything moves.
+    """Reject an object that lacks members of its protocol, before anything moves.
 
     Parameters
     ----------
     obj
-        What was given.
+        Object to check.
     protocol
         One of the protocols of this module, or another :class:`typing.Protocol`.
     where
-        The task, for the message.
+        Name of the task, for the message.
     role
-        What the object is there for, for the message.
+        Role of the object in the task, for the message.
     members
-        Names that are used; all of the protocol without.
+        Names of the members used; all of the protocol if omitted.
 
     Raises
     ------
     InputError
-        A member is missing, is not callable, or does not take the protocol's arguments. The one line names the
-        member with its arguments and what it must return.
+        A member is missing, is not callable, or does not accept the protocol's arguments. The one-line message names the
+        member with its arguments and return type.
     """
     for name in members or _members(protocol):
         declared = inspect.getattr_static(protocol, name)
@@ -326,7 +326,7 @@ def require_members(
 
 
 def _members(protocol: type) -> list[str]:
-    """Public members of a protocol, and iteration; what it inherits first."""
+    """Public members of a protocol, and iteration; inherited ones first."""
     names: dict[str, None] = {}
     for cls in reversed(protocol.__mro__):
         if cls not in (object, Generic) and cls is not Protocol:
@@ -340,11 +340,11 @@ def _returned(function: object) -> str:
 
 
 def _has(obj: object, name: str) -> bool:
-    """Whether there is an attribute; a property is not evaluated, since it may ask a device."""
+    """Whether an attribute exists; properties are not evaluated, since they may access a device."""
     try:
         inspect.getattr_static(obj, name)
     except AttributeError:
-        return hasattr(obj, name)  # answered by ``__getattr__``
+        return hasattr(obj, name)  # provided by ``__getattr__``
     return True
 
 
@@ -358,6 +358,6 @@ def _method_fault(obj: object, name: str, parameters: list[inspect.Parameter]) -
         inspect.signature(method).bind(*parameters)
     except TypeError:
         return f"whose {name} takes other arguments than the"
-    except ValueError:  # compiled: its arguments are not known
+    except ValueError:  # compiled function: unknown signature
         return ""
     return ""

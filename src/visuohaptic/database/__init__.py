@@ -1,4 +1,4 @@
-"""What a robot remembers: local and shared object databases, search, merging and synchronisation (Alt 2016, Sec. 6.3.3)."""
+"""Object memory of robots: local and shared databases, search, merging and synchronisation (Alt 2016, Sec. 6.3.3)."""
 
 from ..core.front_door import attach
 

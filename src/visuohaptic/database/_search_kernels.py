@@ -1,4 +1,4 @@
-"""Distances between vectors, rounded ones and exact ones: the fast part of the search."""
+"""Distances between quantised and exact vectors: the time-critical part of the search."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..core.kernels import kernel
 
 __all__ = ["SEGMENT", "coarse_distances", "exact_distances", "smallest", "within"]
 
-#: Rows of which the lowest distance is kept: most segments cannot hold one of the few smallest.
+#: Number of rows whose minimum distance is kept: most segments cannot contain one of the few smallest.
 SEGMENT = 256
 
 
@@ -20,7 +20,7 @@ def _squared(level, at):
 
 @kernel(boundscheck=False)
 def _add_eight(codes, features, query, j, sums):
-    """Eight features at a time: the sums are read and written once, and memory is asked for in eight places."""
+    """Eight features at a time: the sums are read and written once, and eight memory accesses overlap."""
     a, b, c, d = codes[features[j]], codes[features[j + 1]], codes[features[j + 2]], codes[features[j + 3]]
     e, f, g, h = (
         codes[features[j + 4]],
@@ -40,20 +40,20 @@ def _add_eight(codes, features, query, j, sums):
 
 @kernel(boundscheck=False)
 def coarse_distances(codes, features, query, squared, lowest):
-    """Squared distances of all rounded rows to a rounded query, in steps.
+    """Squared distances of all quantised rows to a quantised query, in steps.
 
     Parameters
     ----------
     codes
         Blocks of rows, feature by feature, 0 to 63, uint8, shape (b, n, h).
     features
-        Those that the query knows, int64, shape (k,) with k a multiple of 8.
+        Indices of the features known in the query, int64, shape (k,) with k a multiple of 8.
     query
         Their values, 0 to 63, int16, shape (k,).
     squared
         Squared distances, int32, shape (b, h); written.
     lowest
-        Smallest of each :data:`SEGMENT` rows in a row, int32, shape (ceil(b h / SEGMENT),); written.
+        Minimum of each segment of :data:`SEGMENT` rows, int32, shape (ceil(b h / SEGMENT),); written.
     """
     h = codes.shape[2]
     sums = np.zeros(h, np.int16)
@@ -63,7 +63,7 @@ def coarse_distances(codes, features, query, squared, lowest):
             out[i] = np.int32(0)
         for start in range(
             0, len(features), 16
-        ):  # as many squares of at most 63 fit into 16 bits without a sign
+        ):  # this number of squares of at most 63 fits into unsigned 16 bits
             for i in range(h):
                 sums[i] = np.int16(0)
             for j in range(start, min(start + 16, len(features)), 8):
@@ -79,16 +79,16 @@ def coarse_distances(codes, features, query, squared, lowest):
 
 @kernel(boundscheck=False)
 def smallest(values, lowest, found):
-    """Places of the smallest values, ascending.
+    """Indices of the smallest values, ascending.
 
     Parameters
     ----------
     values
         Numbers, int32, shape (m,).
     lowest
-        As of :func:`coarse_distances`.
+        As in :func:`coarse_distances`.
     found
-        Places, int64, shape (k,) with k <= m; written.
+        Indices, int64, shape (k,) with k <= m; written.
     """
     count = 0
     for start in range(0, values.shape[0], SEGMENT):
@@ -106,23 +106,23 @@ def smallest(values, lowest, found):
 
 @kernel(boundscheck=False)
 def within(squared, error, reach, found):
-    """Places where the root of a squared distance is not beyond ``reach`` and the row's own error.
+    """Indices at which the root of a squared distance is at most ``reach`` plus the row's own error.
 
     Parameters
     ----------
     squared
         Int32, shape (m,).
     error
-        Of each row, float32, shape (m,).
+        Quantisation error of each row, float32, shape (m,).
     reach
         In the unit of both, float.
     found
-        Places, int64, shape (m,); written.
+        Indices, int64, shape (m,); written.
 
     Returns
     -------
     int
-        How many were found.
+        Number of indices found.
     """
     count = 0
     for i in range(squared.shape[0]):
@@ -135,16 +135,16 @@ def within(squared, error, reach, found):
 
 @kernel(boundscheck=False)
 def exact_distances(vectors, rows, features, query, out):
-    """Euclidean distances of some rows to a query.
+    """Euclidean distances of selected rows to a query.
 
     Parameters
     ----------
     vectors
         All vectors, float64, shape (m, n).
     rows
-        Which, int64, shape (r,).
+        Indices of the rows, int64, shape (r,).
     features
-        Those that the query knows, int64, shape (k,).
+        Indices of the features known in the query, int64, shape (k,).
     query
         Their values, float64, shape (k,).
     out

@@ -1,4 +1,4 @@
-"""Arrays of objects: in a folder of shards beside the database, or in rows of a server."""
+"""Arrays of objects: in a folder of shards next to the database, or in rows of a server."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 class ArrayStore:
-    """Where the arrays of objects are.
+    """Storage of the arrays of objects.
 
     Parameters
     ----------
@@ -41,18 +41,18 @@ class ArrayStore:
             self.folder.close()
 
     def write(self, connection: Connection, blobs: Sequence[tuple[dict[str, Any], cards.Arrays]]) -> None:
-        """Write arrays into shards, before the rows that name them.
+        """Write arrays into shards, before the rows that refer to them.
 
         Parameters
         ----------
         connection
             Connection with an open transaction.
         blobs
-            Of each object its row, in which shard and place are noted, and its arrays.
+            For each object its row, which receives shard and index, and its arrays.
         """
         if not blobs:
             return
-        # On a server one object is one shard: reading it should not carry the others over the net.
+        # On a server, each object has its own shard: reading it should not transfer others over the network.
         groups = [blobs] if self.folder is not None else [[blob] for blob in blobs]
         for group in groups:
             data = None
@@ -68,7 +68,7 @@ class ArrayStore:
                 row["shard"], row["row_group"] = name, number
 
     def read(self, connection: Connection, row: Any, where: str) -> cards.Arrays:
-        """Arrays of an object, compared with their hash.
+        """Arrays of an object, verified against their hash.
 
         Parameters
         ----------
@@ -82,9 +82,9 @@ class ArrayStore:
         Raises
         ------
         DatabaseError
-            The arrays do not have their hash.
+            The arrays do not match their hash.
         FileNotFoundError
-            The shard is gone: another process has replaced it.
+            The shard no longer exists: another process has replaced it.
         InputError
             The shard is damaged.
         """
@@ -103,17 +103,17 @@ class ArrayStore:
         return arrays
 
     def read_ahead(self, rows: Sequence[Any]) -> None:
-        """Read the arrays of rows that follow, all of a shard at once.
+        """Prefetch the arrays of the following rows, all of a shard at once.
 
         Parameters
         ----------
         rows
-            Of the objects.
+            Rows of the objects.
 
         Raises
         ------
         FileNotFoundError
-            A shard is gone: another process has replaced it.
+            A shard no longer exists: another process has replaced it.
         """
         self._ahead = {}
         if self.folder is None:
@@ -127,7 +127,7 @@ class ArrayStore:
                 self._ahead[name, number] = arrays
 
     def remove(self, names: Sequence[str]) -> None:
-        """Remove the files of shards that no object names any more.
+        """Remove the files of shards that no object refers to any more.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class ArrayStore:
             self.folder.remove(names)
 
     def tidy(self, connection: Connection, where: str) -> None:
-        """Once, and while no one else writes, remove what killed writers have left.
+        """Remove, once and while no other process is writing, the files left by killed writers.
 
         Parameters
         ----------

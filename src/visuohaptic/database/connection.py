@@ -1,4 +1,4 @@
-"""Connections of the object databases: a SQLite file that loses nothing, or a PostgreSQL server."""
+"""Connections of the object databases: a durable SQLite file, or a PostgreSQL server."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from ..core.errors import DatabaseError, InputError, MissingExtraError
 
 __all__ = ["Connections", "connect", "connect_file", "connect_server", "shown_url"]
 
-#: How long a writer waits for the others [s].
+#: How long a writer waits for other writers [s].
 _WAIT_S = 60.0
 _SERVER = re.compile(r"^postgres(ql)?(\+psycopg)?://")
 _NOT_STORED = "; what was being written is not stored"
-#: Parameters of an address that messages may show.
+#: Parameters of an address that may appear in messages.
 _HARMLESS = frozenset(
     {"user", "host", "port", "dbname", "sslmode", "connect_timeout", "application_name", "options"}
 )
 
 
 def connect(location: Path | str, *, create: bool) -> tuple[Engine, str, Path | None]:
-    """Engine of a database in a folder or on a server.
+    """Create the engine of a database in a folder or on a server.
 
     Parameters
     ----------
     location
         Folder, or URL such as ``postgresql://host/name``.
     create
-        Whether a folder is created when it is not there.
+        Whether to create the folder if it does not exist.
 
     Returns
     -------
     engine
-        Its engine.
+        Engine of the database.
     where
-        The location without its secrets, for messages.
+        The location without secrets, for messages.
     shards
-        Folder of the arrays; ``None`` on a server.
+        Folder of the arrays; ``None`` for a server.
 
     Raises
     ------
     InputError
-        There is no database and ``create`` is off, or the location cannot be used.
+        The database does not exist and ``create`` is false, or the location cannot be used.
     """
     if "://" in str(location):
         return connect_server(str(location)), shown_url(str(location)), None
@@ -63,26 +63,26 @@ def connect(location: Path | str, *, create: bool) -> tuple[Engine, str, Path | 
 
 
 def connect_file(path: Path) -> Engine:
-    """Engine of a SQLite file, set so that what is committed is on the disk.
+    """Engine of an SQLite file, configured so that commits are durable.
 
     Parameters
     ----------
     path
-        The file; created when it is not there.
+        The file; created if it does not exist.
     """
-    # Not a text: a folder may be called run?1 or per%20cent.
+    # Not a string URL: a folder may be named run?1 or per%20cent.
     url = URL.create("sqlite", database=str(path))
     engine = create_engine(url, connect_args={"timeout": _WAIT_S, "check_same_thread": False})
 
     @event.listens_for(engine, "connect")
     def prepare(connection: Any, _record: Any) -> None:
-        connection.isolation_level = None  # BEGIN is ours, below
+        connection.isolation_level = None  # BEGIN is issued explicitly, below
         for line in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
             connection.execute(f"PRAGMA {line}")
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
-        # A writer takes its turn at once: a read that becomes a write could be refused half-way.
+        # A writer locks immediately: upgrading from a read to a write lock could fail halfway.
         writes = connection.get_execution_options().get("writes", False)
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
@@ -100,7 +100,7 @@ def connect_server(url: str) -> Engine:
     Raises
     ------
     InputError
-        The address is none.
+        The address is invalid.
     MissingExtraError
         The driver is not installed.
     """
@@ -109,14 +109,14 @@ def connect_server(url: str) -> Engine:
         raise InputError(shown_url(url), f"is not the address of a PostgreSQL server, {expected}")
     if (
         url.count("@") > 1
-    ):  # the parser would take a part of the password for the host, and the driver would say so
+    ):  # the parser would take part of the password for the host, and the driver would print it
         raise InputError(
             shown_url(url),
             "has more than one @",
             remedy="write @ : / ? of names and passwords as %40 %3A %2F %3F",
         )
     try:
-        # What the parser says is left out: it may quote a part of the password.
+        # The parser's message is omitted: it may quote part of the password.
         address = make_url(_SERVER.sub("postgresql+psycopg://", url))
     except (ArgumentError, ValueError) as error:
         raise InputError(shown_url(url), f"is not the address of a database, {expected}") from error
@@ -127,9 +127,9 @@ def connect_server(url: str) -> Engine:
 
 
 def shown_url(location: str) -> str:
-    """The address of a server without its secrets, for messages; a folder as it is.
+    """The address of a server without secrets, for messages; a folder is returned unchanged.
 
-    Works on addresses that cannot be parsed, too: those are the ones that messages are about.
+    Also works for addresses that cannot be parsed, which often appear in messages.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def shown_url(location: str) -> str:
     """
     if "://" not in location:
         return location
-    # Up to the last @: a password may hold one, and slashes and question marks, too.
+    # Up to the last @: a password may contain one, and also slashes and question marks.
     shown = re.sub(r"://([^:@/]*):.*@", r"://\1:***@", location, flags=re.DOTALL)
     address, mark, query = shown.partition("?")
     parts = [part.partition("=") for part in query.split("&")]
@@ -157,7 +157,7 @@ def shown_url(location: str) -> str:
 
 
 class Connections:
-    """Connections to one database, for reading or for one transaction; errors of the driver in our words.
+    """Connections to one database, for reading or for one transaction; converts errors of the driver.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class Connections:
 
     @contextmanager
     def _guarded(self, loss: str) -> Iterator[None]:
-        """Errors of the libraries below in our words, with what was lost by them."""
+        """Convert errors of the underlying libraries, stating what was lost."""
         try:
             yield
         except DBAPIError as error:

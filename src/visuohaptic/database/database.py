@@ -1,8 +1,8 @@
-"""Databases of objects: one of a robot's own in a folder (SQLite), or one that robots share (PostgreSQL).
+"""Object databases: local to a robot in a folder (SQLite), or shared by robots (PostgreSQL).
 
-What is acknowledged is on the disk: a call that writes returns after its transaction, and the arrays
-before it, have reached it. A write is whole or has not happened, whatever interrupts it. Writers, in this
-or other processes, take turns; readers never wait.
+Acknowledged data is durable: a call that writes returns after its transaction, and the arrays
+before it, have reached the disk. Writes are atomic under any interruption. Writers, in this
+or other processes, are serialised; readers never wait.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ from .shards import ShardFolder
 
 __all__ = ["BATCH", "Check", "ObjectDatabase", "open_database"]
 
-#: Objects that :meth:`ObjectDatabase.add_many` writes in one transaction.
-BATCH = 512  # each waits for the disk four times
-#: Ids are names of folders in an export, too.
+#: Number of objects that :meth:`ObjectDatabase.add_many` writes per transaction.
+BATCH = 512  # each transaction syncs the disk four times
+#: Ids are also folder names in an export.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 
 
@@ -62,14 +62,14 @@ def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabas
     location
         Folder, or URL such as ``postgresql://host/name``.
     create
-        Whether it is created when it is not there.
+        Whether to create it if it does not exist.
 
     Raises
     ------
     DatabaseError
-        It cannot be opened, or comes from a newer version.
+        It cannot be opened, or was written by a newer version.
     InputError
-        There is none and ``create`` is off.
+        It does not exist and ``create`` is false.
 
     Examples
     --------
@@ -88,7 +88,7 @@ class ObjectDatabase(Closing):
     Parameters
     ----------
     location, create
-        As of :func:`open_database`.
+        As in :func:`open_database`.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class ObjectDatabase(Closing):
                 with self.connections.writing() as connection:
                     schema.migrate(connection, self.where)
             with self.connections.reading() as connection:
-                #: identity of this database, for peers
+                #: identity of this database for synchronisation peers
                 self.id = str(connection.scalar(select(meta.c.value).where(meta.c.key == "id")))
         except BaseException:
             self.close()
@@ -135,7 +135,7 @@ class ObjectDatabase(Closing):
             return connection.execute(ALIVE, {"requested": object_id}).first() is not None
 
     def get(self, object_id: str) -> VisuoHapticObject:
-        """An object with all its arrays, checked against their hash.
+        """An object with all its arrays, verified against their hash.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class ObjectDatabase(Closing):
         Raises
         ------
         InputError
-            There is no such object.
+            The object does not exist.
         DatabaseError
             Its arrays are damaged.
         """
@@ -155,9 +155,9 @@ class ObjectDatabase(Closing):
         return obj
 
     def summaries(self, *, visual_class: str | None = None, name: str | None = None) -> list[Summary]:
-        """Objects by id; of one visual class, or with a text in their name.
+        """Summaries sorted by id; optionally only one visual class, or names that contain a text.
 
-        One visual class may have several haptic models: each of them is an object here.
+        One visual class may have several haptic models, each of which is a separate object.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class ObjectDatabase(Closing):
             return summaries(connection, visual_class, name)
 
     def features(self, kind: str) -> tuple[Sequence[str], Float[np.ndarray, "m n"]]:
-        """Feature vectors of one kind of all objects.
+        """Feature vectors of one kind, of all objects.
 
         Parameters
         ----------
@@ -193,14 +193,14 @@ class ObjectDatabase(Closing):
         Parameters
         ----------
         since
-            Number of that change; 0 for all.
+            Sequence number of that change; 0 for all.
 
         Returns
         -------
         changes
-            Number of the last change by id, deleted objects included, in order of the numbers.
+            Sequence number of the last change by id, including deleted objects, in increasing order.
         change
-            Number of the last change of all.
+            Sequence number of the overall last change.
         """
         with self.connections.reading() as connection:
             last = last_change(connection)
@@ -212,22 +212,22 @@ class ObjectDatabase(Closing):
             return {row.id: row.change for row in rows}, last
 
     def last_change(self) -> int:
-        """Number of the last change."""
+        """Sequence number of the last change."""
         with self.connections.reading() as connection:
             return last_change(connection)
 
     def stored(self, ids: Sequence[str]) -> dict[str, tuple[VisuoHapticObject, float | None]]:
-        """Objects with the time of their deletion (``None`` for living ones).
+        """Objects with the time of their deletion (``None`` if not deleted).
 
         Parameters
         ----------
         ids
-            Ids of objects; unknown ones are left out.
+            Ids of objects; unknown ones are omitted.
 
         Returns
         -------
         dict
-            By id the object and when it was deleted, seconds since the epoch; ``None`` if it was not.
+            For each id the object and its time of deletion, seconds since the epoch; ``None`` if not deleted.
         """
         for _ in range(5):
             try:
@@ -235,13 +235,13 @@ class ObjectDatabase(Closing):
                     found = fetch(connection, ids, self._decode, self._arrays.read_ahead)
                 return {one: (item.obj, item.deleted_s) for one, item in found.items()}
             except FileNotFoundError:
-                continue  # replaced between the two reads: look again
+                continue  # replaced between the two reads: retry
         raise DatabaseError(f"{self.where}: arrays of {brief(ids)} are missing; check the database")
 
     def add(self, obj: VisuoHapticObject) -> VisuoHapticObject:
-        """Store an object, or merge it with the one of the same id.
+        """Store an object, or merge it with the stored one of the same id.
 
-        It is on the disk when this returns.
+        The result is durable when this returns.
 
         Parameters
         ----------
@@ -251,12 +251,12 @@ class ObjectDatabase(Closing):
         Returns
         -------
         VisuoHapticObject
-            What is now stored.
+            The stored object.
 
         Raises
         ------
         InputError
-            The id is not of up to 128 letters, digits, ``.``, ``_`` and ``-``.
+            The id does not consist of 1 to 128 letters, digits, ``.``, ``_`` and ``-``.
         """
         return self._write([obj]).merged[obj.id][0]
 
@@ -267,16 +267,16 @@ class ObjectDatabase(Closing):
         batch: int = BATCH,
         stored: Callable[[Sequence[str]], object] | None = None,
     ) -> int:
-        """Store many objects; returns how many.
+        """Store many objects; returns their number.
 
         Parameters
         ----------
         objects
             The objects.
         batch
-            How many are written in one transaction.
+            Number of objects per transaction.
         stored
-            Called with the ids of each transaction after it has reached the disk.
+            Called with the ids of each transaction after it is durable.
         """
         count = 0
         waiting: list[VisuoHapticObject] = []
@@ -295,37 +295,37 @@ class ObjectDatabase(Closing):
         return count + (flush() if waiting else 0)
 
     def remove(self, object_id: str, *, t_s: float | None = None) -> None:
-        """Delete an object; synchronisation carries the deletion on. Evidence newer than it brings it back.
+        """Delete an object; synchronisation propagates the deletion. Newer evidence restores the object.
 
         Parameters
         ----------
         object_id
             Id of the object.
         t_s
-            Time of the deletion, seconds since the epoch; now when it is not given.
+            Time of the deletion, seconds since the epoch; now by default.
 
         Raises
         ------
         InputError
-            There is no such object.
+            The object does not exist.
         """
         known = self.get(object_id)
-        # A clock that went ahead must not keep it.
+        # Evidence from a fast clock must not keep the object.
         now_s = max(time.time(), known_s(known)) if t_s is None else t_s
         self.write_merged({object_id: (VisuoHapticObject(object_id), now_s)})
 
     def write_merged(self, items: Mapping[str, tuple[VisuoHapticObject, float | None]]) -> Written:
-        """Join versions from elsewhere, deletions too, with those here, in one transaction.
+        """Merge versions from another database, including deletions, in one transaction.
 
         Parameters
         ----------
         items
-            By id an object and when it was deleted, seconds since the epoch, or ``None``.
+            For each id an object and its time of deletion, seconds since the epoch, or ``None``.
 
         Returns
         -------
         Written
-            What is now stored.
+            The stored result.
         """
         objects = [obj for obj, _ in items.values()]
         return self._write(objects, {one: deleted_s for one, (_, deleted_s) in items.items()})
@@ -333,7 +333,7 @@ class ObjectDatabase(Closing):
     def _write(
         self, objects: Sequence[VisuoHapticObject], deletions: Mapping[str, float | None] | None = None
     ) -> Written:
-        """Merge with what is stored, and store."""
+        """Merge with the stored versions, and store the result."""
         latest: dict[str, VisuoHapticObject] = {}
         for obj in objects:
             if not _ID.fullmatch(obj.id):
@@ -358,7 +358,7 @@ class ObjectDatabase(Closing):
                 merged[one] = obj, deleted_s
                 row, arrays = row_of(obj, change, deleted_s)
                 if old is not None and (old.row.digest, old.deleted_s) == (row["digest"], deleted_s):
-                    continue  # nothing new
+                    continue  # unchanged
                 if old is not None and old.row.arrays_sha256 == row["arrays_sha256"]:
                     row["shard"], row["row_group"] = old.row.shard, old.row.row_group
                 elif arrays:
@@ -371,7 +371,7 @@ class ObjectDatabase(Closing):
         return Written(merged, change, frozenset(known), frozenset(row["id"] for row, _, _ in rows))
 
     def check(self) -> Check:
-        """Read everything and compare every hash."""
+        """Read all data and verify every hash."""
         with self.connections.reading() as connection:
             return check_all(connection, self._arrays.folder, self._decode)
 

@@ -1,7 +1,7 @@
-"""Objects as plain files: for each a folder with a YAML card, its arrays as Parquet, and its mesh as GLB.
+"""Objects as plain files: one folder per object with a YAML card, its arrays as Parquet, and its mesh as GLB.
 
-``card.yaml`` names the licence, and size and SHA-256 of the other files. The arrays are exact; the GLB is for
-eyes and other programs, and is read only where the card has no mesh among its arrays.
+``card.yaml`` contains the licence, and size and SHA-256 of the other files. The arrays are exact; the GLB is for
+display and other programs, and is read only if the card has no mesh among its arrays.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 _FORMAT = "visuohaptic object"
 _ARRAYS, _MESH = "arrays.parquet", "mesh.glb"
-#: Larger files beside a card are refused [bytes].
+#: Maximum size of the files next to a card [bytes].
 MAX_FILE_BYTES = 2 << 30
 
 
@@ -53,16 +53,16 @@ def _card_model() -> type[BaseModel]:
 
 
 def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = "") -> Path:
-    """Write an object into ``folder / id``; the card comes last, so that a folder with a card is whole.
+    """Write an object to ``folder / id``; the card is written last and marks a complete folder.
 
     Parameters
     ----------
     obj
         The object.
     folder
-        Folder in which the object's own folder is created.
+        Parent folder of the object's folder.
     licence
-        SPDX identifier, for an object that names none.
+        SPDX identifier, for an object without one.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = 
     Raises
     ------
     InputError
-        Neither the object nor the call names a licence, or the folder cannot be written.
+        Neither the object nor the call specifies a licence, or the folder cannot be written.
     """
     if not (licence := obj.licence or licence):
         raise InputError(obj.id, "has no licence", remedy="name the one under which it may be passed on")
@@ -107,16 +107,16 @@ def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = 
 
 
 def export_objects(objects: Iterable[VisuoHapticObject], folder: Path | str, *, licence: str = "") -> int:
-    """Write objects into folders of their own; returns how many.
+    """Write objects to separate folders; returns their number.
 
     Parameters
     ----------
     objects
         The objects.
     folder
-        Folder in which their folders are created.
+        Parent folder of the objects' folders.
     licence
-        SPDX identifier, for objects that name none.
+        SPDX identifier, for objects without one.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def export_objects(objects: Iterable[VisuoHapticObject], folder: Path | str, *, 
 
 
 def import_object(folder: Path | str) -> VisuoHapticObject:
-    """Read the object in a folder, or of a card; every file is compared with its hash.
+    """Read the object of a folder or card; every file is verified against its hash.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def import_object(folder: Path | str) -> VisuoHapticObject:
     Raises
     ------
     InputError
-        A file is missing, changed or of the wrong form.
+        A file is missing, changed or has the wrong format.
     """
     path = Path(folder)
     path = path if path.suffix == ".yaml" else path / "card.yaml"
@@ -165,7 +165,7 @@ def import_object(folder: Path | str) -> VisuoHapticObject:
 
 
 def import_objects(folder: Path | str) -> Iterator[VisuoHapticObject]:
-    """Objects of a folder: its own card, or those of the folders in it, by name.
+    """Objects of a folder: from its own card, or from its subfolders, sorted by name.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def import_objects(folder: Path | str) -> Iterator[VisuoHapticObject]:
     Raises
     ------
     InputError
-        There is no card, or see :func:`import_object`.
+        There is no card; or see :func:`import_object`.
     """
     path = Path(folder)
     if path.suffix == ".yaml" or (path / "card.yaml").is_file():

@@ -1,4 +1,4 @@
-"""Is all that a database names there, whole, and what it was?"""
+"""Integrity check: whether all data referenced by a database exists and is unchanged."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ class Check:
 
     objects: int
     shards: int
-    problems: tuple[str, ...]  #: empty when all is well
+    problems: tuple[str, ...]  #: empty if the database is intact
 
 
 def check_all(
     connection: Connection, folder: ShardFolder | None, decode: Callable[[Any, Connection], object]
 ) -> Check:
-    """Compare every stored hash with the data.
+    """Verify every stored hash against the data.
 
     Parameters
     ----------
     connection
         Open connection of the database.
     folder
-        Folder of shards; ``None`` where they are rows of the database.
+        Folder of shards; ``None`` if they are rows of the database.
     decode
-        Reads the object of a row.
+        Decodes the object of a row.
     """
     problems = []
     if folder is not None:

@@ -1,13 +1,13 @@
-"""New evidence joins old: what several observations say together, and two versions of one object made one.
+"""Fusion of new evidence with existing estimates, and merging of two versions of an object.
 
-The merge of two versions is commutative, associative and idempotent, so that databases agree after any order and
+Merging two versions is commutative, associative and idempotent, so that databases agree regardless of the order and
 number of synchronisations:
 
-- estimates are combined from the union of their evidence, and the same evidence counts once;
-- everything else (geometry, stiffness map, name, state, ...) is taken from the version that is newer by its
-  provenance; without times, or at equal times, a fixed order of the contents decides.
+- estimates are combined from the union of their evidence, and identical evidence counts once;
+- everything else (geometry, stiffness map, name, state, ...) is taken from the version with the newer
+  provenance; without times, or at equal times, a deterministic order of the contents decides.
 
-Pushes of one trip, whose tags are samples and not versions, are joined by :func:`.tags.merge_tags`.
+Pushes of one trip, whose tags are samples rather than versions, are merged by :func:`.tags.merge_tags`.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ from ..core.objects import (
 
 __all__ = ["add_evidence", "combine", "estimates_of", "merge_objects", "merge_stiffness"]
 
-#: Fields that hold mappings whose entries are merged one by one.
+#: Fields with mappings whose entries are merged individually.
 _MAPPINGS = ("state", "features", "parts", "states")
 
 
 def combine(estimates: Iterable[Estimate]) -> Estimate:
-    r"""What independent estimates of one property say together.
+    r"""Combine independent estimates of one property.
 
     With weights :math:`w_i = 1/\sigma_i^2` the value is :math:`m = \sum w_i x_i / \sum w_i` and its variance
-    :math:`(\sum w_i)^{-1} \max(1, Q/(n-1))`, where :math:`Q = \sum w_i (x_i - m)^2`: estimates that contradict
-    each other make the result less certain, not more (Birge 1932). The spread over contacts holds their own
-    spreads and what the values differ by beyond their noise.
+    :math:`(\sum w_i)^{-1} \max(1, Q/(n-1))`, where :math:`Q = \sum w_i (x_i - m)^2`: contradictory estimates
+    make the result less certain, not more (Birge 1932). The spread over contacts includes the spreads of the
+    estimates and the differences of their values beyond noise.
 
-    Exact estimates (sigma 0) leave all others without weight.
+    If there are exact estimates (sigma 0), all others have zero weight.
 
     Parameters
     ----------
     estimates
-        At least one, of one property in one unit.
+        At least one, all of one property in one unit.
     """
-    # In a fixed order: the sum must not depend on who was merged first.
+    # In a fixed order: the sum must not depend on the order of merging.
     some = sorted(estimates, key=lambda e: (e.value, e.sigma, e.spread, e.samples))
     if not some:
         raise InputError("combine", "found no estimate, expected at least one")
@@ -76,8 +76,8 @@ def combine(estimates: Iterable[Estimate]) -> Estimate:
         off2 = (x - mean) ** 2
         q = float(np.sum(off2 / sigma**2)) / (len(used) - 1) if smallest > 0 else 1.0
         variance = variance * max(1.0, q) if smallest > 0 else float(w @ off2) / (len(used) - 1)
-        # n/(n-1) with the number of estimates that carry weight; at most 2, as for two equal ones:
-        # a vague simulation beside one good measurement says nothing of the spread.
+        # n/(n-1) with the effective number of estimates; at most 2, as for two equal ones:
+        # an uncertain simulation and one good measurement contain no information about the spread.
         fraction = float(w @ w)
         bessel = min(2.0, 1.0 / (1.0 - fraction)) if fraction < 1.0 else 2.0
         between2 = bessel * float(w @ np.maximum(off2 - sigma**2, 0.0))
@@ -87,14 +87,14 @@ def combine(estimates: Iterable[Estimate]) -> Estimate:
 
 
 def estimates_of(item: Any, prefix: str = "") -> Iterator[tuple[str, Estimate]]:
-    """All estimates inside an object, with their places ("material.wall_thickness_m").
+    """All estimates inside an object, with their paths ("material.wall_thickness_m").
 
     Parameters
     ----------
     item
         An object, or a part of one.
     prefix
-        Place of that part in the object, with a dot behind it.
+        Path of that part in the object, with a trailing dot.
     """
     if isinstance(item, Estimate):
         yield prefix, item
@@ -110,7 +110,7 @@ def estimates_of(item: Any, prefix: str = "") -> Iterator[tuple[str, Estimate]]:
 
 @cache
 def _branches(kind: type) -> tuple[str, ...]:
-    """Fields below which estimates can be."""
+    """Fields that can contain estimates."""
     if kind is VisuoHapticObject:
         return "material", "tag", "parts", "states"
     if kind is ObjectPart:
@@ -121,19 +121,19 @@ def _branches(kind: type) -> tuple[str, ...]:
 
 
 def add_evidence(known: VisuoHapticObject, *evidence: Evidence) -> VisuoHapticObject:
-    """The object after further observations; one that it knows already changes nothing.
+    """The object after additional observations; known observations change nothing.
 
     Parameters
     ----------
     known
-        The object so far.
+        The current object.
     evidence
-        Observations, each with the place of its property.
+        Observations, each with the path of its property.
 
     Raises
     ------
     InputError
-        There is no such property.
+        The property does not exist.
 
     Examples
     --------
@@ -154,13 +154,13 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
     Parameters
     ----------
     one, other
-        The versions; their order makes no difference.
+        The versions, in any order.
     """
     if one.id != other.id:
         raise InputError("merge_objects", f"found the objects {one.id!r} and {other.id!r}, expected one id")
     everything = _all_evidence(one)
     if one is other and not one.provenance:
-        return _with(one, everything)  # new: nothing to choose, and nothing to say where it came from
+        return _with(one, everything)  # new: nothing to choose or to attribute
     everything |= _all_evidence(other)
     origins = {
         place: max(
@@ -187,12 +187,12 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
 
 
 def merge_stiffness(known: StiffnessMap, measured: StiffnessMap) -> StiffnessMap:
-    """Two maps of one mesh by inverse variances, point by point; unknown (NaN) points give way.
+    """Combine two maps of one mesh by inverse variances, pointwise; unknown (NaN) points take the known value.
 
     Parameters
     ----------
     known, measured
-        Maps on one mesh [N/m].
+        Maps on the same mesh [N/m].
 
     Raises
     ------
@@ -221,7 +221,7 @@ def merge_stiffness(known: StiffnessMap, measured: StiffnessMap) -> StiffnessMap
 
 
 def _all_evidence(obj: VisuoHapticObject) -> dict[tuple[str, ...], Evidence]:
-    """Evidence of an object; an estimate that has none is its own."""
+    """Evidence of an object; an estimate without evidence counts as its own."""
     found = {_identity(one): one for one in obj.evidence}
     named = {one.property for one in obj.evidence}
     for place, estimate in estimates_of(obj):
@@ -233,9 +233,9 @@ def _all_evidence(obj: VisuoHapticObject) -> dict[tuple[str, ...], Evidence]:
 
 
 def _identity(one: Evidence) -> tuple[str, ...]:
-    """By what the same observation is known again: all of it, in words that NaN cannot disturb."""
+    """Key that identifies an observation: all of its contents, as strings so that NaN compares equal."""
     e, origin = one.estimate, one.provenance
-    # float(): 1 and 1.0 are one observation.
+    # float(): 1 and 1.0 are the same observation.
     numbers = f"{float(e.value)!r} {float(e.sigma)!r} {float(e.spread)!r} {e.samples} {float(origin.t_s)!r}"
     return one.property, numbers, f"{origin.source}\0{origin.version}\0{origin.note}", one.key
 
@@ -256,7 +256,7 @@ _EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": Obje
 
 
 def _put(item: Any, steps: list[str], estimate: Estimate, place: str) -> Any:
-    """A copy with the estimate at its place; what is missing on the way is made."""
+    """A copy with the estimate at its path; missing intermediate fields are created."""
     name, rest = steps[0], steps[1:]
     if name not in _branches(item.__class__):
         raise InputError(
@@ -291,14 +291,14 @@ def _newer(
     place: str,
     origins: dict[str, Provenance],
 ) -> Any:
-    """What is there, what is newer, or what a fixed order of the contents picks; notes where it came from."""
+    """The existing value, the newer one, or the first in a deterministic order; records its provenance."""
     there = [(value, obj) for value, obj in ((local, one), (remote, other)) if not _absent(value)]
     if not there:
         return local
     ranked = []
     for value, obj in there:
         origin = obj.provenance.get(place) or obj.provenance.get(place.partition(".")[0])
-        # The contents are only compared where the times cannot tell: that takes their hash.
+        # Contents are compared only if the times do not decide, because it requires their hash.
         contents = cards.order_of(value) if len(there) > 1 and local is not remote else ""
         ranked.append((_time(origin), contents, repr(origin), value, origin))
     *_, value, origin = max(ranked, key=lambda entry: entry[:3])

@@ -1,4 +1,4 @@
-"""Rows of the object databases: how they are queried, merged with what is stored, and replaced."""
+"""Rows of the object databases: queries, merging with stored versions, and replacement."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """A row with the object that it holds."""
+    """A row and the object that it contains."""
 
     obj: VisuoHapticObject
     deleted_s: float | None
@@ -47,34 +47,32 @@ class Stored:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What a write came to."""
+    """Result of a write."""
 
-    merged: dict[
-        str, tuple[VisuoHapticObject, float | None]
-    ]  #: by id what is stored now, and when it was deleted
-    change: int  #: number of this write
-    known: frozenset[str]  #: ids that were there before
-    changed: frozenset[str]  #: ids of which something is new
+    merged: dict[str, tuple[VisuoHapticObject, float | None]]  #: stored object and time of deletion by id
+    change: int  #: sequence number of this write
+    known: frozenset[str]  #: ids that existed before
+    changed: frozenset[str]  #: ids whose contents have changed
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a list says of an object."""
+    """List entry of an object."""
 
     id: str
     name: str
     visual_class: str
-    change: int  #: number of the write that it comes from
+    change: int  #: sequence number of its last write
 
 
 #: One object that is not deleted.
 ALIVE = select(object_).where(and_(object_.c.id == bindparam("requested"), object_.c.deleted_s.is_(None)))
-#: Several objects, deleted ones too.
+#: Several objects, including deleted ones.
 MANY = select(object_).where(object_.c.id.in_(bindparam("requested", expanding=True)))
 
 
 def last_change(connection: Connection) -> int:
-    """Number of the last write.
+    """Sequence number of the last write.
 
     Parameters
     ----------
@@ -85,7 +83,7 @@ def last_change(connection: Connection) -> int:
 
 
 def next_change(connection: Connection) -> int:
-    """Number of a new write.
+    """Sequence number of a new write.
 
     Parameters
     ----------
@@ -100,16 +98,16 @@ def next_change(connection: Connection) -> int:
 def row_of(
     obj: VisuoHapticObject, change: int, deleted_s: float | None
 ) -> tuple[dict[str, Any], cards.Arrays]:
-    """Row and arrays of an object; in which shard these are is not set.
+    """Row and arrays of an object; the shard of the arrays is not yet set.
 
     Parameters
     ----------
     obj
         The object.
     change
-        Number of the write.
+        Sequence number of the write.
     deleted_s
-        When it was deleted, seconds since the epoch; ``None`` if it was not.
+        Time of deletion, seconds since the epoch; ``None`` if not deleted.
     """
     card, arrays = cards.encode(obj)
     text, arrays_sha256 = cards.card_text(card), cards.arrays_digest(arrays) if arrays else ""
@@ -129,7 +127,7 @@ def row_of(
 
 
 def summaries(connection: Connection, visual_class: str | None, name: str | None) -> list[Summary]:
-    """Objects that are not deleted, by id; of one visual class, or with a text in their name.
+    """Objects that are not deleted, sorted by id; optionally of one visual class, or with a text in their name.
 
     Parameters
     ----------
@@ -138,7 +136,7 @@ def summaries(connection: Connection, visual_class: str | None, name: str | None
     visual_class
         Only objects of this class; all with ``None``.
     name
-        Only objects with this text in their name, in either case; all with ``None``.
+        Only objects with this text in their name, case-insensitive; all with ``None``.
     """
     query = select(object_.c.id, object_.c.name, object_.c.visual_class, object_.c.change)
     query = query.where(object_.c.deleted_s.is_(None)).order_by(object_.c.id)
@@ -152,7 +150,7 @@ def summaries(connection: Connection, visual_class: str | None, name: str | None
 def feature_vectors(
     connection: Connection, kind: str, where: str
 ) -> tuple[Sequence[str], Float[np.ndarray, "m n"]]:
-    """Ids and feature vectors of one kind, by id.
+    """Ids and feature vectors of one kind, sorted by id.
 
     Parameters
     ----------
@@ -174,7 +172,7 @@ def feature_vectors(
         .order_by(feature.c.object_id)
     )
     ids: list[str] = []
-    data, lengths = bytearray(), set()  # one copy: a million vectors are gigabytes
+    data, lengths = bytearray(), set()  # a single copy: a million vectors are gigabytes
     for row in rows:
         ids.append(row.object_id)
         data += row.data
@@ -193,7 +191,7 @@ def fetch(
     decode: Callable[[Any, Connection], VisuoHapticObject],
     read_ahead: Callable[[Sequence[Any]], object],
 ) -> dict[str, Stored]:
-    """Stored objects by id, deleted ones too; unknown ids are left out.
+    """Stored objects by id, including deleted ones; unknown ids are omitted.
 
     Parameters
     ----------
@@ -202,9 +200,9 @@ def fetch(
     ids
         Ids of the objects.
     decode
-        Reads the object of a row.
+        Decodes the object of a row.
     read_ahead
-        Called with rows that are decoded next.
+        Called with the rows to be decoded next.
     """
     found = {}
     for start in range(0, len(ids), 500):
@@ -223,24 +221,24 @@ def merged_versions(
     *,
     added_here: bool,
 ) -> tuple[VisuoHapticObject, float | None]:
-    """Merge two versions with their deletions: the last deletion holds unless something is known from after
-    it.
+    """Merge two versions with their deletions: the latest deletion is valid unless there is later
+    information about the object.
 
     Parameters
     ----------
     local, remote
-        Version of this database, and the other one.
+        Version of this database, and of the other one.
     local_deleted_s, remote_deleted_s
-        When each was deleted, seconds since the epoch; ``None`` if it was not.
+        Times of deletion, seconds since the epoch; ``None`` if not deleted.
     added_here
-        Whether somebody adds the object here and now, which undoes a deletion.
+        Whether the object is being added locally, which reverts a deletion.
 
     Returns
     -------
     object
         The merged version.
     deleted_s
-        When it was deleted, or ``None``.
+        Time of deletion, or ``None``.
     """
     deletions_s = [t_s for t_s in (local_deleted_s, remote_deleted_s) if t_s is not None]
     both = merge_objects(local, remote)
@@ -249,7 +247,7 @@ def merged_versions(
     last_s = max(deletions_s)
     if added_here:
         if known_s(remote) <= last_s:
-            # Databases that have heard of the deletion must hear that it was undone.
+            # Databases that received the deletion must also receive its reversal.
             again = Provenance("added again", math.nextafter(last_s, math.inf))
             remote = replace(remote, provenance={**remote.provenance, "id": again})
         return remote, None
@@ -257,7 +255,7 @@ def merged_versions(
 
 
 def known_s(obj: VisuoHapticObject) -> float:
-    """When the last piece of knowledge of an object was obtained, seconds since the epoch; -inf if none has a time.
+    """Time of an object's latest information, seconds since the epoch; -inf if none has a time.
 
     Parameters
     ----------
@@ -272,14 +270,14 @@ def known_s(obj: VisuoHapticObject) -> float:
 def store_rows(
     connection: Connection, rows: list[tuple[dict[str, Any], Stored | None, VisuoHapticObject]]
 ) -> None:
-    """Insert new rows, replace old ones, and write the features beside them.
+    """Insert new rows, replace old ones, and write their features.
 
     Parameters
     ----------
     connection
         Connection with an open transaction.
     rows
-        Of each object its row, what was stored before (or ``None``), and the object.
+        For each object its row, the previously stored version (or ``None``), and the object.
     """
     new = [row for row, old, _ in rows if old is None]
     if new:
@@ -314,19 +312,19 @@ def store_rows(
 
 
 def drop_shards(connection: Connection, names: list[str | None]) -> list[str]:
-    """Remove shards from the table that no object names any more.
+    """Delete shards from the table that no object refers to any more.
 
     Parameters
     ----------
     connection
         Connection with an open transaction.
     names
-        Shards that may have become unneeded.
+        Shards that may be unused.
 
     Returns
     -------
     list
-        Names of those that were removed.
+        Names of the deleted shards.
     """
     some = sorted({name for name in names if name is not None})
     if not some:

@@ -1,4 +1,4 @@
-"""Tables of the object databases, the same in SQLite and PostgreSQL, and how old ones become new ones."""
+"""Tables of the object databases, identical in SQLite and PostgreSQL, and migration of old versions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["VERSION", "counter", "feature", "meta", "migrate", "object_", "peer"
 
 _METADATA = sa.MetaData()
 
-#: What the database says of itself: schema version, and an identity that peers know it by.
+#: Metadata of the database: schema version, and its identity for peers.
 meta = sa.Table(
     "meta",
     _METADATA,
@@ -18,13 +18,13 @@ meta = sa.Table(
     sa.Column("value", sa.String, nullable=False),
 )
 
-#: One row; every write takes the next number, and holds the row until it is committed: changes
+#: A single row. Every write takes the next number and locks the row until it commits: changes
 #: become visible in the order of their numbers.
 counter = sa.Table(
     "counter", _METADATA, sa.Column("id", sa.Integer, primary_key=True), sa.Column("value", sa.BigInteger)
 )
 
-#: Files of arrays; ``data`` holds the file where there is no folder for it (shared databases).
+#: Array files; ``data`` contains the file if there is no folder for it (shared databases).
 shard = sa.Table(
     "shard",
     _METADATA,
@@ -58,7 +58,7 @@ feature = sa.Table(
     sa.Column("data", sa.LargeBinary, nullable=False),  # float64, little endian
 )
 
-#: How far each other database is known here; since version 2.
+#: Last change of each other database that was processed here; since version 2.
 peer = sa.Table(
     "peer",
     _METADATA,
@@ -69,7 +69,7 @@ peer = sa.Table(
 
 
 def _from_nothing(connection: sa.Connection) -> None:
-    """Version 1, as it was: without deletions and peers."""
+    """Version 1 in its original form: without deletions and peers."""
     import uuid
 
     first = sa.MetaData()
@@ -89,7 +89,7 @@ def _deletions_and_peers(connection: sa.Connection) -> None:
     peer.create(connection)
 
 
-#: What makes version n + 1 of version n.
+#: Migration steps: step n converts version n to n + 1.
 MIGRATIONS = (_from_nothing, _deletions_and_peers)
 #: Version of the schema that this library reads and writes.
 VERSION = len(MIGRATIONS)
@@ -107,7 +107,7 @@ def version_of(connection: sa.Connection, where: str) -> int:
 
 
 def migrate(connection: sa.Connection, where: str, upto: int = VERSION) -> None:
-    """Bring the schema to this library's version, all steps in the transaction of the connection.
+    """Migrate the schema to this library's version, all steps in the transaction of the connection.
 
     Parameters
     ----------
@@ -116,15 +116,17 @@ def migrate(connection: sa.Connection, where: str, upto: int = VERSION) -> None:
     where
         The database, for messages.
     upto
-        Version of the schema.
+        Target version of the schema.
 
     Raises
     ------
     DatabaseError
-        A newer version of the library has written it.
+        It was written by a newer version of the library.
     """
     if connection.dialect.name == "postgresql":
-        connection.execute(sa.text("SELECT pg_advisory_xact_lock(7065241)"))  # any number, only ours
+        connection.execute(
+            sa.text("SELECT pg_advisory_xact_lock(7065241)")
+        )  # arbitrary, but unique to this library
     version = version_of(connection, where)
     if version > VERSION:
         raise DatabaseError(

@@ -1,12 +1,12 @@
-"""The nearest feature vectors, exactly.
+"""Exact nearest-neighbour search of feature vectors.
 
-Every vector is kept twice: as it is, and rounded to 64 levels a feature. With x̂ for the rounded x, and q̂ for the
-rounded query, the triangle inequality gives
+Every vector is stored twice: exactly, and quantised to 64 levels per feature. With x̂ for the quantised x, and q̂ for the
+quantised query, the triangle inequality gives
 
     |q̂ - x̂| - |q - q̂| - |x - x̂|  <=  |q - x|,
 
-so only those vectors are compared in full whose left side is not beyond a distance within which k vectors are known
-to be: that of the k vectors whose rounded ones are nearest.
+so exact distances are needed only for vectors whose left side does not exceed an upper bound of the k-th smallest
+distance: that of the k vectors with the smallest quantised distances.
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ from .database import ObjectDatabase
 
 __all__ = ["FeatureIndex", "Match", "index_of"]
 
-#: Levels of a rounded feature: squares of 16 differences fit into 16 bits (:func:`coarse_distances`).
+#: Levels of a quantised feature: squares of 16 differences fit into 16 bits (:func:`coarse_distances`).
 _LEVELS = 64
-#: Vectors may have so many features before the sums of squares overflow 32 bits.
+#: Maximum number of features before the sums of squares overflow 32 bits.
 MAX_FEATURES = (2**31 - 1) // (_LEVELS - 1) ** 2
-#: Rows of a block, whose sums in 16 bits are half of the fastest cache (32 KB).
+#: Rows per block, whose 16-bit sums take half of the L1 cache (32 KB).
 _BLOCK = 8192
 
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """One of the nearest."""
+    """One of the nearest neighbours."""
 
     id: str
-    distance: float  #: Euclidean, over the features that the query knows
+    distance: float  #: Euclidean, over the features known in the query
 
 
 class FeatureIndex:
-    """Exact search through 10^6 vectors in milliseconds; memory for 9 bytes a feature.
+    """Exact search through 10^6 vectors in milliseconds; uses 9 bytes of memory per feature.
 
     Parameters
     ----------
     ids
-        One for each vector.
+        One id per vector.
     vectors
         Finite numbers, shape (m, n).
 
     Raises
     ------
     InputError
-        The vectors are not finite, not one for each id, or too long.
+        The vectors are not finite, do not match the ids in number, or are too long.
     """
 
     def __init__(self, ids: Sequence[str], vectors: Float[np.ndarray, "m n"]) -> None:
@@ -64,8 +64,8 @@ class FeatureIndex:
         self._step = _best_step(sample - self._centre)
         rows = max(1, min(_BLOCK, m))
         blocks = -(-m // rows)
-        self._codes = np.zeros((blocks, n + 1, rows), np.uint8)  # and a feature that is 0 everywhere
-        self._error = np.zeros(m, np.float32)  # in steps, as the sums are
+        self._codes = np.zeros((blocks, n + 1, rows), np.uint8)  # plus a padding feature that is 0 everywhere
+        self._error = np.zeros(m, np.float32)  # in steps, like the sums
         for block in range(blocks):
             part = slice(block * rows, (block + 1) * rows)
             code, error = _rounded(self._vectors[part] - self._centre, self._step)
@@ -79,23 +79,23 @@ class FeatureIndex:
 
     @property
     def bytes(self) -> int:
-        """Memory of the vectors and of what the search adds to them."""
+        """Memory of the vectors and of the index."""
         return sum(array.nbytes for array in (self._vectors, self._codes, self._error, self._squared))
 
     def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """The nearest vectors, nearest first; at equal distances in the order of the ids.
+        """The nearest vectors, nearest first; ties are ordered by id.
 
         Parameters
         ----------
         query
-            Feature vector, shape (n,); NaN where it is not known.
+            Feature vector, shape (n,); NaN if unknown.
         count
-            How many.
+            Number of neighbours.
 
         Raises
         ------
         InputError
-            The query has another length or no number, or ``count`` is less than 1.
+            The query has another length or no finite value, or ``count`` is less than 1.
         """
         q = _query(query, self._vectors.shape[1], count)
         m = len(self._ids)
@@ -115,7 +115,7 @@ class FeatureIndex:
         smallest(squared, self._lowest, first)
         reach = (self._distances(first, known, q).max() + float(error[0])) / self._step
         near = np.empty(m, np.int64)
-        # A little more, for the rounding of these sums themselves and of errors in 32 bits.
+        # A small allowance for rounding of these sums and of the 32-bit errors.
         near = near[: within(squared, self._error, reach * (1 + 1e-6) + 1e-5, near)]
         distance = self._distances(near, known, q)
         order = np.lexsort((near, distance))[:count]
@@ -130,7 +130,7 @@ class FeatureIndex:
 
 
 def index_of(database: ObjectDatabase, kind: str) -> FeatureIndex:
-    """Index over the features of one kind of all objects in a database.
+    """Index of the features of one kind, of all objects in a database.
 
     Parameters
     ----------
@@ -143,18 +143,18 @@ def index_of(database: ObjectDatabase, kind: str) -> FeatureIndex:
 
 
 def _rounded(offset: Float[np.ndarray, "rows n"], step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Levels of offsets from the centre, and the distance between each row and its rounded one."""
+    """Quantised offsets from the centre, and the distance between each row and its quantised version."""
     middle = (_LEVELS - 1) / 2
     code = np.clip(np.rint(offset / step + middle), 0, _LEVELS - 1)
     return code.astype(np.uint8), np.linalg.norm(offset - (code - middle) * step, axis=1)
 
 
 def _best_step(offset: Float[np.ndarray, "rows n"]) -> float:
-    """Width of the levels with which least is lost: too narrow ones clip, too wide ones are coarse."""
+    """Step with the smallest quantisation error: small steps clip, large ones are coarse."""
     widest = float(np.abs(offset).max(initial=0.0))
     if widest == 0.0:
         return 1.0
-    # From where nothing is clipped down to where all but the rarest would be.
+    # From the step without clipping down to one that clips all but the rarest values.
     steps = 2 * widest / (_LEVELS - 1) * 2.0 ** -np.arange(0, 16, 0.25)
     return float(steps[np.argmin([_rounded(offset, step)[1].mean() for step in steps])])
 

@@ -1,4 +1,4 @@
-"""Shards: the arrays of some objects in one Parquet file, one row group an object, one row an array."""
+"""Shards: the arrays of several objects in one Parquet file, one row group per object, one row per array."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..core.files import atomic_path
 
 __all__ = ["ShardFolder", "file_sha256", "pack", "unpack"]
 
-#: Arrays larger than this are refused [bytes].
+#: Larger arrays are rejected [bytes].
 MAX_ARRAY_BYTES = 1 << 30
 
 
@@ -43,7 +43,7 @@ def pack(items: Sequence[Arrays], sink: Any) -> None:
     Parameters
     ----------
     items
-        Arrays by name, of each object.
+        Arrays by name, for each object.
     sink
         Path or binary stream.
     """
@@ -51,11 +51,11 @@ def pack(items: Sequence[Arrays], sink: Any) -> None:
     import pyarrow.parquet as pq
 
     schema = _schema()
-    # Numbers as they are: reading one object is what counts, and doubles hardly shrink.
+    # Uncompressed: fast reading of one object matters, and doubles hardly compress.
     with pq.ParquetWriter(
         sink, schema, compression="none", use_dictionary=False, write_statistics=False
     ) as writer:
-        # Objects of as many arrays are written at once: a call for each took a third of an import.
+        # Objects with equal numbers of arrays are written at once: a call for each took a third of an import.
         for count, run in groupby(items, len):
             objects = list(run)
             named = [item for arrays in objects for item in arrays.items()]
@@ -71,21 +71,21 @@ def pack(items: Sequence[Arrays], sink: Any) -> None:
 
 
 def unpack(file: Any, row_groups: Sequence[int], where: object) -> list[Arrays]:
-    """Arrays of some row groups of an open Parquet file.
+    """Arrays of selected row groups of an open Parquet file.
 
     Parameters
     ----------
     file
         ``pyarrow.parquet.ParquetFile`` of a shard.
     row_groups
-        Places of the objects in it.
+        Indices of the objects in it.
     where
         The file, for messages.
 
     Raises
     ------
     InputError
-        It is not a shard, or damaged.
+        It is not a shard, or is damaged.
     """
     import pyarrow as pa
 
@@ -128,14 +128,14 @@ def file_sha256(path: Path) -> str:
 
 
 class ShardFolder:
-    """A folder of shards; files are written whole, never changed, and removed when nobody needs them.
+    """A folder of shards; files are written completely, never changed, and removed when unused.
 
     Parameters
     ----------
     folder
-        The folder, which is there.
+        The folder, which must exist.
     open_files
-        How many shards stay open for reading.
+        Number of shards kept open for reading.
     """
 
     def __init__(self, folder: Path, *, open_files: int = 64) -> None:
@@ -155,28 +155,28 @@ class ShardFolder:
         return self.folder / f"{name}.parquet"
 
     def write(self, items: Sequence[Arrays]) -> tuple[str, str, int]:
-        """Write a new shard; it is on the disk when this returns.
+        """Write a new shard; it is durable when this returns.
 
         Parameters
         ----------
         items
-            Arrays by name, of each object.
+            Arrays by name, for each object.
 
         Returns
         -------
         name
             Name of the shard.
         sha256
-            Its digest, 64 hexadecimal digits.
+            Digest of the file, 64 hexadecimal digits.
         size
-            Its size [bytes].
+            Size of the file [bytes].
         """
         name = uuid.uuid4().hex
         target = self.path(name)
         with atomic_path(target) as temporary:
             pack(items, temporary)
             sha256, size = file_sha256(temporary), temporary.stat().st_size
-        handle = os.open(self.folder, os.O_RDONLY)  # the rename, too, has to reach the disk
+        handle = os.open(self.folder, os.O_RDONLY)  # the rename must reach the disk as well
         try:
             os.fsync(handle)
         finally:
@@ -186,17 +186,17 @@ class ShardFolder:
     def read(self, name: str, row_groups: Sequence[int]) -> list[Arrays]:
         """Arrays of objects in one shard.
 
-        Parameters
-        ----------
-        name
-            Name of the shard.
-        row_groups
-            Places of the objects in it.
-
-        Raises
-        ------
-        FileNotFoundError
-            The shard is gone: another process has replaced it.
+                Parameters
+                ----------
+                name
+                    Name of the shard.
+                row_groups
+                    Places of the objects in it.
+        Indices of the objects in it.
+                Raises
+                ------
+                FileNotFoundError
+                    The shard no longer exists: another process has replaced it.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -222,7 +222,7 @@ class ShardFolder:
         Parameters
         ----------
         names
-            Names of shards; those that are not there are passed over.
+            Names of shards; missing ones are ignored.
         """
         with self._lock:
             for name in names:
@@ -231,7 +231,7 @@ class ShardFolder:
                 self.path(name).unlink(missing_ok=True)
 
     def tidy(self, known: set[str]) -> int:
-        """Remove what interrupted writers left. Only while no other process can be writing.
+        """Remove files left by interrupted writers. Call only while no other process can be writing.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class ShardFolder:
         Returns
         -------
         int
-            How many files were removed.
+            Number of removed files.
         """
         unknowns = [
             path for path in self.folder.iterdir() if path.stem not in known or path.suffix != ".parquet"

@@ -1,7 +1,7 @@
-"""A robot's database and a shared one tell each other what is new.
+"""Bidirectional synchronisation of a robot's database and a shared one.
 
-Both sides join versions by :func:`~visuohaptic.database.merge.merge_objects`, which gives the same result in any
-order: there are no conflicts to ask about, and a synchronisation that was interrupted is simply run again.
+Both sides merge versions with :func:`~visuohaptic.database.merge.merge_objects`, whose result does not depend on the
+order: there are no conflicts to resolve, and an interrupted synchronisation is simply repeated.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ __all__ = ["Synchronised", "synchronise"]
 
 @dataclass(frozen=True, slots=True)
 class Synchronised:
-    """What went over."""
+    """Result of a synchronisation."""
 
     sent: int  #: objects offered to the shared database
-    received: int  #: objects that are new here, or changed by what it knew
+    received: int  #: objects that are new locally, or were changed by the shared version
 
 
 def synchronise(
@@ -33,7 +33,7 @@ def synchronise(
     *,
     is_shared: Callable[[VisuoHapticObject], bool] = lambda obj: True,
 ) -> Synchronised:
-    """Send what is new here, then fetch what is new there.
+    """Send local changes, then fetch remote ones.
 
     Parameters
     ----------
@@ -42,18 +42,18 @@ def synchronise(
     shared
         The database that several robots share.
     is_shared
-        Tells which objects are of general interest; the others stay here.
+        Returns which objects are of general interest; the others remain local.
 
     Notes
     -----
-    Where an object was seen last stays here: it is knowledge of one robot in one place (Alt 2016, Sec. 6.3.3).
+    The last known position of an object remains local: it is specific to one robot and place (Alt 2016, Sec. 6.3.3).
     """
     sent_to, received_to = _known(local, shared.id)
     changes, last_here = local.changed(sent_to)
     sent, echoes = _offer(local, shared, list(changes), is_shared)
     changes, last_there = shared.changed(received_to)
-    # What was sent a moment ago is there as it is here: nothing can be learnt from it. But where something else is known
-    # there that won, it is news here, also when it is not new there.
+    # Objects just sent are identical on both sides and are not fetched. But a different version that took precedence
+    # in the shared database is new locally, even if it is not new there.
     news = [one for one, change in changes.items() if echoes.get(one) != change]
     news += [one for one in sent if one not in echoes and one not in changes]
     received, writes, differing = 0, 0, []
@@ -63,10 +63,10 @@ def synchronise(
         received += len(written.changed)
         writes += 1
         differing += [one for one in written.known if not _same(written.merged[one], offered[one])]
-    # Where it met something that was not offered yet, both together are news for the others.
+    # Where it was merged with local changes not yet offered, the result is new for the others.
     again, _ = _offer(local, shared, differing, is_shared)
     now = local.last_change()
-    # What came from there is not offered back, unless somebody else wrote here meanwhile.
+    # Objects just received are not offered back, unless another process has written here meanwhile.
     _note(local, shared.id, now if now == last_here + writes else last_here, last_there)
     return Synchronised(len(sent) + len(again), received)
 
@@ -77,7 +77,7 @@ def _offer(
     ids: Sequence[str],
     is_shared: Callable[[VisuoHapticObject], bool],
 ) -> tuple[list[str], dict[str, int]]:
-    """Send objects; which, and by id the change in which it was stored there, where nothing was added to it."""
+    """Send objects; returns which, and by id the change in which the shared database stored an unmodified version."""
     sent: list[str] = []
     echoes: dict[str, int] = {}
     for start in range(0, len(ids), BATCH):
@@ -99,7 +99,7 @@ def _offer(
 
 
 def _same(one: tuple[VisuoHapticObject, float | None], other: tuple[VisuoHapticObject, float | None]) -> bool:
-    """Whether two versions tell the same, but for where the object was seen."""
+    """Whether two versions are equal, except for the last known position."""
     return _told(one) == _told(other)
 
 

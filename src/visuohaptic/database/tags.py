@@ -1,8 +1,8 @@
-"""Haptic tags of one object made one.
+"""Merging of several haptic tags of one object.
 
-Explorations sample a property at different contact points, where it differs by more than its noise: each
-exploration counts alike, and the scatter is kept as the spread. That is another question than the one of
-:mod:`.merge`, where estimates of one value count by their certainty, and the same evidence counts once. Use this
+Explorations sample a property at different contact points, where it varies by more than its noise: all
+explorations have equal weight, and the scatter is kept as the spread. This differs from
+:mod:`.merge`, where estimates of one value are weighted by their certainty, and the same evidence counts once. Use this
 for pushes on one trip, whose counters add up; use :func:`.merge.merge_objects` for versions of an object, whose
 tags arrive as evidence and may arrive twice.
 """
@@ -22,11 +22,11 @@ _ESTIMATES = (
 
 
 def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
-    """One tag from two sets of explorations of the same object.
+    """Merge the tags of two sets of explorations of the same object.
 
     Means are weighted by the number of samples, the spread is the scatter
-    over all samples, counters add up; a shape is kept from the tag whose
-    primitive scores higher. An object that moved once is not fixed; one that
+    over all samples, counters are added; the shape is taken from the tag whose
+    primitive has the higher score. An object that moved once is not fixed; one that
     fell once may fall.
 
     Parameters
@@ -47,7 +47,7 @@ def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
     estimates = {name: _merge(getattr(first, name), getattr(second, name)) for name in _ESTIMATES}
     return HapticTag(
         **estimates,
-        # What has moved after all takes the bound back.
+        # An object that has moved invalidates the bound.
         min_static_friction_N=max(bounds) if bounds and fixed is not False else None,
         primitive=first.primitive if score_1 >= score_2 else second.primitive,
         deformation_shape_m=shape.deformation_shape_m,

@@ -1,4 +1,4 @@
-"""Everything that is a file or a wire format; nothing else parses."""
+"""All file and wire formats; no other package parses."""
 
 from ..core.front_door import attach
 

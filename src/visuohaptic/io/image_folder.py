@@ -21,28 +21,28 @@ __all__ = ["ImageFolderSource", "natural", "seconds_in"]
 _log = logging.getLogger(__name__)
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff"}
-#: ``left_0012.500.png`` or ``frame_12.5.jpg``: seconds with decimals at the end of the name.
+#: ``left_0012.500.png`` or ``frame_12.5.jpg``: decimal seconds at the end of the name.
 _SECONDS = re.compile(r"(?:^|[^0-9.])(\d+\.\d+)$")
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
-    """Sort key by which ``img10`` comes after ``img9``.
+    """Natural sort key: ``img10`` comes after ``img9``.
 
     Parameters
     ----------
     name
-        Of a file.
+        File name.
     """
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 
 def seconds_in(paths: Iterable[Path]) -> list[float]:
-    """Times at the end of the names [s]; empty when one has none.
+    """Times at the end of the file names [s]; empty if any name has none.
 
     Parameters
     ----------
     paths
-        Of the images.
+        Paths of the images.
     """
     matches = [_SECONDS.search(path.stem) for path in paths]
     return [float(match[1]) for match in matches if match] if all(matches) else []
@@ -80,7 +80,7 @@ def _times_from_csv(table: Path, names: list[str]) -> tuple[list[str], list[floa
 class ImageFolderSource(RecordedSource):
     """Images of a folder, in natural order of their names.
 
-    Times come from the first of these that there is: ``times.csv`` in the
+    Times come from the first available source: ``times.csv`` in the
     folder (columns ``file`` and ``t_s``), names that end in seconds
     (``left_12.533.png``), ``rate_Hz``.
 
@@ -89,18 +89,18 @@ class ImageFolderSource(RecordedSource):
     folder
         Folder with the images.
     camera
-        Model of the camera, if known; its size must be that of the images.
+        Camera model, if known; its size must match the images.
     rate_Hz
-        Frame rate, where neither a table nor names tell the times [Hz].
+        Frame rate, if neither a table nor the names specify times [Hz].
     start_s, stop_s
-        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+        Section of the recording, relative to its first frame [s]; ``stop_s`` is exclusive.
     grey
-        Whether images are read as grey.
+        Whether to read images as grey.
 
     Raises
     ------
     InputError
-        There are no images, or no times.
+        There are no images or no times.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
-"""Laser scans with the odometry that goes with them: from MCAP, and from and to CSV.
+"""Laser scans with odometry: from MCAP, and from and to CSV.
 
-CSV: a line per scan with the columns ``t_s, x_m, y_m, yaw_rad, angle_min_rad,
-angle_step_rad, range_min_m, range_max_m`` and then the distances ``r0, r1, ...``
-[m]; ``inf`` is nothing within range, an empty field no measurement.
+CSV: one line per scan with the columns ``t_s, x_m, y_m, yaw_rad, angle_min_rad,
+angle_step_rad, range_min_m, range_max_m``, followed by the ranges ``r0, r1, ...``
+[m]; ``inf`` means no return within range, an empty field no measurement.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .ros.sqlite_bag import is_bag, open_bag
 
 __all__ = ["OdometryScan", "read_scans", "write_scans"]
 
-#: A scan, and the pose (x, y, yaw) of the scanner by odometry [m, rad].
+#: A scan, and the scanner's pose (x, y, yaw) from odometry [m, rad].
 OdometryScan = tuple[LaserScan, tuple[float, float, float]]
 
 _COLUMNS = (
@@ -37,7 +37,7 @@ _COLUMNS = (
     "range_max_m",
 )
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
-#: An odometry message may be this much older or newer than a scan at the ends of a recording (s).
+#: Maximum time offset between an odometry message and a scan at the ends of a recording [s].
 _SLACK_S = 0.25
 
 
@@ -46,21 +46,21 @@ def read_scans(
 ) -> list[OdometryScan]:
     """Read scans with their odometry, sorted by time.
 
-    Of an MCAP file the ``sensor_msgs/LaserScan`` and ``nav_msgs/Odometry``
-    messages are taken, and the odometry is interpolated at the scans' stamps;
-    the scanner is taken to be where the odometry's body is.
+    From an MCAP file, the ``sensor_msgs/LaserScan`` and ``nav_msgs/Odometry``
+    messages are used, with odometry interpolated at the scans' timestamps;
+    the scanner is assumed at the origin of the odometry's body frame.
 
     Parameters
     ----------
     path
         CSV or MCAP file.
     scan_topic, odometry_topic
-        Topics of an MCAP file; may be left out when there is one only of their type.
+        Topics of an MCAP file; may be omitted if there is only one of their type.
 
     Raises
     ------
     InputError
-        No such messages or columns, or a value that cannot be used, with its place.
+        Messages or columns are missing, or a value is invalid, with its location.
     """
     path = Path(path)
     if path.suffix == ".mcap" or is_bag(path):
@@ -71,14 +71,14 @@ def read_scans(
 
 
 def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
-    """Write scans to a CSV file, whole or not at all.
+    """Write scans to a CSV file, atomically.
 
     Parameters
     ----------
     path
         File that is created or replaced.
     scans
-        The scans.
+        Scans to write.
     """
     rows = []
     for scan, (x, y, yaw) in scans:
@@ -168,7 +168,7 @@ def _scan(message: Any, where: str) -> LaserScan:
     ranges = np.array(message.ranges, dtype=np.float64)
     if not 1 <= len(ranges) <= MAX_BEAMS:
         raise InputError(where, f"found {len(ranges)} beams, expected 1 to {MAX_BEAMS}", field="ranges")
-    # By ROS's convention a distance outside the range of the scanner is no measurement.
+    # By ROS convention, a range outside the scanner's limits is not a measurement.
     with np.errstate(invalid="ignore"):
         ranges[ranges < message.range_min] = np.nan
         ranges[ranges > message.range_max] = np.inf

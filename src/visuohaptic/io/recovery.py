@@ -1,4 +1,4 @@
-"""What a killed run has left is made whole: tables, recordings, depth sequences."""
+"""Recovery of files left by interrupted runs: tables, recordings, depth sequences."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from .sinks.tables import pack_rows
 
 __all__ = ["Recovered", "recover"]
 
-#: Begin of a message of Arrow.
+#: Start of an Arrow message.
 _ARROW = b"\xff\xff\xff\xff"
 
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What was made whole."""
+    """A recovered recording."""
 
-    path: Path  #: the whole file or folder
+    path: Path  #: the recovered file or folder
     kind: Literal["CSV", "Parquet", "MCAP", "bag", "depth sequence"]
     count: int  #: rows, messages or frames
 
 
 def recover(path: Path | str, out: Path | str | None = None) -> Recovered:
-    """Write all whole rows, messages or frames of an unfinished recording as a finished one.
+    """Recover all complete rows, messages or frames of an unfinished recording.
 
-    The unfinished file stays as it is; the folder of a depth sequence is completed in place. A recording of ROS 2 messages
-    becomes what the name of ``out`` says: ``NAME.mcap``, or a folder with a bag of rosbag2 in SQLite.
+    The unfinished file is not changed; the folder of a depth sequence is completed in place. A recording of ROS 2 messages
+    is written in the format given by the name of ``out``: ``NAME.mcap``, or a folder with a rosbag2 bag in SQLite.
 
     Parameters
     ----------
     path
-        ``NAME.csv.part``, ``NAME.parquet.part``, ``NAME.mcap.part``, a cut MCAP file, a bag of rosbag2, or the folder of
-        a depth sequence whose writer was stopped.
+        ``NAME.csv.part``, ``NAME.parquet.part``, ``NAME.mcap.part``, a truncated MCAP file, a rosbag2 bag, or the folder of
+        a depth sequence whose writer was interrupted.
     out
         New file; by default the name without ``.part``.
 
     Raises
     ------
     InputError
-        There is nothing to recover, another run is still writing it, or ``out`` exists.
+        There is nothing to recover, another process is still writing it, or ``out`` exists.
     """
     path = Path(path)
     bag = is_bag(path)

@@ -1,4 +1,4 @@
-"""What all recorded sources have in common: known times, lost frames, a part of the recording."""
+"""Common base of recorded sources: known times, lost frames, sections of a recording."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["RecordedSource", "indices_from_times"]
 
 _log = logging.getLogger(__name__)
 
-#: Intervals may differ by this part from a whole number of periods and still count as regular.
+#: Intervals within this fraction of a multiple of the period count as regular.
 _REGULAR = 0.2
 
 
 def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
-    """Number of each frame as the camera counted it: at a regular rate a missing frame leaves a gap.
+    """Frame number as counted by the camera: at a regular rate, a missing frame leaves a gap.
 
-    The period is the median interval. When at least nine of ten intervals are
-    whole multiples of it (within 20 %), the index advances by that multiple;
-    otherwise the frame rate is taken as variable and frames count one by one.
+    The period is the median interval. If at least nine of ten intervals are
+    multiples of it (within 20 %), the index advances by that multiple;
+    otherwise the frame rate is variable and frames are numbered consecutively.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     steps = np.maximum(np.rint(periods), 1.0)
     if np.mean(np.abs(periods - steps) <= _REGULAR * steps) < 0.9:
         return plain
-    # A gap of more than a minute at 1 kHz is a pause or a jump of the clock; the count stays finite.
+    # A gap of more than a minute at 1 kHz is a pause or a clock jump; this limits the index.
     steps = np.minimum(steps, 1e5)
     return np.concatenate([[0], np.cumsum(steps).astype(np.int64)])
 
@@ -71,9 +71,9 @@ class RecordedSource(Closing):
     times_s
         Time of every frame [s], ascending.
     camera
-        Model of the camera where it is known; its size must be that of the images.
+        Camera model, if known; its size must match the images.
     start_s, stop_s
-        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+        Section of the recording, relative to its first frame [s]; ``stop_s`` is exclusive.
     """
 
     def __init__(
@@ -93,46 +93,46 @@ class RecordedSource(Closing):
         if np.isnan(start_s) or not stop_s > start_s:
             raise InputError(where, f"found start {start_s} s and stop {stop_s} s, expected start < stop")
         since = times - times[0]
-        # Half a microsecond: times of a day's clock in float64 are no finer than that.
+        # Half a microsecond: the resolution of epoch times in float64.
         chosen = np.flatnonzero((since >= start_s - 5e-7) & (since < stop_s - 5e-7))
         if not len(chosen):
             raise InputError(where, f"has no frame from {start_s} to {stop_s} s; it lasts {since[-1]:.3f} s")
         self._where = where
         self._camera = camera
         self._chosen = chosen
-        self.times_s: Float[np.ndarray, "k"] = times[chosen]  #: of the chosen frames
+        self.times_s: Float[np.ndarray, "k"] = times[chosen]  #: times of the selected frames
         self.indices: Int[np.ndarray, "k"] = indices_from_times(times)[chosen]
-        self.damaged = 0  #: frames that could not be decoded so far
+        self.damaged = 0  #: number of frames that could not be decoded so far
         self._closed = False
 
     @property
     def camera(self) -> Camera | None:
-        """The camera's model where the source knows it."""
+        """Camera model, if known."""
         return self._camera
 
     @property
     def frame_count(self) -> int | None:
-        """How many frames there are."""
+        """Number of frames."""
         return len(self._chosen)
 
     @property
     def missing(self) -> int:
-        """Frames that the camera lost between the first and the last one, by the gaps in time."""
+        """Number of frames lost between the first and the last one, according to gaps in time."""
         return int(self.indices[-1] - self.indices[0] + 1 - len(self.indices))
 
     @abstractmethod
     def _images(
         self, chosen: Int[np.ndarray, "k"]
     ) -> Iterator[tuple[int, UInt8[np.ndarray, "rows columns *colour"]]]:
-        """Position within ``chosen`` and image, in order; damaged frames are left out."""
+        """Position within ``chosen`` and image, in order; damaged frames are skipped."""
 
     def __iter__(self) -> Iterator[Frame]:
-        """Frames in order of time, from the first one every time.
+        """Frames in temporal order; every iteration starts at the first one.
 
         Raises
         ------
         InputError
-            No frame could be decoded, or their size is not the camera's or changes.
+            No frame could be decoded, or the size differs from the camera's or changes.
         """
         if self._closed:
             raise InputError(self._where, "is closed", remedy="open the source again")
@@ -160,5 +160,5 @@ class RecordedSource(Closing):
             _log.warning("%s: %d of %d frames are damaged", self._where, self.damaged, len(self._chosen))
 
     def close(self) -> None:
-        """Release the file; harmless when repeated."""
+        """Release the file; may be called repeatedly."""
         self._closed = True

@@ -1,4 +1,4 @@
-"""Camera frames with what the sensor saw drawn on them, as in Alt 2016, Fig. 3.10."""
+"""Camera frames with drawn sensor results, as in Alt 2016, Fig. 3.10."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _SUBPIXEL_BITS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameNotes:
-    """What to draw, all in pixels of the image."""
+    """Annotations of a frame, all in pixels of the image."""
 
     reference_px: Float[np.ndarray, "k 2"] | None = None  #: contour at the robot's side
     front_px: Float[np.ndarray, "k 2"] | None = None  #: contour towards the objects
-    front_valid: Bool[np.ndarray, "k"] | None = None  #: points of it that can be trusted
+    front_valid: Bool[np.ndarray, "k"] | None = None  #: valid points of the front contour
     contacts_px: Sequence[Float[np.ndarray, "m 2"]] = ()  #: front contour inside each contact
     primitives_px: Sequence[Float[np.ndarray, "m 2"]] = ()  #: outlines of the fitted shapes
-    lines: Sequence[str] = field(default=())  #: texts, from the top left downwards
+    lines: Sequence[str] = field(default=())  #: text lines, from the top left downwards
 
 
 def gradient_image(grey: UInt8[np.ndarray, "rows columns"]) -> UInt8[np.ndarray, "rows columns"]:
-    """Strength of the grey-level gradient, dark for none; the 99.5 % quantile is white.
+    """Magnitude of the grey-level gradient, dark for zero; the 99.5 % quantile is white.
 
     Parameters
     ----------
@@ -61,18 +61,18 @@ def annotated_frame(
     split_row: int | None = None,
     split: bool = True,
 ) -> UInt8[np.ndarray, "rows columns 3"]:
-    """The image above, its gradients below, and the contours, contacts and primitives on both.
+    """The image in the upper part, its gradients in the lower part, with contours, contacts and primitives on both.
 
     Parameters
     ----------
     image
         Grey, or blue-green-red.
     notes
-        What to draw.
+        Annotations to draw.
     split_row
-        First row that shows gradients; the middle of the image by default.
+        First row that shows gradients; by default the middle of the image.
     split
-        Whether to show gradients at all.
+        Whether to show gradients.
     """
     import cv2
 
@@ -107,7 +107,7 @@ def annotated_frame(
 def primitive_outline(primitive: Primitive, *, reach_m: float = 0.15) -> Float[np.ndarray, "m 2"]:
     """Points of a primitive's outline in the frame of its parameters [m].
 
-    Lines and the edges of corners, which have no end, are drawn ``reach_m`` long
+    Lines and the edges of corners are infinite; they are drawn ``reach_m`` long
     to each side.
 
     Parameters
@@ -115,7 +115,7 @@ def primitive_outline(primitive: Primitive, *, reach_m: float = 0.15) -> Float[n
     primitive
         Circle, segment, corner or line.
     reach_m
-        Length of what has no end, to each side [m].
+        Drawn length of infinite lines, to each side [m].
 
     Returns
     -------
@@ -136,7 +136,7 @@ def primitive_outline(primitive: Primitive, *, reach_m: float = 0.15) -> Float[n
         ends = [values[:2] + ray(values[2]), values[:2], values[:2] + ray(values[3])]
     else:
         ends = [values[:2] - ray(values[2]), values[:2] + ray(values[2])]
-    # Many points, because a lens bends straight lines.
+    # Many points, because lens distortion bends straight lines.
     steps = np.linspace(0, 1, 40)[:, None]
     return np.vstack([start + steps * (stop - start) for start, stop in pairwise(ends)])
 
@@ -144,11 +144,11 @@ def primitive_outline(primitive: Primitive, *, reach_m: float = 0.15) -> Float[n
 def _polyline(
     canvas: np.ndarray, points_px: np.ndarray, colour: tuple[int, int, int], thickness: int
 ) -> None:
-    """Draw with sub-pixel positions; a point that is not finite interrupts the line."""
+    """Draw with sub-pixel positions; non-finite points interrupt the line."""
     import cv2
 
     points = np.asarray(points_px, dtype=np.float64)
-    # Far points would overflow OpenCV's fixed-point coordinates.
+    # Distant points would overflow OpenCV's fixed-point coordinates.
     good = np.abs(np.nan_to_num(points, nan=np.inf)).max(axis=1, initial=0.0) < 1e5
     for run in np.split(np.arange(len(points)), np.flatnonzero(~good)):
         kept = run[good[run]]

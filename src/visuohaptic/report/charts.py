@@ -1,7 +1,7 @@
-"""The pictures of a run: force against truth, over time and over the strip, the error budget.
+"""Charts of a run: force against truth, over time and along the strip, and the error budget.
 
 Every function takes plain arrays or the types of :mod:`visuohaptic.core` and
-returns a matplotlib figure that belongs to nobody, ready for ``savefig`` or
+returns a matplotlib figure without global state, ready for ``savefig`` or
 :meth:`visuohaptic.report.html_report.Report.figure`.
 """
 
@@ -37,10 +37,10 @@ __all__ = [
 class ForceRun:
     """Forces of one run, sample by sample."""
 
-    name: str  #: shape or object that was pressed
-    truth_N: Float[np.ndarray, "n"]  #: what physics or a reference sensor says
+    name: str  #: name of the pressed shape or object
+    truth_N: Float[np.ndarray, "n"]  #: true force from physics or a reference sensor
     measured_N: Float[np.ndarray, "n"]
-    valid: Bool[np.ndarray, "n"] | None = None  #: all valid when absent
+    valid: Bool[np.ndarray, "n"] | None = None  #: all valid if None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,27 +48,27 @@ class TimeSeries:
     """One quantity over time."""
 
     name: str
-    value: Float[np.ndarray, "n"]  #: in the unit of its axis; NaN where it is not known
+    value: Float[np.ndarray, "n"]  #: in the unit of its axis; NaN if unknown
     sigma: Float[np.ndarray, "n"]  #: declared standard deviation, in the same unit
 
 
 @styled
 def force_against_truth(runs: Sequence[ForceRun]) -> Figure:
-    """Measured force against the truth, as in Alt 2016, Fig. 3.7a, and the error below.
+    """Measured force against the truth, as in Alt 2016, Fig. 3.7a, with the error below.
 
     The curve of each run is a cubic through its valid samples, as in the
-    source; the dashed line is the ideal. The grey band is the promise
-    3 % of the truth, or 0.1 N where that is more.
+    source; the dashed line is the ideal. The grey band is the specification:
+    3 % of the truth, or at least 0.1 N.
 
     Parameters
     ----------
     runs
-        Forces of the runs, a colour each.
+        Forces of the runs, one colour each.
 
     Raises
     ------
     InputError
-        Forces of one run have different lengths.
+        Forces of a run have different lengths.
     """
     figure, (upper, lower) = new_figure(2, 1, size=(7.2, 6.6), height_ratios=(3, 1.4), sharex=True)
     max_N = 1e-3
@@ -113,9 +113,9 @@ def force_over_time(
     events: Sequence[Event] = (),
     title: str = "",
 ) -> Figure:
-    """Force over time with its declared band of two sigma, the truth, and the events.
+    """Force over time with its declared two-sigma band, the truth, and the events.
 
-    Samples that are not valid are crosses on the floor line, named by their
+    Invalid samples are crosses on the zero line, labelled with their
     reason; below is the error against the truth with the same band.
 
     Parameters
@@ -125,17 +125,17 @@ def force_over_time(
     measured_N
         Measured force [N].
     sigma_N
-        Its declared standard deviation [N].
+        Declared standard deviation [N].
     truth_N
-        True force [N]; without it there are no errors below.
+        True force [N]; without it, no errors are shown.
     valid
-        Which samples can be trusted; all without it.
+        Which samples are valid; all by default.
     reasons
-        Why a sample is not valid, one text per sample.
+        Reason of each invalid sample, one text per sample.
     events
-        Marked by name.
+        Events to mark by name.
     title
-        Of the figure.
+        Title of the figure.
 
     Raises
     ------
@@ -183,16 +183,16 @@ def traces_over_time(
     events: Sequence[Event] = (),
     title: str = "",
 ) -> Figure:
-    """Quantities over time, each with its declared band of two sigma, and why samples are not valid.
+    """Quantities over time, each with its declared two-sigma band, and the reasons of invalid samples.
 
     Parameters
     ----------
     t_s, events, title
-        As of :func:`force_over_time`.
+        As in :func:`force_over_time`.
     panels
-        Traces of each pair of axes, by their label with the unit.
+        Traces of each axes, by axis label including the unit.
     reasons
-        ``ok``, or why a sample is not valid, one text per sample: those are crosses.
+        ``ok``, or the reason of an invalid sample, one text per sample; these are drawn as crosses.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _finish(
     figure: Figure, axes: Sequence[Axes], t_s: np.ndarray, good: np.ndarray, reasons: Sequence[str],
     events: Sequence[Event], title: str,
 ) -> None:  # fmt: skip
-    """What is not valid, events, legend, title and the axis of time."""
+    """Add invalid samples, events, legend, title and time axis."""
     upper = axes[0]
     texts = np.array([str(text) for text in reasons] if len(reasons) else [""] * len(t_s), dtype=object)
     colours = [COLOURS[name] for name in ("orange", "pink", "yellow", "grey")]
@@ -243,7 +243,7 @@ def _finish(
 
 
 def _mark_events(axes: Axes, events: Sequence[Event]) -> None:
-    """A line and a name per event; neighbours are written at different heights."""
+    """A line and a name per event; adjacent names have different heights."""
     last_s, level = -np.inf, 0
     low_s, high_s = axes.get_xlim()
     for event in sorted(events, key=lambda event: event.t_s):
@@ -267,14 +267,14 @@ def _mark_events(axes: Axes, events: Sequence[Event]) -> None:
 
 @styled
 def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
-    """Deflection and pressure along the strip, with contacts and points that cannot be trusted.
+    """Deflection and pressure along the strip, with contacts and invalid points.
 
     Parameters
     ----------
     profile
         One frame of a foam sensor.
     title
-        Before time and force.
+        Shown before time and force.
     """
     figure, (upper, lower) = new_figure(2, 1, size=(8.6, 4.8), sharex=True)
     s_mm = 1e3 * profile.s_m
@@ -295,7 +295,7 @@ def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
         axes.plot(s_mm, shown, color=colour, marker=".", ms=3.5)
         axes.plot(s_mm[~good], np.zeros((~good).sum()), "x", color=COLOURS["grey"], ms=5)
         axes.set_ylabel(label)
-        # Where it is pressed; beside that the foam is only drawn along.
+        # Only within the contact; the adjacent foam is merely dragged along.
         axes.fill_between(
             s_mm, 0.0, 1.0, where=profile.pressure_Pa > 0, transform=axes.get_xaxis_transform(),
             color="#f1ede2", lw=0, zorder=0,
@@ -320,7 +320,7 @@ def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
 
 @styled
 def error_budget(budgets: Mapping[str, ErrorBudget]) -> Figure:
-    """Where the uncertainty of each force comes from: standard deviations by cause.
+    """Contributions to the uncertainty of each force: standard deviations by cause.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ def error_budget(budgets: Mapping[str, ErrorBudget]) -> Figure:
 
 
 def _same_length(where: str, *arrays: object, length: int | None = None) -> tuple[np.ndarray, ...]:
-    """Arrays of numbers that belong together sample by sample."""
+    """Check that arrays have equal length."""
     found = tuple(np.asarray(array, dtype=np.float64) for array in arrays)
     lengths = {array.shape for array in found} | ({(length,)} if length is not None else set())
     if len(lengths) != 1 or len(next(iter(lengths))) != 1:

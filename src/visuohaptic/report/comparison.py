@@ -1,4 +1,4 @@
-"""Two records of one force: a run of a sensor beside a scale, another sensor, or another run."""
+"""Comparison of two records of one force: a run against a scale, another sensor, or another run."""
 
 from __future__ import annotations
 
@@ -14,43 +14,43 @@ from .html_report import Report
 
 __all__ = ["ForceComparison", "ForceRecord", "compare_forces", "write_comparison"]
 
-#: Half width of the interval that holds 90 % of a normal variable, in standard deviations.
+#: Half width of the 90 % interval of a normal distribution, in standard deviations.
 _BAND_90 = 1.6449
-#: Offsets of two clocks that are tried: an hour in half frames of 30 Hz, some seconds of computing.
+#: Maximum number of clock offsets tried: an hour in half frames at 30 Hz, some seconds of computation.
 MAX_STEPS = 250_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceRecord:
-    """A force over time, n samples in the order of time."""
+    """A force over time, n samples in temporal order."""
 
     name: str
     t_s: Float[np.ndarray, "n"]
     force_N: Float[np.ndarray, "n"]
-    sigma_N: Float[np.ndarray, "n"]  #: declared standard deviation; 0 where none is declared
+    sigma_N: Float[np.ndarray, "n"]  #: declared standard deviation; 0 if none is declared
     valid: Bool[np.ndarray, "n"]
-    reasons: tuple[str, ...] = ()  #: why a sample is not valid, one text a sample
+    reasons: tuple[str, ...] = ()  #: reasons of invalid samples, one text per sample
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceComparison:
-    """A run beside a reference, on the clock of the run."""
+    """A run and a reference, on the clock of the run."""
 
     run: ForceRecord
     reference: ForceRecord
     expected_N: Float[np.ndarray, "n"]  #: the reference at the samples of the run; NaN beyond its ends
     offset_s: float  #: time of the reference at time 0 of the run
-    offset_sigma_s: float  #: 0 where the offset was given
-    compared: int  #: samples that both read
-    read: float  #: fraction of the run's samples that are valid, of those that the reference covers
+    offset_sigma_s: float  #: 0 if the offset was given
+    compared: int  #: number of samples valid in both
+    read: float  #: fraction of valid samples in the run, among those covered by the reference
     bias_N: float  #: mean of run minus reference
     rms_N: float  #: root mean square of run minus reference
     gain: float  #: run = gain * reference, least squares
-    rms_over_sigma: float  #: root mean square of the error over its declared sigma; 1 if that is honest
+    rms_over_sigma: float  #: root mean square of the error over its declared sigma; 1 if sigma is calibrated
     coverage_90: float  #: fraction of the samples whose reference is inside the declared 90 % interval
 
     def lines(self) -> tuple[str, ...]:
-        """What was found, a line each."""
+        """Summary of the results, as text lines."""
         clock = f"clocks {self.offset_s:+.3f} s apart"
         if self.offset_sigma_s > 0:
             clock += f" +- {self.offset_sigma_s:.3f} s, as the forces agree best"
@@ -65,9 +65,9 @@ class ForceComparison:
 def compare_forces(
     run: ForceRecord, reference: ForceRecord, *, offset_s: float | None = None, max_offset_s: float = 2.0
 ) -> ForceComparison:
-    """Compare a run with a reference that may have another clock.
+    """Compare a run with a reference that may use another clock.
 
-    The reference is interpolated linearly between its samples. Where the offset of the clocks is not given, it is
+    The reference is interpolated linearly between its samples. If the offset of the clocks is not given, it is
     the one with the smallest sum of squares, refined by a parabola whose curvature gives its standard deviation.
 
     Parameters
@@ -77,19 +77,19 @@ def compare_forces(
     reference
         The reference to compare it with.
     offset_s
-        Time of the reference at time 0 of the run [s]; estimated without it.
+        Time of the reference at time 0 of the run [s]; estimated by default.
     max_offset_s
-        How far apart the clocks may be [s].
+        Maximum offset between the clocks [s].
 
     Returns
     -------
     ForceComparison
-        Errors, and whether the declared sigma is what they are.
+        Errors, and their consistency with the declared sigma.
 
     Raises
     ------
     InputError
-        Fewer than ten samples can be compared, or the force does not change, so that it tells no offset.
+        Fewer than ten samples can be compared, or the force is constant, so that the offset is undetermined.
 
     Examples
     --------
@@ -142,14 +142,14 @@ def compare_forces(
 
 
 def write_comparison(comparison: ForceComparison, path: Path | str) -> Path:
-    """Write a page with both forces over time, one against the other, and what they say.
+    """Write a page with both forces over time, a scatter plot, and a summary.
 
     Parameters
     ----------
     comparison
         From :func:`compare_forces`.
     path
-        Of the HTML file.
+        Path of the HTML file.
     """
     run, reference = comparison.run, comparison.reference
     report = Report(
@@ -176,7 +176,7 @@ def write_comparison(comparison: ForceComparison, path: Path | str) -> Path:
 def _at(
     t_s: Float[np.ndarray, "n"], known_s: Float[np.ndarray, "m"], values: Float[np.ndarray, "m"]
 ) -> Float[np.ndarray, "n"]:
-    """Values between samples; NaN beyond the first and the last, and beside one that is NaN."""
+    """Interpolated values; NaN before the first and after the last sample, and next to a NaN sample."""
     return np.interp(t_s, known_s, values, left=np.nan, right=np.nan)
 
 
@@ -187,7 +187,7 @@ def _clock_offset(
     known_N: Float[np.ndarray, "m"],
     max_offset_s: float,
 ) -> tuple[float, float]:
-    """Offset of the reference's clock with which both forces agree best, and its standard deviation [s]."""
+    """Offset of the reference's clock with the best agreement of both forces, and its standard deviation [s]."""
     good = run.valid & np.isfinite(run.force_N)
     t_s, force_N = run.t_s[good], run.force_N[good]
     step_s = 0.5 * float(np.median(np.diff(run.t_s))) if len(run.t_s) > 1 else max_offset_s
@@ -203,7 +203,7 @@ def _clock_offset(
     for k, offset in enumerate(offsets):
         error = force_N - _at(t_s + offset, known_s, known_N)
         inside = np.isfinite(error)
-        # At least half of the run must lie inside the reference: an empty overlap agrees with everything.
+        # At least half of the run must overlap with the reference: an empty overlap agrees with everything.
         if inside.sum() >= max(10, len(t_s) // 2):
             mean_square[k] = float(np.mean(error[inside] ** 2))
     best = int(np.argmin(mean_square))
@@ -226,6 +226,6 @@ def _clock_offset(
         )
     shift = 0.5 * float(lower - upper) / curvature
     least = float(middle) - 0.25 * float(lower - upper) * shift
-    # chi^2 = n * mean square / its least value rises by 1 one standard deviation away.
+    # chi^2 = n * mean square / its minimum increases by 1 at one standard deviation.
     sigma_s = step_s * float(np.sqrt(max(least, 0.0) * 2.0 / (curvature * len(t_s))))
     return float(offsets[best] + shift * step_s), sigma_s

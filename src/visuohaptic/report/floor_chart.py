@@ -25,9 +25,9 @@ class MapObject:
     """One obstacle on a map."""
 
     name: str
-    outline_world_m: Float[np.ndarray, "n 2"]  #: outline on the floor, closed by itself
+    outline_world_m: Float[np.ndarray, "n 2"]  #: outline on the floor, implicitly closed
     tag: HapticTag | None = None
-    end_outline_world_m: Float[np.ndarray, "n 2"] | None = None  #: where it stood after the push
+    end_outline_world_m: Float[np.ndarray, "n 2"] | None = None  #: outline after the push
 
 
 @styled
@@ -50,13 +50,13 @@ def floor_map(
         Side of a cell.
     origin_world_m
         World coordinates of the lower left corner of cell (0, 0); the map is
-        not turned.
+        not rotated.
     path_world_m
         Path of the platform.
     objects
-        Obstacles; each is named, with its tag when it has one, beside all that is drawn.
+        Obstacles; each is labelled with its name, and its tag if it has one, next to the drawing.
     robot_radius_m
-        Size of the platform, which is drawn at the end of its path.
+        Radius of the platform, which is drawn at the end of its path.
     """
     rows, columns = cells.shape
     x_m, y_m = origin_world_m
@@ -98,13 +98,13 @@ def _label(
     extent: tuple[float, float, float, float],
     path_world_m: Float[np.ndarray, "n 2"] | None,
 ) -> None:
-    """Name every object where its label covers no object, no other label, and as little of the path as can be."""
+    """Label every object such that labels cover no object, no other label, and as little of the path as possible."""
     from matplotlib.text import Text
 
     figure = axes.get_figure(root=True)
     assert figure is not None
-    figure.draw_without_rendering()  # the layout decides how large the map is
-    per_px = 1.0 / float(axes.transData.get_matrix()[0, 0])  # metres of the map
+    figure.draw_without_rendering()  # the layout determines the size of the map
+    per_px = 1.0 / float(axes.transData.get_matrix()[0, 0])  # map metres per pixel
     taken = [(*part.min(axis=0), *part.max(axis=0)) for part in drawn]
     path_m = np.zeros((0, 2)) if path_world_m is None else np.asarray(path_world_m)
     for obj, part in zip(objects, drawn, strict=True):
@@ -119,7 +119,7 @@ def _label(
             arrowprops={"arrowstyle": "-", "color": COLOURS["grey"], "lw": 0.8},
             bbox={"facecolor": "white", "edgecolor": "#dde2e8", "alpha": 0.9, "boxstyle": "round,pad=0.3"},
         )
-        # The frame of a label is a third of its letters' height wider than they are.
+        # The frame of a label exceeds its text by a third of the letters' height.
         size_px = np.array(Text.get_window_extent(note).size) + figure.dpi / 72 * 8 * 0.9
         half_m = 0.5 * per_px * size_px
         at = _free_place(part, half_m, taken, path_m, extent)
@@ -134,7 +134,7 @@ def _free_place(
     path_m: Float[np.ndarray, "k 2"],
     extent: tuple[float, float, float, float],
 ) -> Float[np.ndarray, "2"]:
-    """Middle of a label around an object: inside the map and free first, then near, then beside the path."""
+    """Centre of a label around an object: inside the map and free first, then close, then off the path."""
     middle, reach = 0.5 * (part.min(axis=0) + part.max(axis=0)), 0.5 * np.ptp(part, axis=0) + half_m
     best, best_cost = middle, np.inf
     for ring in range(6):

@@ -62,10 +62,10 @@ footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
   figure img, figure svg { max-height: 16cm; width: auto; max-width: 100%; margin: 0 auto; } }
 """
 
-#: The browser itself refuses to load anything for this page.
+#: Makes the browser refuse to load any external content.
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
-#: Pictures with more pixels than this are stored as JPEG.
+#: Images with more pixels are stored as JPEG.
 _LARGE_PX = 200_000
 
 
@@ -79,7 +79,7 @@ class Report:
     title
         Headline of the page.
     about
-        A line below it: what was run, when, with what seed.
+        Subtitle: what was run, when, with which seed.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class Report:
         self._drawings = 0
 
     def section(self, title: str) -> Self:
-        """Start a section; it appears in the list at the top.
+        """Start a section; it is listed in the table of contents.
 
         Parameters
         ----------
@@ -123,12 +123,12 @@ class Report:
         return self
 
     def code(self, text: str) -> Self:
-        """Add a command or a file as it is.
+        """Add a command or a file verbatim.
 
         Parameters
         ----------
         text
-            Shown as it is.
+            Text, shown verbatim.
         """
         self._parts.append(f"<pre>{html.escape(text)}</pre>")
         return self
@@ -140,8 +140,8 @@ class Report:
         ----------
         rows
             One mapping per row; the keys are the headings, with units. Numbers
-            are rounded to four digits, ``None`` reads "not observed" and NaN
-            is a dash.
+            are rounded to four digits, ``None`` is shown as "not observed" and NaN
+            as a dash.
         caption
             One line above the table.
         """
@@ -171,40 +171,40 @@ class Report:
         Parameters
         ----------
         figure
-            Is closed.
+            Figure; it is closed.
         caption
-            One line below.
+            Caption below the figure.
         """
         import matplotlib
 
         self._drawings += 1
         stream = io.StringIO()
-        # A salt per drawing keeps the ids of two drawings on one page apart, and repeatable.
+        # A salt per drawing makes the ids of different drawings unique and reproducible.
         with matplotlib.rc_context({"svg.hashsalt": f"drawing{self._drawings}", "svg.fonttype": "path"}):
             figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
         if (pyplot := sys.modules.get("matplotlib.pyplot")) is not None:
-            pyplot.close(figure)  # else its global list keeps every figure alive
+            pyplot.close(figure)  # otherwise its global list keeps every figure alive
         drawing = stream.getvalue()
         drawing = drawing[drawing.index("<svg") :]
         drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, flags=re.DOTALL)
         return self._picture(_unique_ids(drawing, f"d{self._drawings}-"), caption)
 
     def image(self, image: UInt8[np.ndarray, "rows columns *colour"], caption: str = "") -> Self:
-        """Add a picture, grey or in OpenCV's order blue, green, red.
+        """Add an image, grey or in OpenCV's order blue, green, red.
 
-        Large ones are compressed as WebP: a camera's noise makes a PNG of it thirty times as big.
+        Large images are compressed as WebP: camera noise makes a PNG thirty times as large.
 
         Parameters
         ----------
         image
-            8 bits.
+            8-bit image.
         caption
-            One line below.
+            Caption below the image.
 
         Raises
         ------
         InputError
-            It is not an 8-bit picture.
+            It is not an 8-bit image.
         """
         if image.dtype != np.uint8 or image.ndim not in (2, 3) or 0 in image.shape:
             raise InputError(
@@ -253,14 +253,14 @@ class Report:
         Parameters
         ----------
         path
-            Of the HTML file.
+            Path of the HTML file.
         """
         write_text(path, self.html())
         return Path(path)
 
 
 def _unique_ids(drawing: str, prefix: str) -> str:
-    """Give the ids of one drawing a prefix: every drawing of matplotlib has a "figure_1"."""
+    """Add a prefix to the ids of one drawing: every matplotlib drawing contains a "figure_1"."""
     drawing = re.sub(r'\bid="', f'id="{prefix}', drawing)
     drawing = re.sub(r'href="#', f'href="#{prefix}', drawing)
     return re.sub(r"url\(#", f"url(#{prefix}", drawing)

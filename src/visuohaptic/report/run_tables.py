@@ -12,9 +12,9 @@ __all__ = ["estimate_text", "primitive_text", "tag_text"]
 
 
 def estimate_text(estimate: Estimate | None) -> str | None:
-    """``1.23 ± 0.05``, and ``(spread 0.2)`` when it varies over contacts; ``None`` if not observed.
+    """``1.23 ± 0.05``, with ``(spread 0.2)`` if it varies over contacts; ``None`` if not observed.
 
-    Sigma keeps one digit, or two when it begins with 1 or 2.
+    Sigma is rounded to one digit, or two if it starts with 1 or 2.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def estimate_text(estimate: Estimate | None) -> str | None:
 
 
 def primitive_text(primitive: Primitive | None) -> str | None:
-    """The kind of a primitive and its size, in millimetres and degrees.
+    """Type and size of a primitive, in millimetres and degrees.
 
     Parameters
     ----------
@@ -51,12 +51,12 @@ def primitive_text(primitive: Primitive | None) -> str | None:
 
 
 def tag_text(tag: HapticTag) -> str:
-    """The most informative property of a tag, in a few words.
+    """Short text with the most informative property of a tag.
 
     Parameters
     ----------
     tag
-        Of one object.
+        Tag of one object.
     """
     if tag.fixed:
         return "fixed"

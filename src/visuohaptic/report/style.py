@@ -1,4 +1,4 @@
-"""The look of all figures: colours, axes, and figures that are drawn in it."""
+"""Style of all figures: colours, axes, and creation of figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["COLOURS", "CYCLE", "draw_axes", "new_figure", "styled"]
 
 Given = ParamSpec("Given")
 
-#: Colours that stay apart for colour-blind readers (Okabe and Ito).
+#: Colours that are distinguishable for colour-blind readers (Okabe and Ito).
 COLOURS = {
     "blue": "#0072b2",
     "orange": "#d55e00",
@@ -24,7 +24,7 @@ COLOURS = {
     "grey": "#7a828c",
     "ink": "#1c2430",
 }
-#: Colours of lines in their order.
+#: Line colours in order.
 CYCLE = tuple(COLOURS[name] for name in ("blue", "orange", "green", "pink", "yellow", "sky"))
 
 _STYLE = {
@@ -49,12 +49,12 @@ _STYLE = {
 
 
 def styled(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
-    """Decorator of a function that returns a figure: drawn in the house style, whose change is local.
+    """Decorator of a function that returns a figure: applies the common style locally.
 
     Parameters
     ----------
     draw
-        Makes the figure.
+        Creates the figure.
     """
 
     @wraps(draw)
@@ -71,12 +71,12 @@ def styled(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
 def draw_axes(
     rows: int, columns: int, draw: Callable[..., object], *, size: tuple[float, float] = (9.0, 4.0)
 ) -> Figure:
-    """A figure in the house style, filled by a function.
+    """Create a figure in the common style, filled by a function.
 
     Parameters
     ----------
     rows, columns
-        Of axes.
+        Number of axes.
     draw
         Called with all axes, row by row.
     size
@@ -95,18 +95,18 @@ def new_figure(
     sharex: bool = False,
     height_ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, tuple[Any, ...]]:
-    """A figure that no global list of matplotlib knows.
+    """Create a figure that is not registered in matplotlib's global list.
 
     Parameters
     ----------
     rows, columns
-        Of axes.
+        Number of axes.
     size
         Width and height [in].
     sharex
-        One x axis for all.
+        Share one x axis.
     height_ratios
-        Of the rows.
+        Height ratios of the rows.
     """
     from matplotlib.figure import Figure
 

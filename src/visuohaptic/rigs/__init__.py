@@ -1,4 +1,4 @@
-"""Simulated set-ups wired to the library's sensors, for examples, demo and reproduced figures."""
+"""Simulated set-ups with the library's sensors, for examples, the demo and reproduced figures."""
 
 from ..core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""A small recording to try the sensor on: files as a person with a webcam and a strip of foam has them."""
+"""A small example recording for the foam sensor: files as recorded with a webcam and a strip of foam."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .virtual_sensor import VirtualSensor, rest_scene
 
 __all__ = ["write_example", "write_truth", "write_video"]
 
-#: The 12 cm cylinder goes 8 mm deep and back within this many frames each way.
+#: The 12 cm cylinder is pressed 8 mm deep and retracted, with this number of frames each.
 _DEEPEST_M, _FRAMES = 0.008, 40
 
 
@@ -28,16 +28,16 @@ def write_example(
 ) -> Path:
     """Write press log, camera and sensor files, two videos and the truth.
 
-    ``strain_stress.csv`` is what a press recorded of the foam, ``rest.mp4`` shows
-    the untouched strip, ``push.mp4`` a cylinder that is pressed into it and taken
-    back; ``truth.csv`` has the force of the physics (t_s, force_N, depth_m).
+    ``strain_stress.csv`` is the record of a press on the foam, ``rest.mp4`` shows
+    the untouched strip, ``push.mp4`` a cylinder that is pressed into it and
+    retracted; ``truth.csv`` contains the true force (t_s, force_N, depth_m).
 
     Parameters
     ----------
     folder
-        Folder to write.
+        Output folder.
     seed
-        Seed of all noise.
+        Seed of all noise sources.
     say
         Called with the name of each step.
     """
@@ -68,16 +68,16 @@ def write_example(
 
 
 def write_truth(folder: Path, columns: Sequence[str], rows: Iterable[Iterable[float]]) -> None:
-    """Write ``truth.csv``: what the physics says of each frame.
+    """Write ``truth.csv``: the true values of each frame.
 
     Parameters
     ----------
     folder
         Existing folder.
     columns
-        Names with units.
+        Column names with units.
     rows
-        One for each frame.
+        One row per frame.
     """
     with atomic_path(folder / "truth.csv") as temporary, temporary.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
@@ -88,12 +88,12 @@ def write_truth(folder: Path, columns: Sequence[str], rows: Iterable[Iterable[fl
 def write_video(
     path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, crf: int = 10
 ) -> None:
-    """Write grey images as H.264, 30 a second; sizes must be even.
+    """Write grey images as H.264 at 30 frames per second; sizes must be even.
 
     Parameters
     ----------
     path
-        File to write.
+        Output file.
     images
         Grey images (rows, columns).
     crf
@@ -110,8 +110,8 @@ def write_video(
                 stream.height, stream.width = image.shape
                 stream.pix_fmt = "yuv420p"
                 stream.time_base = Fraction(1, 30)
-                # Grey levels stay as they are only in full range; 10 is close to lossless for noise, which a
-                # search for motion does not make smaller: the quickest preset leaves it out.
+                # Grey levels are preserved only in full range; 10 is close to lossless for noise, which motion
+                # estimation does not reduce: the fastest preset omits it.
                 stream.options = {"crf": str(crf), "preset": "ultrafast", "x264-params": "fullrange=on"}
                 stream.codec_context.color_range = 2
             frame = av.VideoFrame.from_ndarray(image, format="gray")

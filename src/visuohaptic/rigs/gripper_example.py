@@ -1,4 +1,4 @@
-"""A small recording to try the sensor of a finger on: a gripper with foam and an AprilTag closes on a bottle."""
+"""A small example recording for the finger sensor: a gripper with foam and an AprilTag closes on a bottle."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .virtual_gripper import GripperSensor
 
 __all__ = ["write_gripper_example"]
 
-#: The example: the speed of closing [m/s], and when it is filmed, before the contact [s].
+#: The example: closing speed [m/s], and start of the recording before the contact [s].
 _CLOSE_M_S, _BEGIN_S = 0.03, 0.9
-#: Its light and the rate factor of its videos: a few megabytes each.
+#: Illumination and rate factor of its videos: a few megabytes each.
 _DAYLIGHT, _CRF = CameraEffects(1.0, 1.5, vignetting=0.2), 18
 _CLOSING, _OPENING = 20, 20  #: frames each way
 
@@ -28,12 +28,12 @@ def write_gripper_example(
     """Write sensor files, two videos and the truth of a finger with foam and an AprilTag.
 
     ``rest.mp4`` shows the open gripper, ``grip.mp4`` how it closes on a bottle and opens again;
-    ``truth.csv`` has time, force and position of the finger (t_s, force_N, position_m).
+    ``truth.csv`` contains time, force and position of the finger (t_s, force_N, position_m).
 
     Parameters
     ----------
     folder, seed, say
-        As of :func:`~visuohaptic.rigs.foam_example.write_example`.
+        As in :func:`~visuohaptic.rigs.foam_example.write_example`.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -20,13 +20,13 @@ __all__ = ["BOTTLE", "FORCES_N", "Squeeze", "plot_squeeze", "squeeze", "stiffnes
 
 #: Five grasping forces [N].
 FORCES_N = (10.0, 20.0, 35.0, 50.0, 70.0)
-#: A bottle of 7 cm between fingers that are open by 10 cm, 20 N/mm stiff.
+#: A bottle with a diameter of 7 cm and a stiffness of 20 N/mm, between fingers opened by 10 cm.
 BOTTLE = GraspObject(Outline.disc((0.065, 0.0), 0.035), stiffness_N_per_m=2e4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Squeeze:
-    """Reading and truth of the gripper at rest at one force."""
+    """Measurement and truth with the gripper at rest, at one force."""
 
     wanted_N: float
     reading: FingerReading
@@ -34,7 +34,7 @@ class Squeeze:
 
     @property
     def contour_error_m(self) -> Float[np.ndarray, "k"]:
-        """Distance of the measured from the true contour in the fixed frame, at the points of contact."""
+        """Distance between the measured and the true contour in the fixed frame, at the contact points."""
         contacts = self.reading.profile.contacts
         if not contacts:
             return np.zeros(0)
@@ -52,9 +52,9 @@ def squeeze(
     *,
     speed_m_s: float = 0.04,
 ) -> list[Squeeze]:
-    """Close until the sensor reads each force, hold, and read once more.
+    """Close until the sensor measures each force, hold, and measure again.
 
-    The sensor alone controls the gripper; no reading of its drive is used.
+    The gripper is controlled by the sensor alone; readings of its drive are not used.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ def squeeze(
     gripper
         Simulated gripper with the object.
     forces_N
-        Rising forces to hold [N].
+        Increasing forces to hold [N].
     speed_m_s
         Closing speed [m/s].
 
     Raises
     ------
     CalibrationError
-        A force was not reached before the gripper was closed.
+        A force was not reached before the gripper was fully closed.
     """
     found = []
     gripper.move(0.0, speed_m_s)
@@ -79,7 +79,7 @@ def squeeze(
         reading = sensor.read_finger(frame)
         if reading.profile.valid and reading.profile.force_N >= wanted[0]:
             gripper.stop()
-            # The next frame begins after the gripper stopped.
+            # The next frame starts after the gripper has stopped.
             held = sensor.read_finger(gripper.frame())
             found.append(Squeeze(wanted.pop(0), held, gripper.truth(held.profile.t_s)))
             if not wanted:
@@ -91,14 +91,14 @@ def squeeze(
 
 
 def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
-    """Contours in the fixed frame at each force, measured against true.
+    """Plot the contours in the fixed frame at each force, measured and true.
 
     Parameters
     ----------
     found
-        Readings and truth.
+        Measurements and truth.
     path
-        Image to write.
+        Output image.
     """
     from matplotlib.figure import Figure
 
@@ -123,18 +123,18 @@ def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
 
 
 def stiffness_N_per_m(found: Sequence[Squeeze]) -> float:
-    """Slope of force over the displacement of the object's surface (Fig. 3.13), by least squares.
+    """Slope of force over displacement of the object's surface (Fig. 3.13), by least squares.
 
     Parameters
     ----------
     found
-        Readings at two forces at least.
+        Measurements at two or more forces.
     """
     force, way = [], []
     for one in found:
         if not one.reading.profile.contacts:
             continue
-        # The foremost point of the object is where the foam is pressed back most.
+        # The foremost point of the object is where the foam has its maximum deflection.
         way.append(float(np.nanmin(one.reading.contour_m[:, 0])))
         force.append(one.reading.profile.force_N)
     if len(force) < 2:

@@ -1,4 +1,4 @@
-"""A complete beam sensor in the virtual world, and the files that a person with a real one would have."""
+"""A complete simulated beam sensor, with the files of a real one."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ __all__ = [
 ]  # fmt: skip
 
 WRENCH_COLUMNS = ("t_s", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-#: Printed in a usual office: an even light that falls off a little, sensor noise of indoor light.
+#: Templates in a typical office: uniform light with slight vignetting, sensor noise of indoor light.
 _INDOOR = CameraEffects(blur_px=0.8, noise_sigma=3.0, vignetting=0.15, gradient_x=0.1)
-#: The example's light: less noise makes a smaller file.
+#: Illumination of the example: less noise makes smaller files.
 _DAYLIGHT = CameraEffects(blur_px=0.8, noise_sigma=1.5, vignetting=0.15, gradient_x=0.1)
-#: Rate factor of its videos: a few megabytes each.
+#: Rate factor of the videos: a few megabytes each.
 _CRF = 18
 
 
@@ -46,32 +46,32 @@ _CRF = 18
 class VirtualBeam:
     """The beam sensor of Alt 2016, Sec. 3.6.1, with a camera above it.
 
-    Truth: ``rig`` bends a large-deflection rod that shares nothing with the estimator.
+    Truth: ``rig`` bends a large-deflection rod that shares no code with the estimator.
     """
 
     rig: RodRig = field(default_factory=RodRig)
     camera: Camera = field(default_factory=lambda: Camera.simple(1600, 896, 1800.0))
     effects: CameraEffects = _INDOOR
     kind: Literal["tags", "pictures"] = "tags"
-    size_m: float = 0.04  #: of an image, or of the black border of a tag
-    #: ``moving``: a hand holds the camera; ``steady``: it is bolted to the base
+    size_m: float = 0.04  #: size of an image, or of the black border of a tag
+    #: ``moving``: handheld camera; ``steady``: fixed to the base
     view: Literal["moving", "steady"] = "moving"
-    beam: Beam = field(default_factory=Beam)  #: what the sensor believes
+    beam: Beam = field(default_factory=Beam)  #: beam model of the sensor
     frame_rate_Hz: float = 30.0
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The reference first."""
+        """Names of the templates, the reference first."""
         return (self.rig.reference, *self.rig.mounts)
 
     def prints(self) -> dict[str, Print]:
-        """What is stuck to the rod."""
+        """Printed templates on the rod."""
         if self.kind == "tags":
             return {name: print_of_tag(k, self.size_m) for k, name in enumerate(self.names)}
         return {name: print_of_image(collage(k), self.size_m) for k, name in enumerate(self.names)}
 
     def templates(self) -> list[Template]:
-        """What the tracker knows of them."""
+        """Templates for the tracker."""
         if self.kind == "tags":
             return [Template.from_tag(k, size_m=self.size_m, name=name) for k, name in enumerate(self.names)]
         return [
@@ -79,11 +79,11 @@ class VirtualBeam:
         ]
 
     def renderer(self) -> RodRenderer:
-        """The camera above this rod."""
+        """Renderer of the camera above this rod."""
         return RodRenderer(self.rig, self.camera, self.prints(), self.effects)
 
     def T_camera_sensor(self, t_s: float) -> Pose:
-        """Pose of the sensor in the camera frame at a time.
+        """Pose of the sensor in the camera frame at a given time.
 
         Parameters
         ----------
@@ -100,14 +100,14 @@ class VirtualBeam:
         start_s: float = 0.0,
         renderer: RodRenderer | None = None,
     ) -> Iterator[Frame]:
-        """One frame for each wrench at the tip.
+        """Generate one frame for each wrench at the tip.
 
         Parameters
         ----------
         wrenches
             Forces [N] and moments [Nm] at the tip (6).
         rng
-            Source of the noise.
+            Noise source.
         start_s
             Time of the first frame [s].
         renderer
@@ -126,7 +126,7 @@ class VirtualBeam:
         Parameters
         ----------
         folder
-            Folder to write.
+            Output folder.
         """
         folder = Path(folder)
         (folder / "templates").mkdir(parents=True, exist_ok=True)
@@ -160,46 +160,46 @@ class VirtualBeam:
         return folder / "sensor.yaml"
 
     def sensor(self, folder: Path | str) -> TrackedBeam:
-        """The sensor as loaded from its own files; not yet zeroed.
+        """The sensor loaded from its own files; not yet zeroed.
 
         Parameters
         ----------
         folder
-            Folder to write.
+            Output folder.
         """
         path = self.write(folder)
         BeamSensorConfig.load(path)
         return TrackedBeam.load(path)
 
 
-#: The rod hangs upright from its clamp: X of the sensor points along it, down to the tip.
+#: The rod hangs vertically from its clamp: X of the sensor points along it, down to the tip.
 T_TIP_SENSOR = Pose(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), np.zeros(3))
 
 
 def probe_beam() -> VirtualBeam:
-    """A beam sensor with a small camera that is bolted to the clamp.
+    """A beam sensor with a small camera fixed to the clamp.
 
-    At half the pixels across a force is off by three times as much, and a pixel less is a template lost now and
-    then. The rod is soft: at 3 cm/s and ten frames a second a contact grows by 0.27 N a frame.
+    At half the image width, the force error is three times as large; with one pixel less, templates are occasionally
+    lost. The rod is compliant: at 3 cm/s and ten frames per second, a contact force grows by 0.27 N per frame.
     """
     return VirtualBeam(camera=Camera.simple(640, 360, 720.0), view="steady", frame_rate_Hz=10.0)
 
 
-#: The hand hangs from a guided spring of this stiffness [N/m], 5 % of which no data sheet says.
+#: The hand hangs from a guided spring of this stiffness [N/m], with 5 % unknown tolerance.
 WRIST_N_PER_M, WRIST_TOLERANCE = 3000.0, 0.05
-#: Weights that are hung below it before it is used, two images of each [N].
+#: Calibration weights hung below it, two images of each [N].
 WEIGHTS_N = (0.0, 2.0, 4.0, 6.0, 8.0, 0.0)
 
 
 def wrist_beam(rng: np.random.Generator) -> VirtualBeam:
-    """The beam sensor from which a hand hangs: its weight and what it lifts stretch the spring along X.
+    """The beam sensor from which a hand hangs: its weight and payload stretch the spring along X.
 
-    The camera sees a strip of 640 x 192 pixels, 0.4 mm each: ten images tell 1 % of a litre.
+    The camera sees a strip of 640 x 192 pixels, 0.4 mm each: ten images resolve 1 % of a litre.
 
     Parameters
     ----------
     rng
-        Draws what the spring differs from its data sheet.
+        Random generator for the deviation of the spring from its data sheet.
     """
     sheet = Beam(
         diameter_m=0.003,
@@ -214,14 +214,14 @@ def wrist_beam(rng: np.random.Generator) -> VirtualBeam:
 
 
 class BeamCamera:
-    """Looks at the rod of a beam sensor, time by time.
+    """Renders the rod of a beam sensor at given times.
 
     Parameters
     ----------
     virtual
-        Rod and camera, bolted to the clamp.
+        Rod and camera, fixed to the clamp.
     rng
-        Source of the noise.
+        Noise source.
     """
 
     def __init__(self, virtual: VirtualBeam, rng: np.random.Generator) -> None:
@@ -229,14 +229,14 @@ class BeamCamera:
         self._drawn: tuple[np.ndarray, Float32[np.ndarray, "rows columns"]] | None = None
 
     def frame(self, force_N: Float[np.ndarray, "3"], t_s: float, index: int = 0) -> Frame:
-        """Image of the rod under a force on its tip; what stays as it is is drawn once, with new noise.
+        """Image of the rod under a force on its tip; a static scene is rendered once, with new noise.
 
         Parameters
         ----------
         force_N
-            In the sensor's frame.
+            Force in the sensor's frame.
         t_s, index
-            Time [s] and number of the frame.
+            Time [s] and frame number.
         """
         if self._drawn is None or not np.array_equal(self._drawn[0], force_N):
             rig = self.virtual.rig
@@ -247,14 +247,14 @@ class BeamCamera:
 
 
 def weighing_sensor(camera: BeamCamera, folder: Path | str) -> TrackedBeam:
-    """The sensor of its files, zeroed on images of the rod at rest and calibrated with weights, before the time 0.
+    """The sensor from its files, zeroed with images of the rod at rest and calibrated with weights, before time 0.
 
     Parameters
     ----------
     camera
-        Looks at the rod.
+        Camera of the rod.
     folder
-        Folder to write the files of the sensor to.
+        Output folder of the sensor's files.
     """
     sensor = camera.virtual.sensor(folder)
     loads = np.zeros((20 + 2 * len(WEIGHTS_N), 6))
@@ -268,21 +268,21 @@ def weighing_sensor(camera: BeamCamera, folder: Path | str) -> TrackedBeam:
     valid = np.flatnonzero([wrench.valid for wrench in read])
     observed = np.array([[*read[k].force_N, *read[k].moment_Nm] for k in valid])
     record = LoadRecord(loads[20:][valid], observed, "wrench", valid + 1, "weights")
-    # The reference template, seen in all these frames already, is not begun anew.
+    # The reference template is already tracked in all these frames and is not reset.
     sensor.sensor.correction = calibrate_beam(record, camera.virtual.beam).correction
     return sensor
 
 
 @dataclass
 class VirtualProbe(ProbeCell):
-    """A ``ProbeCell`` whose frames show the rod; its spring is that of the rod across its axis."""
+    """A ``ProbeCell`` whose frames show the rod; its spring is the transverse stiffness of the rod."""
 
     frame_rate_Hz: float = 10.0
     virtual: VirtualBeam = field(default_factory=probe_beam)
 
     def __post_init__(self) -> None:
         self.frame_rate_Hz = self.virtual.frame_rate_Hz
-        # Large deflections make it stiffer by 0.2 % at half a newton.
+        # Large deflections increase the stiffness by 0.2 % at half a newton.
         half_N = np.array([0.0, 0.5, 0.0])
         self.stiffness_N_per_m = 0.5 / float(self.virtual.rig.rod.bend(half_N).points_m[-1, 1])
         self._view = BeamCamera(self.virtual, self.rng)
@@ -293,19 +293,19 @@ class VirtualProbe(ProbeCell):
         return self.virtual.camera
 
     def image(self, t_s: float) -> UInt8[np.ndarray, "rows columns"]:
-        """The rod as it is bent now.
+        """The rod in its current bent shape.
 
         Parameters
         ----------
         t_s
-            The world's time [s].
+            Simulation time [s].
         """
         force_N = (self.arm.true_pose() @ T_TIP_SENSOR).rotation.T @ self.load_N()
         return self._view.frame(force_N, t_s).image
 
 
 def push_and_twist(frames: int = 90) -> Float[np.ndarray, "frames 6"]:
-    """The load of the example: F_Y up and down, then F_Z, then both with F_X and a moment about X."""
+    """The load of the example: F_Y increasing and decreasing, then F_Z, then both with F_X and a moment about X."""
     rise = np.sin(np.linspace(0, np.pi, frames // 3 + 1)[:-1]) ** 2
     loads = np.zeros((3, len(rise), 6))
     loads[0, :, 1] = 2.0 * rise
@@ -319,13 +319,13 @@ def write_beam_example(
 ) -> Path:
     """Write sensor files, two videos and the truth.
 
-    ``rest.mp4`` shows the untouched sensor, ``push.mp4`` forces along Y and Z, then a mixed
-    load; a hand holds the camera. ``truth.csv`` has the load of the physics.
+    ``rest.mp4`` shows the unloaded sensor, ``push.mp4`` forces along Y and Z, then a mixed
+    load, with a handheld camera. ``truth.csv`` contains the true load.
 
     Parameters
     ----------
     folder, seed, say
-        As of :func:`~visuohaptic.rigs.foam_example.write_example`.
+        As in :func:`~visuohaptic.rigs.foam_example.write_example`.
     """
     folder = Path(folder)
     virtual = VirtualBeam(effects=_DAYLIGHT)

@@ -1,4 +1,4 @@
-"""A bottle, an opener on a beam sensor and a camera in the virtual world, off by as much as is asked for."""
+"""A simulated bottle, an opener on a beam sensor and a camera, with given initial errors."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ..tasks.manipulation.crown_cap_records import CapOpening, CapSettings
 
 __all__ = ["CapSensor", "OpenerTrial", "open_virtual_cap", "virtual_opener"]
 
-#: Places of the scanning motion [m].
+#: Positions of the scanning motion [m].
 SCAN_M = ((0.4, 0.0, 0.6), (0.5, 0.1, 0.5))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenerTrial:
-    """One bottle: what the task says, and what is the case."""
+    """One bottle: result of the task, and truth."""
 
     seed: int
     opening: CapOpening
@@ -33,24 +33,24 @@ class OpenerTrial:
 
     @property
     def right(self) -> bool:
-        """Whether the claim is true: open when it says so, and else a stated failure."""
+        """Whether the reported result is correct: open if reported so, otherwise a stated failure."""
         return self.really_open if self.opening.opened else bool(self.opening.ending.why)
 
 
 class CapSensor(Protocol):
-    """What reads the wrench on the opener."""
+    """A sensor of the wrench on the opener."""
 
-    rod: OpenerBeam  #: that carries it
+    rod: OpenerBeam  #: rod that carries the opener
 
     def reader(self, cell: CrownCapCell, rng: np.random.Generator) -> Callable[[Frame], Wrench]:
-        """A function that reads the wrench from the frames of a cell, axes of the tool.
+        """A function that measures the wrench from the frames of a cell, in the axes of the tool.
 
         Parameters
         ----------
         cell
             Simulated cell.
         rng
-            Source of its noise.
+            Noise source.
         """
         ...
 
@@ -64,22 +64,22 @@ def virtual_opener(
     duration_s: float = 240.0,
     beam: OpenerBeam | None = None,
 ) -> CrownCapCell:
-    """The cell of one seed.
+    """Create the cell of one seed.
 
     Parameters
     ----------
     seed
         Seed of the cell.
     sight
-        What the camera knows near the cap: ``start`` no more than the start error, up to
-        ``error_m`` on each axis; ``corner`` exactly that much on each axis; ``tracked`` what
-        Table 3.1 says: a millimetre aside and a centimetre in height, and two millimetres of the arm.
+        Accuracy of the camera near the cap: ``start`` no better than the initial error, up to
+        ``error_m`` on each axis; ``corner`` exactly that error on each axis; ``tracked`` as in
+        Table 3.1: a millimetre laterally and a centimetre in height, and two millimetres of the arm.
     error_m, error_rad
-        Start errors: place on each axis, and angle of the tool about a random axis.
+        Initial errors: position on each axis, and angle of the tool about a random axis.
     duration_s
         Maximum simulated time [s].
     beam
-        The rod that carries the opener.
+        Rod that carries the opener.
     """
     rng = np.random.default_rng(seed)
     cap = np.array([0.5, 0.1, 0.25]) + rng.uniform(-0.05, 0.05, 3)
@@ -117,7 +117,7 @@ def open_virtual_cap(
     sight
         As in :func:`virtual_opener`.
     sensor
-        Reads the wrench from images of the bending rod; by default it is the truth with noise.
+        Measures the wrench from images of the bending rod; by default the truth with noise.
     """
     cell = virtual_opener(seed, sight, beam=None if sensor is None else sensor.rod)
 

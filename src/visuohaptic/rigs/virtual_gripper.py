@@ -1,4 +1,4 @@
-"""A gripper's foam sensor in the virtual world: pressed, calibrated, stripe learnt, zeroed, as one would a real one."""
+"""A simulated foam sensor of a gripper: pressed, calibrated, stripe trained, and zeroed like a real one."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ __all__ = ["STRIP", "TRACKING", "GripperSensor", "VirtualHand", "finger_sensor"]
 
 @dataclass
 class GripperSensor:
-    """What it takes to simulate a gripper's foam sensor, and the files that describe it."""
+    """Parameters for the simulation of a gripper's foam sensor, and its files."""
 
     geometry: FoamStripGeometry = ROD
     law: StripLaw = RUBBER_FOAM
@@ -54,7 +54,7 @@ class GripperSensor:
     stripe: bool = True
     effects: CameraEffects = field(default_factory=lambda: CameraEffects(1.0, 3.0, vignetting=0.2))
     press_sigma_N: float = 0.15  #: noise of the press's force sensor
-    spacing_m: float = 0.002  #: of the contour's points
+    spacing_m: float = 0.002  #: spacing of the contour points
 
     def gripper(
         self,
@@ -68,7 +68,7 @@ class GripperSensor:
         Parameters
         ----------
         objects, rng
-            As of :class:`.VirtualGripper`.
+            As in :class:`.VirtualGripper`.
         occluders
             Objects in front of the scene.
         tag
@@ -84,12 +84,12 @@ class GripperSensor:
         return VirtualGripper(objects, rng=rng, view=view, geometry=self.geometry, law=self.law)
 
     def write(self, folder: Path | str, rng: np.random.Generator, **config: Any) -> Path:
-        """Press the foam, calibrate it and write all files but the zero reference; returns ``sensor.yaml``.
+        """Press and calibrate the foam, and write all files except the zero reference; returns ``sensor.yaml``.
 
         Parameters
         ----------
         folder, rng, config
-            As of :meth:`.VirtualSensor.build`.
+            As in :meth:`.VirtualSensor.build`.
         """
         folder, rod = Path(folder), self.geometry
         calibrate_by_press(folder, rod, self.law, self.press_sigma_N, rng)
@@ -124,7 +124,7 @@ class GripperSensor:
         Parameters
         ----------
         folder, rng, zero_frames, config
-            As of :meth:`.VirtualSensor.build`.
+            As in :meth:`.VirtualSensor.build`.
         """
         sensor = FingerSensor.load(self.write(folder, rng, **config))
         frames = self.gripper(rng=rng)
@@ -133,20 +133,20 @@ class GripperSensor:
         return sensor
 
 
-#: How the finger looks to its sensor: black foam on bare metal.
+#: Appearance of the finger: black foam on bare metal.
 TRACKING = {"base_is": "brighter", "foam_is": "darker"}
-#: Its strip, read every two millimetres [m].
+#: The strip, measured every two millimetres [m].
 STRIP = {"length_m": 0.06, "spacing_m": 0.002}
-#: The finger is followed in steps of at most this [m]: the foam remembers the way.
+#: Maximum step of the finger in the simulation [m]: the foam has hysteresis.
 STEP_M = 1e-4
-#: How much of the container is above the foam, and how far below it the table is [m].
+#: Height of the container above the foam, and distance of the table below it [m].
 TOP_M, FLOOR_M = 0.05, 0.12
 
 
 def finger_sensor() -> VirtualSensor:
-    """Foam rubber on a finger, and a small camera on it 12 cm away: 0.2 mm a pixel.
+    """Foam rubber on a finger, with a small camera at a distance of 12 cm: 0.2 mm per pixel.
 
-    A third of its depth carries some 20 N of a wall as round as a bottle's, half of it the 54 N of the firmest squeeze.
+    A third of its depth supports about 20 N from a wall with the curvature of a bottle, half of it the maximum grasp force of 54 N.
     """
     return VirtualSensor(
         geometry=FoamStripGeometry(length_m=0.06, width_m=0.015, height_m=0.015, spacing_m=0.001),
@@ -160,15 +160,15 @@ def finger_sensor() -> VirtualSensor:
 
 @dataclass
 class VirtualHand(KitchenTable):
-    """A ``KitchenTable`` whose frames show the foam of one finger; the other finger does the same from across.
+    """A ``KitchenTable`` whose frames show the foam of one finger; the other finger is its mirror image.
 
-    Another camera looks at the beam from which the hand hangs: see :meth:`wrist_frame`.
+    Another camera observes the beam from which the hand hangs: see :meth:`wrist_frame`.
     """
 
-    #: Closing by 12 mm/s, a finger comes 0.3 mm nearer from frame to frame: 1 N where the wall does not give way.
+    #: When closing at 12 mm/s, a finger moves 0.3 mm per frame: 1 N if the wall is rigid.
     frame_rate_Hz: float = 20.0
     finger: VirtualSensor = field(default_factory=finger_sensor)
-    wrist: VirtualBeam | None = None  #: from which it hangs; by default a :func:`.wrist_beam`
+    wrist: VirtualBeam | None = None  #: beam from which it hangs; by default a :func:`.wrist_beam`
 
     def __post_init__(self) -> None:
         wrist = self.wrist or wrist_beam(self.rng)
@@ -187,18 +187,18 @@ class VirtualHand(KitchenTable):
         return self.finger.rig.camera
 
     def image(self, t_s: float) -> UInt8[np.ndarray, "rows columns"]:
-        """The finger's foam and what is in front of it.
+        """The finger's foam and the scene in front of it.
 
         Parameters
         ----------
         t_s
-            The world's time [s].
+            Simulation time [s].
         """
         camera, effects = self.camera, self.finger.effects
         if self.arm.t_s >= self.blind_at_s:
             return np.zeros((camera.height, camera.width), np.uint8)
         wall, radius = self._wall(), self._radius()
-        # What stands still is drawn once (to a tenth of a micrometre); its noise is that of each frame.
+        # A static scene is rendered once (to a tenth of a micrometre); every frame has its own noise.
         state = np.round(np.append(self._front_m, [[radius, wall.vertices_m[0, 0]]], axis=0), 7)
         if self._drawn is None or not np.array_equal(self._drawn[0], state):
             bodies = (SceneObject(wall.polygon_m(), TOP_M, 150.0, 8.0),) if radius > 0 else ()
@@ -207,16 +207,16 @@ class VirtualHand(KitchenTable):
         return effects.developed(self._drawn[1], np.full(camera.height, t_s), self.rng)[..., 0]
 
     def wrist_frame(self) -> Frame:
-        """The beam from which the hand hangs, now."""
+        """Current image of the beam from which the hand hangs."""
         return self.wrist_camera.frame(np.array([self.load_N, 0.0, 0.0]), self.arm.t_s)
 
     def _wall(self) -> Outline:
-        """The container's section in the frame of the finger, as far as it has given way."""
+        """The deformed container's section in the frame of the finger."""
         front_m, radius = self.finger.geometry.width_m, self._radius()
         return Outline.disc((front_m + 0.5 * self._opening + self.deformation_m, 0.0), max(radius, 1e-3))
 
     def _balance(self) -> None:
-        """Press the foam by as much as wall and foam together are shorter than the fingers leave room for."""
+        """Press the foam until the deformations of wall and foam together match the opening of the fingers."""
         self._fall()
         radius = self._radius()
         short = radius - 0.5 * self._opening
@@ -230,10 +230,10 @@ class VirtualHand(KitchenTable):
             self._press(radius, float(reached))
 
     def _press(self, radius_m: float, short_m: float) -> None:
-        """One step: the wall gives way by what the foam's last stiffness predicts, then the foam is pressed.
+        """One step: deform the wall according to the foam's last stiffness, then press the foam.
 
-        What is left of the balance goes into the next step: foam that is pressed too far and let go again would
-        remember it as unloading.
+        The remaining imbalance is left to the next step: pressing the foam too far and releasing it would
+        be recorded as unloading.
         """
         foam, height = short_m - self.deformation_m, self._height()
         before_m = self._short_m - self.deformation_m

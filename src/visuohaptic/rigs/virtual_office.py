@@ -1,4 +1,4 @@
-"""Figure 4.6 of the dissertation rebuilt, with the haptic tags of its Table 4.1 where they stand in it."""
+"""Reconstruction of Figure 4.6 of the dissertation, with the haptic tags of its Table 4.1."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ ROBOT = RobotModel(0.17)
 
 
 def tag(**values: float | bool | int | None) -> HapticTag:
-    """A tag from plain numbers, as in ``objects.yaml``.
+    """Create a tag from plain numbers, as in ``objects.yaml``.
 
     Parameters
     ----------
     values
-        Fields of the tag; floats become estimates without uncertainty.
+        Fields of the tag; floats become estimates with unspecified uncertainty.
     """
     given: dict[str, Any] = {
         name: Estimate(value, 0.0) if isinstance(value, float) else value for name, value in values.items()
@@ -47,7 +47,7 @@ def tag(**values: float | bool | int | None) -> HapticTag:
     return HapticTag(**given)
 
 
-#: Table 4.1 of the dissertation, in its roles of figure 4.6.
+#: Table 4.1 of the dissertation, for the roles of Figure 4.6.
 STOOL = tag(static_friction_N=8.1, dynamic_friction_N=7.5, deformability=0.08, drift=0.03, explored=1)
 TABLE = tag(static_friction_N=15.9, dynamic_friction_N=15.9, deformability=0.0, drift=0.03, explored=1)
 TOWER = tag(static_friction_N=15.3, deformability=0.0, fixed=True, explored=1)
@@ -76,7 +76,7 @@ def box(
 
 
 def with_objects(grid: OccupancyMap, objects: list[MovableObject]) -> OccupancyMap:
-    """The map with every cell occupied whose centre is in an object, as a mapper would leave it.
+    """Mark every cell whose centre is inside an object as occupied, like a mapping system.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def rooms(width_m: float, height_m: float, walls: list[tuple[float, float, float
 
 
 def office(goal_m: tuple[float, float] = (2.45, 1.5)) -> PlanningProblem:
-    """Figure 4.6: a stool in a gap, a table before a room, a fixed tower, and bins that block nothing.
+    """Figure 4.6: a stool in a gap, a table in front of a room, a fixed tower, and bins that block nothing.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def office(goal_m: tuple[float, float] = (2.45, 1.5)) -> PlanningProblem:
         6.0,
         4.6,
         [
-            (1.85, 0.0, 2.7, 0.45),  # the gap is from 0.45 to 1.25, the stool stands behind it
+            (1.85, 0.0, 2.7, 0.45),  # the gap is from 0.45 to 1.25, the stool is behind it
             (1.85, 1.25, 1.95, 3.7),
             (4.2, 2.6, 4.9, 2.7),  # the room in the top right, its door from 4.9 to 5.6
             (5.6, 2.6, 6.0, 2.7),
@@ -147,12 +147,12 @@ def office(goal_m: tuple[float, float] = (2.45, 1.5)) -> PlanningProblem:
 
 
 def write_office_example(folder: Path | str) -> Path:
-    """Write the office as files of the plan verb: map, objects with their tags, robot.
+    """Write the office as input files of the plan verb: map, objects with their tags, robot.
 
     Parameters
     ----------
     folder
-        Folder to write.
+        Output folder.
     """
     folder, problem = Path(folder), office()
     folder.mkdir(parents=True, exist_ok=True)

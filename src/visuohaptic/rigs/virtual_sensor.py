@@ -1,4 +1,4 @@
-"""A complete foam sensor in the virtual world: pressed, calibrated, mounted, zeroed, as one would a real one."""
+"""A complete simulated foam sensor: pressed, calibrated, mounted and zeroed like a real one."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from ..simulation.rendering.scene import FoamScene
 
 __all__ = ["VirtualSensor", "calibrate_by_press", "rest_scene"]
 
-#: Imperfections of the camera in demos and benchmarks: a usual webcam in indoor light.
+#: Imperfections of the camera in demos and benchmarks: a typical webcam in indoor light.
 WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
 
 
 def rest_scene(geometry: FoamStripGeometry) -> FoamScene:
-    """The strip with nothing in front of it.
+    """The strip without any object.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def calibrate_by_press(
     press_sigma_N: float,
     rng: np.random.Generator,
 ) -> None:
-    """Write ``strain_stress.csv`` from a simulated press and ``foam.yaml`` from that, as a user would.
+    """Write ``strain_stress.csv`` from a simulated press, and calibrate ``foam.yaml`` from it.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def calibrate_by_press(
     press_sigma_N
         Standard deviation of the press's force sensor [N].
     rng
-        Source of that noise.
+        Noise source.
     """
     rows = calibration_press(
         geometry=FoamStripGeometry(geometry.length_m, geometry.width_m, geometry.height_m, spacing_m=0.002),
@@ -77,11 +77,11 @@ def calibrate_by_press(
 
 @dataclass
 class VirtualSensor:
-    """What it takes to simulate a foam sensor, and the files that describe it.
+    """Parameters for the simulation of a foam sensor, and its files.
 
     ``build`` writes ``strain_stress.csv`` from a simulated press, calibrates it to
     ``foam.yaml``, writes ``camera.yaml`` and ``sensor.yaml``, and takes the zero
-    reference from rendered frames: the estimator gets nothing else.
+    reference from rendered frames: the estimator receives nothing else.
     """
 
     geometry: FoamStripGeometry = field(default_factory=lambda: FoamStripGeometry(spacing_m=0.001))
@@ -107,11 +107,11 @@ class VirtualSensor:
         folder
             Existing folder that receives the files.
         rng
-            Source of the noise of press and camera.
+            Noise source of press and camera.
         zero_frames
             Number of frames of the zero reference.
         config
-            Further sections of ``sensor.yaml``.
+            Additional sections of ``sensor.yaml``.
         """
         folder = Path(folder)
         calibrate_by_press(folder, self.geometry, self.law, self.press_sigma_N, rng)
@@ -128,7 +128,7 @@ class VirtualSensor:
         return sensor
 
     def renderer(self) -> SceneRenderer:
-        """The camera above this strip."""
+        """Renderer of the camera above this strip."""
         return SceneRenderer(self.rig.camera, self.rig.T_camera_foam, self.look, self.effects)
 
     def rest_frames(self, rng: np.random.Generator, count: int) -> list[Frame]:
@@ -137,7 +137,7 @@ class VirtualSensor:
         Parameters
         ----------
         rng
-            Source of the noise.
+            Noise source.
         count
             Number of frames.
         """

@@ -1,4 +1,4 @@
-"""A room mapped by touch in the virtual world, and how right the map is (Alt 2016, Fig. 3.11)."""
+"""Simulated mapping of a room by touch, and evaluation of the map (Alt 2016, Fig. 3.11)."""
 
 from __future__ import annotations
 
@@ -23,38 +23,38 @@ if TYPE_CHECKING:
 
 __all__ = ["MapScore", "RoomTrial", "map_virtual_room", "score_map"]
 
-#: Radius around contact points in which a map is judged (m).
+#: Radius around contact points in which a map is evaluated [m].
 AROUND_M = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class MapScore:
-    """The map against the truth, in the cells around the contacts."""
+    """Evaluation of the map against the truth, in the cells around the contacts."""
 
     occupied_iou: float
     free_iou: float
-    flags_right: int  #: contacts whose movable flag is right
+    flags_right: int  #: contacts with a correct movable flag
     contacts: int
-    mixed: int  #: movable objects that were touched and stand in the layer of the fixed ones
+    mixed: int  #: touched movable objects that are in the layer of fixed ones
 
     @property
     def iou(self) -> float:
-        """Mean of both."""
+        """Mean of both intersections over union."""
         return 0.5 * (self.occupied_iou + self.free_iou)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomTrial:
-    """One room."""
+    """Result for one room."""
 
     room: TouchRoom
     mapping: TouchMapping
-    touched: tuple[tuple[str, float, float], ...]  #: of each contact: object, and where it was then
+    touched: tuple[tuple[str, float, float], ...]  #: for each contact: object, and its position at that time
     score: MapScore
 
 
 def map_virtual_room(seed: int, contacts: int = 22) -> RoomTrial:
-    """Map the room of a seed with the quick foam and drifting odometry.
+    """Map the room of a seed with the fast foam model and drifting odometry.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def map_virtual_room(seed: int, contacts: int = 22) -> RoomTrial:
     """
     room, rng = touch_room(seed), np.random.default_rng(seed)
     x, y, heading = room.start
-    # The bumper covers the whole front: a corner of the hull beside it would be blind.
+    # The bumper covers the whole front: an uncovered corner of the hull could not sense contacts.
     config = PlatformConfig(
         x_m=x, y_m=y, heading_rad=heading, width_m=0.28, strip=FoamStripGeometry(0.3, spacing_m=0.002)
     )
@@ -75,7 +75,7 @@ def map_virtual_room(seed: int, contacts: int = 22) -> RoomTrial:
     touched: list[tuple[str, float, float]] = []
 
     def note(contact: HapticContact, so_far: HapticMap) -> None:
-        # The object whose surface is nearest to where the foam is.
+        # The object whose surface is closest to the foam.
         cx, cy, _ = world.platform_pose()
         name = world.last_touched
         touched.append((name, *world.places.get(name, (cx, cy))))
@@ -94,8 +94,8 @@ def map_virtual_room(seed: int, contacts: int = 22) -> RoomTrial:
 def score_map(room: TouchRoom, mapping: TouchMapping, touched: list[tuple[str, float, float]]) -> MapScore:
     """Occupied and free intersection over union around the contacts.
 
-    Judged are the cells within ``AROUND_M`` of a contact point, but for those deeper
-    than a wall behind a surface: nobody has felt them. Unknown counts as neither.
+    Evaluated are the cells within ``AROUND_M`` of a contact point, except those deeper
+    than a wall behind a surface, which cannot be touched. Unknown counts as neither.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def score_map(room: TouchRoom, mapping: TouchMapping, touched: list[tuple[str, f
     solid = room.occupied(places)
     near &= ~room.occupied(places, grow_m=-WALL_M)
     wide, deep = room.size_m
-    # What is outside the walls has not been felt either.
+    # The area outside the walls cannot be touched either.
     inside = (
         (places >= -WALL_M).all(axis=-1)
         & (places[..., 0] <= wide + WALL_M)

@@ -1,4 +1,4 @@
-"""Pixels only: contours along lines, templates and tags, point flow, homographies (Alt 2016, Sec. 2.3)."""
+"""Image tracking: contours along lines, templates and tags, point flow, homographies (Alt 2016, Sec. 2.3)."""
 
 from ..core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""The damped normal equations of small problems, and the median of a few values, compiled."""
+"""Compiled kernels: damped normal equations of small problems, and the median of a few values."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 
@@ -23,7 +23,7 @@ def solve_step(matrix, vector, active, damping, step):
     ----------
     matrix, vector
         M (m, m) and v (m,).
-    active
+    Unknowns to solve for, (m,).
         Unknowns that are solved for, (m,).
     damping
         Relative to the diagonal.
@@ -68,14 +68,14 @@ def solve_step(matrix, vector, active, damping, step):
 
 @kernel(error_model="numpy", nogil=True)
 def median(values, count, work):
-    """Median of the first ``count`` > 0 values, by Hoare's selection: numba's own costs a second to compile.
+    """Median of the first ``count`` > 0 values, by Hoare's selection: numba's own takes a second to compile.
 
     Parameters
     ----------
     values
         Numbers, (n,); not changed.
     count
-        How many of them, 1 to n.
+        Number of values, 1 to n.
     work
         Overwritten, (n,).
     """
@@ -94,7 +94,7 @@ def median(values, count, work):
                 work[i], work[j] = work[j], work[i]
                 i += 1
                 j -= 1
-        # Now all up to j are at most the pivot, and all from i on at least.
+        # Now all values up to j are at most the pivot, and all from i on at least.
         low, high = (low, j) if middle <= j else ((i, high) if middle >= i else (middle, middle))
     if count % 2 == 1:
         return work[middle]

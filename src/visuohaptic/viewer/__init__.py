@@ -1,4 +1,4 @@
-"""The page in the browser, bound to this machine only."""
+"""Browser pages for visualisation, served on localhost only."""
 
 from ..core.front_door import attach
 

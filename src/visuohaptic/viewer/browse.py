@@ -1,4 +1,4 @@
-"""One page for many things: pick one, see it, click it."""
+"""A page with several selectable views."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _log = logging.getLogger(__name__)
 
 
 class BrowsePage(Page):
-    """A page on this machine that shows one of several views at a time.
+    """A page served on localhost that shows one of several views at a time.
 
     Parameters
     ----------
     views
-        What can be picked; the first is shown.
+        Selectable views; the first is shown.
     port
-        TCP port on 127.0.0.1; the next free one is taken when it is in use.
+        TCP port on 127.0.0.1; if it is in use, the next free one.
     title
         Headline of the page.
 
@@ -51,16 +51,16 @@ class BrowsePage(Page):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the views."""
+        """Titles of the views."""
         return tuple(self._views)
 
     @property
     def stage(self) -> Stage:
-        """Where the view is drawn."""
+        """Stage on which the view is drawn."""
         return self._stage
 
     def open(self, name: str) -> None:
-        """Show one view instead of the other.
+        """Switch to another view.
 
         Parameters
         ----------
@@ -71,7 +71,7 @@ class BrowsePage(Page):
             raise InputError("BrowsePage", f"found {name!r}, expected one of {', '.join(self._views)}")
         with self._lock:
             if self._choice.value != name:
-                self._choice.value = name  # which opens it
+                self._choice.value = name  # whose callback opens it
                 return
             self._open(name)
 

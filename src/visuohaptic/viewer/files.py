@@ -1,4 +1,4 @@
-"""Which view a file asks for."""
+"""Selection of the view for a file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MAX_BYTES = 64 << 20
 
 
 def open_views(sources: Sequence[Path | str], task: GraspTask | None = None) -> list[View]:
-    """Views of files and shipped classes, in their order.
+    """Create views of files and shipped classes, in the given order.
 
     ``.npz`` a stiffness map; ``.ply`` a surface, completed or not; ``.stl .obj .glb .dae`` a container;
     ``.yaml`` a container or a map of map_server, ``.json`` a plan, which is drawn on the map before
@@ -86,7 +86,7 @@ def _map_view(path: Path) -> MapView:
 
 
 def _is_map(path: Path) -> bool:
-    """map_server's YAML names a picture; a container has sections."""
+    """Whether it is a map_server YAML file, which names an image; a container has sections."""
     return any(line.startswith("image:") for line in read_text(path, _MAX_BYTES).splitlines())
 
 

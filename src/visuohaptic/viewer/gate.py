@@ -1,4 +1,4 @@
-"""Access to the page on this machine: only with its secret, and only from the page itself."""
+"""Access control of the local page: requires its secret, and only the page itself may connect."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ..core.errors import VisuohapticError
 __all__ = ["Gate", "reported"]
 
 _log = logging.getLogger(__name__)
-#: Of the connections themselves: malformed requests and lost browsers are no news, however many there are.
+#: Of the connections themselves: malformed requests and lost browsers are logged separately from the page's events.
 _connections_log = logging.getLogger(f"{__name__}.connections")
 _connections_log.setLevel(logging.CRITICAL)
 
-#: What a browser of this machine writes into ``Host``; any other name reached us by a foreign name server.
+#: Values of ``Host`` sent by a local browser; other names come from an external name server (DNS rebinding).
 _LOCAL_HOST = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?", re.IGNORECASE)
-#: Largest message of a browser [bytes]: camera poses, clicks and values of widgets take a few hundred.
+#: Maximum message size of a browser [bytes]: camera poses, clicks and widget values take a few hundred.
 MAX_MESSAGE_BYTES = 1 << 20
-#: Browsers at once; each gets every picture.
+#: Maximum number of simultaneous browsers; each receives every image.
 MAX_BROWSERS = 16
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -38,23 +38,23 @@ _PATCHING = threading.Lock()
 
 
 class Gate:
-    """Refuses requests with a foreign ``Host`` or ``Origin``, or without the secret of the page's address."""
+    """Rejects requests with a foreign ``Host`` or ``Origin``, or without the secret of the page's address."""
 
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(24)  #: first part of the path of every request
-        self.closed = True  #: whether no server asks this gate
+        self.closed = True  #: whether no server uses this gate
         self._browsers = 0
         self._misread = 0
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str:
-        """Why a request is refused; empty when it is let in.
+        """Why a request is rejected; empty if it is accepted.
 
         Parameters
         ----------
         path
             Path of the request, with its query.
         headers
-            Headers of the request; a name that is there twice raises.
+            Headers of the request; a duplicate name raises an exception.
         """
         try:
             host, origin = headers.get("Host", ""), headers.get("Origin")
@@ -71,9 +71,9 @@ class Gate:
 
     @contextmanager
     def guarding(self) -> Iterator[None]:
-        """Put this gate before the server that viser starts inside; it has no setting for one.
+        """Install this gate in the server that viser starts inside the block; viser has no setting for it.
 
-        Stays ``closed`` when viser starts its server in another way than known here.
+        Remains ``closed`` if viser starts its server in an unknown way.
         """
         library: Any = import_module("websockets.asyncio.server")
         with _PATCHING:
@@ -111,7 +111,7 @@ class Gate:
         return response
 
     async def _serve(self, handler: Any, connection: Any) -> None:
-        """Serve one browser; what it sends that is not understood ends its connection and nothing else."""
+        """Serve one browser; an invalid message only closes its connection."""
         import asyncio
 
         asyncio.get_running_loop().set_exception_handler(lambda _, context: self._note(context))
@@ -122,7 +122,7 @@ class Gate:
             self._browsers -= 1
 
     def _note(self, context: Mapping[str, Any]) -> None:
-        """One line about the first value that was not understood; the others are for those who debug."""
+        """Log one line about the first invalid value; log the others at debug level."""
         level = logging.DEBUG if self._misread else logging.WARNING
         self._misread += 1
         found = type(context["exception"]).__name__ if "exception" in context else context["message"]
@@ -130,12 +130,12 @@ class Gate:
 
 
 def reported(callback: Callable[[Any], None]) -> Callable[[Any], None]:
-    """A callback of a widget that says in one line what is wrong with a value that a browser has sent.
+    """Wrap a widget callback so that an invalid value from a browser is reported in one line.
 
     Parameters
     ----------
     callback
-        Called with the event of viser.
+        Called with viser's event.
     """
 
     def call(event: Any) -> None:

@@ -1,4 +1,4 @@
-"""A map as a picture on the floor of a page."""
+"""A map as an image on the floor of a page."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ def draw_map(
     resolution_m: float,
     origin_world_m: tuple[float, float, float] | tuple[float, float],
 ) -> tuple[Any, tuple[float, float, float], float]:
-    """Lay a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y.
+    """Draw a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y.
 
-    ``origin_world_m`` is the place of its lower left corner, with its yaw [rad] if it is turned.
+    ``origin_world_m`` is the position of its lower left corner, with optional yaw [rad].
 
     Parameters
     ----------
     scene
-        Of a viser server.
+        Scene of a viser server.
     cells
         -1 unknown, 0 free, 100 occupied.
     resolution_m
         Edge of a cell [m].
     origin_world_m
-        Lower left corner (x, y) [m], and its yaw [rad] if it is turned.
+        Lower left corner (x, y) [m], and optional yaw [rad].
 
     Returns
     -------
     handle, centre_m, reach_m
-        Of the scene's node; the middle of the map; its longer side.
+        Handle of the scene node; centre of the map; length of its longer side.
     """
     rows, columns = cells.shape
     grey = np.select([cells < 0, cells >= 50], [205, 70], default=250).astype(np.uint8)
@@ -44,7 +44,7 @@ def draw_map(
     c, s = np.cos(yaw), np.sin(yaw)
     half = 0.5 * np.array([width_m, height_m])
     centre_m = (float(x + c * half[0] - s * half[1]), float(y + s * half[0] + c * half[1]), 0.0)
-    # A picture's first row is at its bottom in viser's own axes: turn it about x.
+    # The first row of an image is at its bottom in viser's axes: rotate it about x.
     handle = scene.add_image(
         "/map",
         picture,

@@ -1,4 +1,4 @@
-"""A map with a plan: where the robot drives and what it pushes."""
+"""A map with a plan: the robot's path and the pushed objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .stage import Stage
 
 __all__ = ["MapView"]
 
-#: Of the ways above the floor [m].
+#: Height of the drawn paths above the floor [m].
 _LIFT_M = 0.02
 _COLOURS = {
     "navigate": (0, 114, 178),
@@ -25,23 +25,23 @@ _COLOURS = {
 
 
 class MapView:
-    """A map, a plan, or both; a plan alone is drawn on an empty floor.
+    """A map, a plan, or both; without a map, the plan is drawn on an empty floor.
 
     Parameters
     ----------
     title
         Headline.
     grid
-        Occupancy map, or none.
+        Occupancy map, or None.
     plan
-        Plan on that map, or none.
+        Plan on that map, or None.
     """
 
     def __init__(self, title: str, grid: OccupancyMap | None = None, plan: Plan | None = None) -> None:
         self.title, self.grid, self.plan = title, grid, plan
 
     def draw(self, stage: Stage) -> None:
-        """Map on the floor, ways and pushes above it, tasks as a table.
+        """Draw the map on the floor, paths and pushes above it, and the tasks as a table.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class MapView:
             if len(way) > 1:
                 points = np.column_stack([way, np.full(len(way), _LIFT_M)]).astype(np.float32)
                 segments = np.stack([points[:-1], points[1:]], axis=1)
-                # A way of its own width: seen from above as from the side.
+                # A path with physical width: visible from above and from the side.
                 node = stage.scene.add_line_segments(f"/view/way{number}", segments, colour, thickness=thick)
                 stage.keep(f"way{number}", node)
             if task.goal_m is not None and task.displacement_m is not None:

@@ -1,4 +1,4 @@
-"""Triangles of the things on the page: prisms, the columns of the foam, and their colours."""
+"""Meshes of the objects on the page: prisms, columns of the foam, and their colours."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def prism(
     Parameters
     ----------
     outline_m
-        Its outline on the floor [m].
+        Outline on the floor [m].
     height_m
-        Its height [m].
+        Height of the prism [m].
 
     Returns
     -------
@@ -57,7 +57,7 @@ def prism(
 def columns(
     back_m: Float[np.ndarray, "K 2"], front_m: Float[np.ndarray, "K 2"], height_m: float
 ) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K 4"], Float[np.ndarray, "K 3"]]:
-    """The foam between both contours as columns, one per point, with their tops at z = 0.
+    """Foam between both contours as columns, one per point, with their tops at z = 0.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ def columns(
     Returns
     -------
     positions_m
-        Centre of each column's foot.
+        Centre of each column's base.
     quaternions
-        Turn of each column about z (w, x, y, z): its x axis runs from back to front.
+        Rotation of each column about z (w, x, y, z): its x axis points from back to front.
     sizes_m
         Length from back to front, width along the strip, height.
     """
@@ -94,12 +94,12 @@ def columns(
 
 
 def pressure_colours(pressure_Pa: Float[np.ndarray, "K"], full_Pa: float) -> UInt8[np.ndarray, "K 3"]:
-    """Colour of each point: pale at rest, red at ``full_Pa`` and beyond; grey where it is not known.
+    """Colour of each point: pale at rest, red at ``full_Pa`` and above; grey if unknown.
 
     Parameters
     ----------
     pressure_Pa
-        Of each point, NaN where not known [Pa].
+        Pressure at each point, NaN if unknown [Pa].
     full_Pa
         Pressure that is drawn in full red [Pa].
     """

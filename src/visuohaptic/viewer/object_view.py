@@ -1,4 +1,4 @@
-"""A deformable object: its stiffness map, what a point does under force, where to grasp it."""
+"""A deformable object: stiffness map, response of a point to force, and grasps."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _PICK = "Click a point of the surface to see its force-deformation curve."
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picked:
-    """What is known of one surface point."""
+    """Properties of a selected surface point."""
 
     vertex: int
     point_m: Float[np.ndarray, "3"]
@@ -42,24 +42,24 @@ class Picked:
     score: float  #: grasp score at the force
     curve_m: Float[np.ndarray, "k"]  #: deformation of one side
     curve_N: Float[np.ndarray, "k"]  #: force of one finger
-    shape_m: Float[np.ndarray, "v 3"] | None  #: deformed vertices at the force; none of a map alone
-    nonlinear: bool  #: curve and shape are of the nonlinear simulation
-    note: str = ""  #: what it has to say
+    shape_m: Float[np.ndarray, "v 3"] | None  #: deformed vertices at the force; None for a map without object
+    nonlinear: bool  #: curve and shape come from the nonlinear simulation
+    note: str = ""  #: remark on the result
 
 
 class ObjectView:
-    """A container, or a stiffness map alone.
+    """A container, or only a stiffness map.
 
     Parameters
     ----------
     title
-        Its name on the page.
+        Name on the page.
     surface
         Stiffness map.
     thing
-        The object itself: without it there are no shapes and no nonlinear curves.
+        The object; without it, there are no shapes and no nonlinear curves.
     task
-        State, hand and limits; its force is where the page's slider starts.
+        State, hand and limits; its force is the initial value of the slider.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class ObjectView:
 
     @classmethod
     def of_object(cls, thing: ShellObject, task: GraspTask | None = None) -> ObjectView:
-        """Compute the map of an object and show it.
+        """Compute and display the map of an object.
 
         Parameters
         ----------
@@ -96,10 +96,10 @@ class ObjectView:
 
     @property
     def force_N(self) -> float:
-        """Of each finger, as the slider says."""
+        """Force of each finger, set by the slider."""
         return float(self.task.force_N or 10.0)
 
-    # -- What is computed ----------------------------------------------------------------------
+    # -- Computation ----------------------------------------------------------------------
 
     def pick(self, vertex: int, *, nonlinear: bool = False) -> Picked:
         """Curve and shape of one surface point.
@@ -107,15 +107,15 @@ class ObjectView:
         Parameters
         ----------
         vertex
-            Of the surface.
+            Index of the surface vertex.
         nonlinear
-            Simulate the large deformation, which takes seconds.
+            Simulate large deformations, which takes seconds.
         """
         k = float(self.surface.stiffness_N_per_m[vertex])
         sigma = float(self.surface.stiffness_sigma_N_per_m[vertex])
         score = float(self._scores().pair[vertex])
         force = np.linspace(0.0, self.force_N, 9)
-        # Where the wall is held the stiffness is infinite, where nothing is opposite it is not known.
+        # Where the wall is held, the stiffness is infinite; without an opposite wall, it is unknown.
         curve = force / k if k > 0 else np.zeros_like(force)
         picked = Picked(vertex, self.surface.vertices_m[vertex], k, sigma, score, curve, force, None, False)
         if self.thing is None or not (np.isfinite(k) and k > 0):
@@ -136,12 +136,12 @@ class ObjectView:
         )
 
     def rank(self, count: int = 5) -> GraspPlan:
-        """Grasps with the present force.
+        """Rank grasps at the current force.
 
         Parameters
         ----------
         count
-            Number of grasps, at most.
+            Maximum number of grasps.
         """
         if self.thing is None:
             return plan_map(self.surface, replace(self.task, fill=0.0), count=count)
@@ -151,15 +151,15 @@ class ObjectView:
         axis = None if self.thing is None else self.thing.axis_point_m
         return grasp_scores(self.surface, self.force_N, self.task.parameters, axis_point_m=axis)
 
-    # -- What is drawn -------------------------------------------------------------------------
+    # -- Drawing -------------------------------------------------------------------------
 
     def draw(self, stage: Stage) -> None:
-        """Mesh, sliders, and places for what a click says.
+        """Draw the mesh, sliders, and fields for the results of a click.
 
         Parameters
         ----------
         stage
-            Empty one, which keeps mesh and sliders.
+            Empty stage, which keeps mesh and sliders.
         """
         self._stage = stage
         gui = stage.gui
@@ -232,12 +232,12 @@ class ObjectView:
             self.show_point(vertex, nonlinear=bool(self._deep.value))
 
     def show_point(self, vertex: int, *, nonlinear: bool = False) -> None:
-        """Curve, numbers and deformed shape of one point on the page.
+        """Show curve, numbers and deformed shape of one point.
 
         Parameters
         ----------
         vertex, nonlinear
-            As of :meth:`pick`.
+            As in :meth:`pick`.
         """
         stage = self._stage
         assert stage is not None
@@ -297,7 +297,7 @@ class ObjectView:
         )
 
     def show_grasps(self) -> None:
-        """Rank and draw arrows, the best in red."""
+        """Rank grasps and draw them as arrows, the best in red."""
         stage = self._stage
         assert stage is not None
         try:

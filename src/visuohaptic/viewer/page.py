@@ -1,4 +1,4 @@
-"""A page for the browser that shows a run while it happens: camera, force, strip, obstacles, map, tags."""
+"""Live browser page of a run: camera, force, strip, obstacles, map, tags."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ __all__ = ["LivePage"]
 
 #: Width of the camera image on the page [px].
 PICTURE_WIDTH = 800
-#: Points of the force plot; older ones are thinned out by forgetting.
+#: Points of the force plot; older points are thinned out.
 HISTORY = 1200
 
 _FIXED_RGB = (70, 78, 90)
 _MOVABLE_RGB = (222, 130, 62)
 _PLATFORM_RGB = (62, 98, 150)
-#: Body of the platform behind the foam, and the foam where no contour is given (m); pressure in full red (Pa).
+#: Body of the platform behind the foam, and default foam without a contour [m]; pressure shown in full red [Pa].
 _PLATFORM_M = (0.35, 0.3, 0.18)
 _STRIP_WIDTH_M, _STRIP_HEIGHT_M = 0.04, 0.05
 _FULL_PRESSURE_PA = 6000.0
 
 
 class LivePage(Page):
-    """The page, served to this machine only.
+    """Live page, served on localhost only.
 
-    It works without a browser attached: :meth:`update` then costs a copy of
-    the numbers. Drawing is limited to ``rate_hz``; all forces are kept for the
-    plot anyway. The page loads nothing from the internet, and viser's sharing
-    through an outside server is switched off.
+    It also works without a connected browser: :meth:`update` then only copies
+    the numbers. The redraw rate is limited to ``rate_hz``; all forces are still kept for the
+    plot. The page loads nothing from the internet, and viser's sharing
+    through an external server is disabled.
 
     Parameters
     ----------
     port
-        TCP port on 127.0.0.1; the next free one is taken when it is in use.
+        TCP port on 127.0.0.1; if it is in use, the next free one.
     title
         Headline of the page.
     rate_hz
-        How often the page is drawn at most.
+        Maximum redraw rate.
 
     Raises
     ------
@@ -94,14 +94,14 @@ class LivePage(Page):
         resolution_m: float,
         origin_world_m: tuple[float, float, float] | tuple[float, float],
     ) -> None:
-        """Lay a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y.
+        """Draw a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y.
 
-        ``origin_world_m`` is the place of its lower left corner, with its yaw [rad] if it is turned.
+        ``origin_world_m`` is the position of its lower left corner, with optional yaw [rad].
 
         Parameters
         ----------
         cells, resolution_m, origin_world_m
-            As of :func:`.draw_map`.
+            As in :func:`.draw_map`.
         """
         _, centre_m, reach_m = draw_map(self._server.scene, cells, resolution_m, origin_world_m)
         self._server.initial_camera.look_at = centre_m
@@ -120,23 +120,23 @@ class LivePage(Page):
         height_m: float = 0.3,
         fixed: bool | None = None,
     ) -> None:
-        """Show an obstacle, or move it when it is there already.
+        """Show an obstacle, or move an existing one.
 
-        ``outline_m`` is its outline on the floor in its own frame, of which
-        ``T_world_object`` gives the place.
+        ``outline_m`` is its outline on the floor in its own frame, whose pose
+        is ``T_world_object``.
 
         Parameters
         ----------
         name
-            Of the obstacle.
+            Name of the obstacle.
         outline_m
-            Its outline on the floor, in its own frame [m].
+            Outline on the floor, in the obstacle's frame [m].
         T_world_object
-            Where that frame is in the world.
+            Pose of that frame in the world.
         height_m
-            Height that is drawn [m].
+            Displayed height [m].
         fixed
-            Its colour: fixed, movable, or not known (``None``).
+            Determines the colour: fixed, movable, or unknown (``None``).
         """
         position, wxyz = tuple(T_world_object.translation_m), quaternion(T_world_object.rotation)
         if (handle := self._obstacles.get(name)) is not None:
@@ -157,16 +157,16 @@ class LivePage(Page):
             position=position,
             wxyz=wxyz,
         )
-        # Names of neighbours are at different heights, so that they do not cover each other.
+        # Labels of neighbours are at different heights, so that they do not overlap.
         scene.add_label(f"{path}/name", name, position=(0.0, 0.0, height_m + 0.05 + 0.2 * (number % 3)))
 
     def set_tags(self, tags: Mapping[str, str | HapticTag]) -> None:
-        """List what is known of each object: its tag, or a text.
+        """List the tag of each object, or a text.
 
         Parameters
         ----------
         tags
-            Haptic tag or text by the name of the object.
+            Haptic tag or text by object name.
         """
         lines = ["| object | haptic tag |", "|---|---|"]
         lines += [
@@ -185,30 +185,30 @@ class LivePage(Page):
         contours_foam_m: tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K 2"]] | None = None,
         note: str = "",
     ) -> bool:
-        """Show the newest state.
+        """Show the latest state.
 
         Parameters
         ----------
         t_s
             Time of the frame; that of the profile by default.
         frame_bgr
-            Camera picture, blue-green-red or grey, annotated or not.
+            Camera image, BGR or grey, annotated or not.
         profile
-            What the sensor read.
+            Measurement of the sensor.
         truth_N
-            True force, where there is one.
+            True force, if known.
         T_world_foam
-            Where the sensor's frame F is: moves the platform and the strip.
+            Pose of the sensor's frame F: moves the platform and the strip.
         contours_foam_m
             Back and front contour in F, one point per point of the profile;
-            a straight strip is drawn from the deflections without them.
+            without them, a straight strip is drawn from the deflections.
         note
-            A word behind the force, for example the newest event.
+            Short text after the force, for example the latest event.
 
         Returns
         -------
         bool
-            Whether the page was drawn; ``False`` when the last drawing is younger than its period.
+            Whether the page was redrawn; ``False`` if the period since the last redraw has not elapsed.
         """
         if t_s is None:
             t_s = profile.t_s if profile is not None else 0.0
@@ -237,8 +237,8 @@ class LivePage(Page):
         t_s, measured_N, sigma_N, true_N = np.array(self._forces, dtype=np.float64).T
         if len(t_s) < 2:
             return
-        # The plot cannot leave gaps: where the force is not valid, the last valid one is held
-        # under a shade, so that nobody takes it for a reading.
+        # The plot cannot have gaps: where the force is invalid, the last valid one is held
+        # and shaded, to show that it is not a measurement.
         known = np.isfinite(measured_N)
         held = np.maximum.accumulate(np.where(known, np.arange(len(t_s)), 0))
         shown_N = np.nan_to_num(measured_N[held])

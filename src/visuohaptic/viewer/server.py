@@ -1,4 +1,4 @@
-"""A page that is served to this machine only and loads nothing from elsewhere."""
+"""Base of pages that are served on localhost only and load nothing from the internet."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _log = logging.getLogger(__name__)
 class Page(Closing):
     """A viser server on 127.0.0.1, closed with the context.
 
-    It answers who knows the secret in its address, and only pages that came from itself.
+    It accepts only clients that know the secret in its address, and only pages from the same origin.
 
     Parameters
     ----------
     port
-        TCP port; the next free one is taken when it is in use.
+        TCP port; if it is in use, the next free one.
     title
         Headline of the page.
 
@@ -38,7 +38,7 @@ class Page(Closing):
     MissingExtraError
         viser is not installed.
     DeviceError
-        No port from the given one on could be opened.
+        No port from the given one upwards could be opened.
     """
 
     def __init__(self, port: int, title: str) -> None:
@@ -52,25 +52,25 @@ class Page(Closing):
 
     @property
     def url(self) -> str:
-        """Address of the page, with its secret: whoever has it can open the page."""
+        """Address of the page, including its secret: anyone who has it can open the page."""
         return f"http://127.0.0.1:{self._server.get_port()}/{self._gate.token}/"
 
     def show(self) -> bool:
-        """Open the page in this machine's browser; ``False`` where there is no screen for one."""
+        """Open the page in a local browser; ``False`` if there is no display."""
         import webbrowser
 
-        # Without a screen Python would start a text browser in the middle of our output.
+        # Without a display, Python would start a text browser in the terminal.
         return has_screen() and webbrowser.open(self.url)
 
     def close(self) -> None:
-        """Stop serving; harmless when repeated."""
+        """Stop serving; may be called repeatedly."""
         if self._server is not None:
             server, self._server = self._server, None
             server.stop()
 
 
 def has_screen() -> bool:
-    """Whether this machine can show a window."""
+    """Whether this machine has a display."""
     import os
     import sys
 
@@ -80,20 +80,20 @@ def has_screen() -> bool:
 
 
 def _start(port: int, title: str, gate: Gate) -> viser.ViserServer:
-    """A viser server on 127.0.0.1 that cannot be shared to the outside."""
+    """A viser server on 127.0.0.1 with sharing disabled."""
     with needs("viser", "view", "the browser page"):
         import viser
     import rich
 
     class LocalServer(viser.ViserServer):  # type: ignore[misc]
         def request_share_url(self, verbose: bool = True) -> str | None:
-            """Refuse: any attached browser could ask viser to open a tunnel to the internet."""
+            """Refuse: any connected browser could ask viser to open a tunnel to the internet."""
             _log.warning("rejected the request of a browser to share the page over the internet")
             return None
 
-    # viser prints when it stops; stdout belongs to our results.
+    # viser prints when it stops; stdout is reserved for results.
     rich.reconfigure(stderr=True)
-    # The address that it prints lacks the secret.
+    # The address that viser prints lacks the secret.
     console = rich.get_console()
     console.quiet = True
     try:
@@ -131,7 +131,7 @@ def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float,
 
 
 def markdown_text(text: str) -> str:
-    """Text that Markdown leaves as it is.
+    """Escape text for Markdown.
 
     Parameters
     ----------

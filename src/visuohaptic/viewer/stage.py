@@ -1,4 +1,4 @@
-"""Where a view draws: the scene and the panel, cleared as a whole when another view comes."""
+"""Drawing area of a view: scene and panel, cleared completely when the view changes."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .gate import reported
 
 __all__ = ["Stage", "View", "hit_face", "scale_colours"]
 
-#: Pale to dark red: more is worse.
+#: Pale to dark red: darker is worse.
 _SCALE = np.array([[255, 247, 236], [253, 212, 158], [252, 141, 89], [215, 48, 31], [127, 0, 0]], float)
 
 
 class View(Protocol):
-    """One thing that can be picked on the page."""
+    """A selectable view of the page."""
 
     title: str
 
     def draw(self, stage: Stage) -> None:
-        """Put it on an empty stage.
+        """Draw the view on an empty stage.
 
         Parameters
         ----------
@@ -33,12 +33,12 @@ class View(Protocol):
 
 
 class Stage:
-    """Scene, panel, and what is on them now.
+    """Scene and panel, with their current contents.
 
     Parameters
     ----------
     server
-        Of viser.
+        The viser server.
     """
 
     def __init__(self, server: Any) -> None:
@@ -47,66 +47,66 @@ class Stage:
 
     @property
     def gui(self) -> Any:
-        """Widgets; hand what is made to :meth:`keep`."""
+        """Widgets; pass new handles to :meth:`keep`."""
         return self._server.gui
 
     @property
     def scene(self) -> Any:
-        """Nodes; hand what is made to :meth:`keep`."""
+        """Scene nodes; pass new handles to :meth:`keep`."""
         return self._server.scene
 
     def keep(self, name: str, handle: Any) -> Any:
-        """Remember a handle; an older one of the same name goes away.
+        """Store a handle; an older one of the same name is removed.
 
-        A node of the scene that takes the place of another has to be dropped before it is made:
-        viser knows nodes by name.
+        A scene node that replaces another has to be dropped before it is created:
+        viser identifies nodes by name.
 
         Parameters
         ----------
         name
-            By which it is found again.
+            Name for later access.
         handle
-            Of viser.
+            Handle from viser.
         """
         self.drop(name)
         self._kept[name] = handle
         return handle
 
     def drop(self, name: str) -> None:
-        """Remove one thing, if it is there.
+        """Remove one element, if it exists.
 
         Parameters
         ----------
         name
-            As given to :meth:`keep`.
+            Name passed to :meth:`keep`.
         """
         if (handle := self._kept.pop(name, None)) is not None:
             handle.remove()
 
     def get(self, name: str) -> Any:
-        """A handle that was kept, or None.
+        """A stored handle, or None.
 
         Parameters
         ----------
         name
-            As given to :meth:`keep`.
+            Name passed to :meth:`keep`.
         """
         return self._kept.get(name)
 
     def clear(self) -> None:
-        """Remove all."""
+        """Remove all elements."""
         for name in reversed(list(self._kept)):
             self.drop(name)
 
     def look(self, at_m: tuple[float, float, float], reach_m: float) -> None:
-        """Point all cameras, those of browsers to come included.
+        """Point all cameras at the scene, including those of browsers that connect later.
 
         Parameters
         ----------
         at_m
-            Point in the middle of the view [m].
+            Point at the centre of the view [m].
         reach_m
-            Size of what is to be seen [m].
+            Size of the visible region [m].
         """
         position = (at_m[0] + 0.55 * reach_m, at_m[1] - 1.0 * reach_m, at_m[2] + 0.55 * reach_m)
         cameras = [self._server.initial_camera]
@@ -122,14 +122,14 @@ class Stage:
         colours: UInt8[np.ndarray, "v 3"],
         on_click: Callable[[np.ndarray, np.ndarray], None] | None = None,
     ) -> Any:
-        """A mesh with a colour at each vertex; ``on_click`` gets origin and direction of the ray.
+        """A mesh with vertex colours; ``on_click`` receives origin and direction of the ray.
 
         Parameters
         ----------
         name
-            By which it is found again.
+            Name for later access.
         vertices_m
-            World [m].
+            Vertices in the world [m].
         faces
             Triangles, counter-clockwise from outside.
         colours
@@ -139,7 +139,7 @@ class Stage:
         """
         with needs("trimesh", "geometry", "a coloured mesh on the page"):
             import trimesh
-        # One looks into a cup: its inside is a second surface, apart so that the two don't flicker.
+        # The inside of a cup is visible: it is a second surface, at a small distance to avoid flicker.
         outside = trimesh.Trimesh(vertices_m, faces, process=False, validate=False)
         apart = 1e-3 * float(np.ptp(vertices_m, axis=0).max())
         inside_m = vertices_m - apart * outside.vertex_normals
@@ -163,18 +163,18 @@ def hit_face(
     origin_m: Float[np.ndarray, "3"],
     direction: Float[np.ndarray, "3"],
 ) -> tuple[int, Float[np.ndarray, "3"]] | None:
-    """First face that a ray hits from either side, and where (Moeller and Trumbore 1997).
+    """First face that a ray hits from either side, and the hit point (Moeller and Trumbore 1997).
 
     Parameters
     ----------
     vertices_m
-        World [m].
+        Vertices in the world [m].
     faces
         Triangles.
     origin_m
         Start of the ray [m].
     direction
-        Of the ray, of any length.
+        Direction of the ray, of any length.
     """
     a = vertices_m[faces[:, 0]]
     e, f = vertices_m[faces[:, 1]] - a, vertices_m[faces[:, 2]] - a
@@ -194,12 +194,12 @@ def hit_face(
 
 
 def scale_colours(values: Float[np.ndarray, "v"], low: float, high: float) -> UInt8[np.ndarray, "v 3"]:
-    """Pale at ``low``, dark red at ``high``; grey where it is not known.
+    """Pale at ``low``, dark red at ``high``; grey if unknown.
 
     Parameters
     ----------
     values
-        One for each vertex; NaN where not known.
+        One value per vertex; NaN if unknown.
     low, high
         Ends of the scale, in the unit of the values.
     """

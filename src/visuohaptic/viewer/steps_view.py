@@ -1,4 +1,4 @@
-"""A classification that walks down its tree, one question and answer after the other."""
+"""Classification with a decision tree, one question and answer after the other."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["StepsView"]
 
 
 class StepsView:
-    """Questions with their answers as touches arrive; the last question may still be open.
+    """Questions with their answers as touches are made; the last question may be open.
 
-    Whoever classifies calls :meth:`ask`, :meth:`answer` and :meth:`finish`; a page that shows this
-    view follows. The steps are plain texts, so that trees and other planners look the same.
+    The classifier calls :meth:`ask`, :meth:`answer` and :meth:`finish`; a page that shows this
+    view is updated. The steps are plain texts, so that trees and other planners look the same.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class StepsView:
     steps
         Questions with their answers so far.
     result
-        What it is; empty while that is open.
+        Resulting class; empty while undecided.
     """
 
     def __init__(self, title: str, steps: Sequence[tuple[str, str]] = (), result: str = "") -> None:
@@ -40,12 +40,12 @@ class StepsView:
         return tuple(self._steps)
 
     def ask(self, question: str) -> None:
-        """The next question; its answer is awaited.
+        """Add the next question, to be answered later.
 
         Parameters
         ----------
         question
-            Its text.
+            Text of the question.
         """
         with self._lock:
             self._steps.append((question, ""))
@@ -57,7 +57,7 @@ class StepsView:
         Parameters
         ----------
         answer
-            Its text.
+            Text of the answer.
         """
         with self._lock:
             if self._steps and not self._steps[-1][1]:
@@ -65,30 +65,30 @@ class StepsView:
             self._refresh()
 
     def finish(self, result: str) -> None:
-        """What it is.
+        """Set the result.
 
         Parameters
         ----------
         result
-            Class that was found.
+            Resulting class.
         """
         with self._lock:
             self._result = result
             self._refresh()
 
     def draw(self, stage: Stage) -> None:
-        """The walk as a list that grows.
+        """Draw the steps as a growing list.
 
         Parameters
         ----------
         stage
-            Empty one, which keeps the list.
+            Empty stage, which keeps the list.
         """
         self._stage = stage
         stage.keep("steps", stage.gui.add_markdown(self.text(), order=10))
 
     def text(self) -> str:
-        """Markdown: each step a level deeper, as in the tree."""
+        """Markdown: each step is indented one level more, as in the tree."""
         lines = [f"**{markdown_text(self.title)}**", ""]
         for level, (question, answer) in enumerate(self._steps):
             said = f"**{markdown_text(answer)}**" if answer else "*touching ...*"

@@ -1,4 +1,4 @@
-"""A surface with what is known of each vertex: its colours, or numbers as how uncertain it is."""
+"""A surface with data per vertex: colours, or numbers such as the uncertainty."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _OWN, _PLAIN = "its colours", "plain"
 
 
 class SurfaceView:
-    """A mesh or a cloud; every field of its vertices can be shown, uncertainty (``sigma...``) first.
+    """A mesh or point cloud; every vertex field can be shown, uncertainty (``sigma...``) first.
 
     Parameters
     ----------
     title
         Headline.
     mesh
-        Mesh or points, with fields of the vertices.
+        Mesh or points, with vertex fields.
     """
 
     def __init__(self, title: str, mesh: PlyMesh) -> None:
@@ -40,7 +40,7 @@ class SurfaceView:
         )
 
     def draw(self, stage: Stage) -> None:
-        """Mesh and a choice of what its colour says.
+        """Draw the mesh and a selector of the coloured field.
 
         Parameters
         ----------
@@ -66,7 +66,7 @@ class SurfaceView:
         Parameters
         ----------
         stage
-            Where it was drawn.
+            Stage on which it was drawn.
         choice
             One of ``choices``.
         """

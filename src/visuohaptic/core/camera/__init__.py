@@ -1,4 +1,4 @@
-"""The camera: pinhole with distortion, calibration, poses, frames and casting to a plane (Alt 2016, Sec. 2.3.3)."""
+"""Camera model: pinhole with distortion, calibration, poses, frames, and projection onto a plane (Alt 2016, Sec. 2.3.3)."""
 
 from ..front_door import attach
 

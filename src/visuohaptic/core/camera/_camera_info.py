@@ -14,7 +14,7 @@ class _Matrix(BaseModel):
     model_config = ConfigDict(extra="forbid")
     rows: int  #: of the matrix
     cols: int  #: of the matrix
-    data: Annotated[list[FiniteFloat], Field(max_length=64)]  #: its elements, row by row
+    data: Annotated[list[FiniteFloat], Field(max_length=64)]  #: elements, row-major
 
     def array(self, name: str, shape: tuple[int, int] | None = None) -> np.ndarray:
         expected = shape or (self.rows, self.cols)
@@ -35,11 +35,11 @@ class CameraInfoFile(BaseModel):
     image_width: Annotated[int, Field(gt=0)]  #: [px]
     image_height: Annotated[int, Field(gt=0)]  #: [px]
     camera_name: str = "camera"  #: any text
-    camera_matrix: _Matrix  #: focal lengths and principal point [px], row by row
+    camera_matrix: _Matrix  #: focal lengths and principal point [px], row-major
     distortion_model: Literal["plumb_bob", "rational_polynomial"] = "plumb_bob"  #: 5 or 8 coefficients
-    distortion_coefficients: _Matrix | None = None  #: in the order of OpenCV; none: no distortion
+    distortion_coefficients: _Matrix | None = None  #: in OpenCV's order; None: no distortion
     row_delay_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
-        0.0  #: rolling shutter: time from row to row [s]
+        0.0  #: rolling shutter: delay between rows [s]
     )
-    #: how the camera encodes light as grey levels
+    #: mapping from light to grey levels
     transfer_function: Literal["linear", "srgb", "unknown"] = "unknown"

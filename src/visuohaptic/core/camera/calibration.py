@@ -1,4 +1,4 @@
-"""Intrinsic calibration from images of a board; a session that would give a bad camera is refused."""
+"""Intrinsic calibration from images of a board; sessions that give an inaccurate camera are rejected."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Board:
     """A printed board of ``columns`` x ``rows`` squares.
 
     With ``marker_m`` it is a ChArUco board with markers of ``dictionary`` in its
-    white squares, which may be seen in part; without, a plain chessboard that
-    must be seen whole.
+    white squares, which may be partly visible; without, it is a plain chessboard that
+    must be completely visible.
     """
 
     columns: int = field(metadata=at_least(3))  #: squares along the board's x axis
@@ -50,7 +50,7 @@ class Board:
         return flat * self.square_m
 
     def charuco(self) -> Any:
-        """OpenCV's board object of a ChArUco board."""
+        """OpenCV's object of a ChArUco board."""
         import cv2
 
         code = getattr(cv2.aruco, self.dictionary, None) if self.dictionary.startswith("DICT_") else None
@@ -68,36 +68,36 @@ class Board:
 class BoardView:
     """Corners of the board found in one image."""
 
-    name: str  #: of the image, for messages
+    name: str  #: name of the image, for messages
     corner_ids: Int[np.ndarray, "n"]  #: index into ``Board.corners_m``
     pixels: Float[np.ndarray, "n 2"]
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationLimits:
-    """When a session is refused; the defaults suit a sensor that measures to a tenth of a pixel."""
+    """Acceptance limits of a session; the defaults suit a sensor with an accuracy of a tenth of a pixel."""
 
     min_views: int = 8
     min_corners: int = 8  #: a view with fewer is not used
-    min_coverage: float = 0.5  #: part of a 6 x 6 grid over the image that has corners
+    min_coverage: float = 0.5  #: fraction of the cells of a 6 x 6 grid over the image that contain corners
     min_tilt_deg: float = 15.0  #: of at least two views, about axes at least 30 deg apart
     max_rms_px: float = 0.6
-    max_focal_sigma: float = 0.003  #: standard deviation over focal length
+    max_focal_sigma: float = 0.003  #: standard deviation relative to the focal length
     max_centre_sigma_px: float = 3.0
-    outlier: float = 3.0  #: a view with this many times the median rms is removed
+    outlier: float = 3.0  #: a view whose rms exceeds this multiple of the median is removed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraCalibration:
-    """A camera with what is known of its accuracy."""
+    """A camera and the accuracy of its calibration."""
 
     camera: Camera
     sigma: dict[str, float]  #: standard deviation of fx, fy, cx, cy [px], k1, k2, p1, p2, k3
     rms_px: float  #: root mean square distance of corners from their projection
-    view_rms_px: dict[str, float]  #: the same by view that was used
-    coverage: float  #: part of the image that has corners, 0..1
-    tilt_deg: tuple[float, float]  #: smallest and largest tilt of the board against the image plane
-    removed: dict[str, str] = field(default_factory=dict)  #: views that were not used, with the reason
+    view_rms_px: dict[str, float]  #: the same for each view used
+    coverage: float  #: fraction of the image covered by corners, 0..1
+    tilt_deg: tuple[float, float]  #: smallest and largest angle between board and image plane
+    removed: dict[str, str] = field(default_factory=dict)  #: rejected views, with the reason
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers for a report."""
@@ -122,7 +122,7 @@ class CameraCalibration:
 def detect_board(
     image: UInt8[np.ndarray, "rows columns *colour"], board: Board, name: str = "image"
 ) -> BoardView:
-    """Find the board's corners to sub-pixel accuracy; no corners when it is not seen.
+    """Detect the board's corners with sub-pixel accuracy; the view has no corners if the board is not detected.
 
     Parameters
     ----------
@@ -131,12 +131,12 @@ def detect_board(
     board
         The printed board.
     name
-        Of the image, for messages and the report.
+        Name of the image, for messages and the report.
 
     Returns
     -------
     BoardView
-        Corners [px]; without any where the board is not seen whole.
+        Corners [px]; none if the board is not completely visible.
     """
     import cv2
 
@@ -159,11 +159,11 @@ def detect_board(
 def _refined(
     grey: UInt8[np.ndarray, "rows columns"], corners: Float[np.ndarray, "n 2"], board: Board
 ) -> Float[np.ndarray, "n 2"]:
-    """Corners refined in a window that no marker reaches into.
+    """Corners refined in a window that excludes the markers.
 
-    OpenCV's own window takes in edges of the markers, which pulls a part of
-    the corners away by 0.1 to 0.4 px (seen on rendered boards of 30 px squares);
-    its chessboard detector errs as much on a tilted board.
+    OpenCV's own window includes edges of the markers, which displaces some of
+    the corners by 0.1 to 0.4 px (observed on rendered boards with 30 px squares);
+    its chessboard detector has errors of the same size on a tilted board.
     """
     import cv2
 
@@ -171,14 +171,14 @@ def _refined(
         return corners
     apart = np.linalg.norm(corners[:, None] - corners[None, :], axis=2)
     np.fill_diagonal(apart, np.inf)
-    # The nearest neighbour is a square away in the direction that is foreshortened most.
+    # The nearest neighbour is one square away along the most foreshortened direction.
     square_px = float(np.median(apart.min(axis=1)))
     margin = 0.5 * (1.0 - (board.marker_m or 0.0) / board.square_m)
     half = int(np.clip(0.8 * margin * square_px, 2, 7))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-3)
     start = corners.astype(np.float32).reshape(-1, 1, 2)
     refined = cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), criteria).reshape(-1, 2)
-    # A corner that runs away has met something else than the crossing of two edges.
+    # A corner that moves far has converged to something other than a crossing of two edges.
     near = np.linalg.norm(refined - corners, axis=1) < half
     return np.where(near[:, None], refined, corners).astype(np.float64)
 
@@ -200,21 +200,21 @@ def calibrate_camera(
     Parameters
     ----------
     views
-        Corners by image, from :func:`detect_board`.
+        Detected corners of each image, from :func:`detect_board`.
     board
-        The printed board, whose edge length fixes nothing but the unit of the poses.
+        The printed board. Its edge length only sets the scale of the poses.
     size
         Width and height of the images [px].
     limits
-        Which views and results are accepted; defaults where none are given.
+        Acceptance limits for views and results; defaults if omitted.
     name
-        Of the camera, written into its file.
+        Name of the camera, written to its file.
 
     Raises
     ------
     CalibrationError
-        Too few views, too little of the image covered, no diversity of tilt,
-        or a fit that is too uncertain; the message says what to add.
+        Too few views, too little image coverage, too little variation of tilt,
+        or a fit that is too uncertain; the message states what to add.
     """
     limits = limits or CalibrationLimits()
     removed: dict[str, str] = {}
@@ -237,7 +237,7 @@ def calibrate_camera(
         fit = _fit(used, board, size)
         worst = int(np.argmax(fit.view_rms_px))
         typical = float(np.median(fit.view_rms_px))
-        # Below a twentieth of a pixel the spread between views is no sign of a blunder.
+        # Below a twentieth of a pixel differences between views do not indicate an outlier.
         if fit.view_rms_px[worst] <= max(limits.outlier * typical, 0.05):
             break
         bad = used.pop(worst)
@@ -263,7 +263,7 @@ class _Fit:
     sigma: Float[np.ndarray, "9"]
     rms_px: float
     view_rms_px: Float[np.ndarray, "v"]
-    normals: Float[np.ndarray, "v 3"]  #: of the board, in the camera frame
+    normals: Float[np.ndarray, "v 3"]  #: board normals, in the camera frame
     tilt_deg: Float[np.ndarray, "v"]
 
 
@@ -293,7 +293,7 @@ def _fit(views: list[BoardView], board: Board, size: tuple[int, int]) -> _Fit:
 
 
 def _check_views(fit: _Fit, coverage: float, limits: CalibrationLimits, name: str) -> None:
-    """Refuse a session whose numbers would look better than they are."""
+    """Reject a session whose standard deviations would be too optimistic."""
     problems = []
     if coverage < limits.min_coverage:
         problems.append(
@@ -324,7 +324,7 @@ def _check_views(fit: _Fit, coverage: float, limits: CalibrationLimits, name: st
 
 
 def _diverse(normals: Float[np.ndarray, "v 3"]) -> bool:
-    """Whether boards lean to directions at least 30 degrees apart (a lean to opposite sides is one axis)."""
+    """Whether the boards tilt about axes at least 30 degrees apart (opposite tilts have the same axis)."""
     if len(normals) < 2:
         return False
     leaning = np.arctan2(normals[:, 1], normals[:, 0])
@@ -341,7 +341,7 @@ def _coverage(views: list[BoardView], size: tuple[int, int]) -> float:
 
 
 def _collinear(board: Board, view: BoardView) -> bool:
-    """Corners on one line of the board leave its pose open."""
+    """Whether all corners lie on one line of the board, so that its pose is undetermined."""
     points = board.corners_m[view.corner_ids, :2]
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(spread[-1] < 0.4 * board.square_m)

@@ -1,4 +1,4 @@
-"""One image with its time."""
+"""A single image with its timestamp."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["Frame"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """An image as a camera delivered it.
+    """An image as delivered by a camera.
 
     ``image`` is grey (rows, columns) or colour in OpenCV's order blue, green,
     red (rows, columns, 3), 8 bit.
     """
 
     image: UInt8[np.ndarray, "rows columns *colour"]
-    t_s: float  #: time of exposure of the first row [s], in the clock of the source
-    index: int  #: number of the frame in its source; a gap means that frames were lost
+    t_s: float  #: time of exposure of the first row [s], on the source's clock
+    index: int  #: sequence number in the source; a gap means lost frames
 
     def __post_init__(self) -> None:
         image = self.image
@@ -36,7 +36,7 @@ class Frame:
 
     @property
     def grey(self) -> UInt8[np.ndarray, "rows columns"]:
-        """The image in grey levels; no copy when it is grey already."""
+        """The image as grey levels; no copy if it is already grey."""
         if self.image.ndim == 2:
             return self.image
         import cv2

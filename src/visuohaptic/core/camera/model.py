@@ -1,4 +1,4 @@
-"""The camera: from points in space to pixels and back.
+"""Camera model: projection of points to pixels, and viewing rays of pixels.
 
 Pixel convention (OpenCV, ROS): ``u = (x, y)``, x to the right, y down, the
 centre of the first pixel is (0, 0).
@@ -19,10 +19,10 @@ from .pose import Pose
 
 __all__ = ["Camera", "TransferFunction"]
 
-#: How a camera makes grey levels of light: in proportion, as its power of about 1 / 2.2, or nobody knows.
+#: Mapping from light to grey levels: linear, power of about 1 / 2.2, or unknown.
 TransferFunction = Literal["linear", "srgb", "unknown"]
 
-#: Allowed numbers of distortion coefficients and their ROS names.
+#: Supported numbers of distortion coefficients and their ROS names.
 _DISTORTION_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
 
 
@@ -47,7 +47,7 @@ class Camera:
     row_delay_s: float = 0.0  #: time between the exposure of two rows; 0 = global shutter
     name: str = "camera"
     transfer_function: TransferFunction = (
-        "unknown"  #: from light to grey levels; srgb: any gamma of about 2.2
+        "unknown"  #: mapping from light to grey levels; srgb: any gamma of about 2.2
     )
 
     def __post_init__(self) -> None:
@@ -91,11 +91,11 @@ class Camera:
         Parameters
         ----------
         width, height
-            Size of the image [px].
+            Image size [px].
         focal_px
             Focal length of both axes [px].
         more
-            Further fields of the camera, such as ``distortion`` or ``row_delay_s``.
+            Other fields of the camera, such as ``distortion`` or ``row_delay_s``.
         """
         matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1.0]])
         return cls(width, height, matrix, **more)
@@ -106,7 +106,7 @@ class Camera:
         return float(np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
 
     def check_size(self, where: str, width: int, height: int) -> None:
-        """Refuse images that are not this camera's.
+        """Reject images whose size is not that of this camera.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class Camera:
         Raises
         ------
         InputError
-            It is another size than the camera's.
+            The size differs from the camera's.
         """
         if (self.width, self.height) != (width, height):
             raise InputError(
@@ -128,7 +128,7 @@ class Camera:
             )
 
     def project(self, points_camera_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-        """Pixels of points in the camera frame.
+        """Project points from the camera frame to pixels.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class Camera:
         return pixels.reshape(*points.shape[:-1], 2)
 
     def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Viewing rays ``u' = K^-1 u`` with the distortion removed, scaled to z = 1.
+        """Viewing rays ``u' = K^-1 u`` of undistorted pixels, scaled to z = 1.
 
         Parameters
         ----------
@@ -188,18 +188,18 @@ class Camera:
     def row_time_s(
         self, frame_time_s: float, rows: Float[np.ndarray, "*batch"]
     ) -> Float[np.ndarray, "*batch"]:
-        """Times at which image rows were exposed.
+        """Exposure times of image rows.
 
         Parameters
         ----------
         frame_time_s
-            Stamp of the frame, the time of its first row [s].
+            Timestamp of the frame: time of its first row [s].
         rows
-            Row numbers from the top, whole or not, any shape [px].
+            Row numbers from the top, integer or fractional, any shape [px].
 
         Returns
         -------
-        array
+        Times, same shape as ``rows`` [s].
             Times, of the shape of ``rows`` [s].
         """
         return frame_time_s + np.asarray(rows) * self.row_delay_s
@@ -208,7 +208,7 @@ class Camera:
     def load(cls, path: Path | str) -> Camera:
         """Read a ROS ``camera_info`` YAML file (the format of ``camera_calibration``).
 
-        Our own optional fields ``row_delay_s`` and ``transfer_function`` are read when present.
+        The optional extension fields ``row_delay_s`` and ``transfer_function`` are read if present.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class Camera:
         Raises
         ------
         InputError
-            Names the file, the field, what was found and what was expected.
+            Names the file and field, what was found, and what was expected.
         """
         from ._camera_info import CameraInfoFile
 
@@ -245,7 +245,7 @@ class Camera:
         Parameters
         ----------
         path
-            Where to; an existing file is replaced.
+            Output file; an existing file is replaced.
         """
         distortion = self.distortion if self.distortion.size else np.zeros(5)
         save_yaml(
@@ -266,16 +266,16 @@ class Camera:
 
     @staticmethod
     def pose_of_view(eye_m: object, target_m: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
-        """``T_world_camera`` of a camera that looks at a point.
+        """``T_world_camera`` of a camera that looks at a given point.
 
         Parameters
         ----------
         eye_m
             Centre of projection in the world, shape (3,) [m].
         target_m
-            Point in the middle of the view, in the world, shape (3,) [m].
+            Point at the centre of the view, in the world, shape (3,) [m].
         up
-            Direction in the world that is up in the image, shape (3,); not along the view.
+            World direction that points up in the image, shape (3,); not parallel to the viewing direction.
         """
         eye, target = np.asarray(eye_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
         forward = (target - eye) / np.linalg.norm(target - eye)
@@ -285,6 +285,6 @@ class Camera:
 
 
 def _matrix_dict(values: np.ndarray) -> dict[str, Any]:
-    """A matrix as ``camera_info`` writes it; one row of a vector."""
+    """A matrix in ``camera_info`` format; a vector as a single row."""
     rows, columns = np.atleast_2d(values).shape
     return {"rows": rows, "cols": columns, "data": [float(value) for value in values.ravel()]}

@@ -1,4 +1,4 @@
-"""Casting pixels to a plane in space, Alt 2016, Eq. (3.7) with the signs of its errata."""
+"""Projection of pixels onto a plane in space, Alt 2016, Eq. (3.7) with the signs of its errata."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["PlaneView"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneView:
-    """The x-y plane of a frame F as one camera sees it.
+    """The x-y plane of a frame F as seen by a camera.
 
     ``cast`` is the operator P of Eq. (3.7): ``u' = K^-1 u`` after undistortion,
     ``X_C = (X_0 . n) / (u' . n) u'``, ``X_F = R^T (X_C - X_0)`` with ``n = R[:, 2]``.
@@ -31,7 +31,7 @@ class PlaneView:
         Parameters
         ----------
         pixels
-            Where the camera looks, as of :meth:`.Camera.rays`.
+            Image positions, as in :meth:`.Camera.rays`.
 
         Returns
         -------
@@ -68,18 +68,18 @@ class PlaneView:
     def jacobian(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2 2"]:
         """d(x, y)/d(u) [m/px] by central differences over one pixel.
 
-        The half-pixel step leaves a relative error of the order (1/f)^2, far below any
-        uncertainty that this derivative is used to propagate.
+        The half-pixel step has a relative error of the order (1/f)^2, far below any
+        uncertainty that is propagated with this derivative.
 
         Parameters
         ----------
         pixels
-            As of :meth:`cast`.
+            As in :meth:`cast`.
 
         Returns
         -------
         array
-            Derivatives, shape (..., 2, 2) [m/px]: rows are x and y of F, columns x and y of the
+            Derivatives, shape (..., 2, 2) [m/px]: rows are x and y of F, columns are x and y of the
             pixel.
         """
         pixels = np.asarray(pixels, dtype=np.float64)

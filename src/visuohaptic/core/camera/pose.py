@@ -1,4 +1,4 @@
-"""Rigid motions in space."""
+"""Rigid transformations in 3D."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["Pose"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """Rigid motion ``T_target_source``: ``x_target = R x_source + t``.
+    """Rigid transformation ``T_target_source``: ``x_target = R x_source + t``.
 
-    Names carry both frames, ``T_camera_foam`` maps foam coordinates to the
-    camera.
+    Names contain both frames: ``T_camera_foam`` maps foam coordinates to the
+    camera frame.
 
     Examples
     --------
@@ -42,7 +42,7 @@ class Pose:
             )
         if not np.isfinite(translation).all():
             raise InputError("Pose", f"translation {translation} is not finite")
-        # ``not <`` also refuses NaN.
+        # ``not <`` also rejects NaN.
         if not np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6 or np.linalg.det(rotation) < 0:
             raise InputError("Pose", "rotation is not orthonormal with determinant +1")
         object.__setattr__(self, "rotation", rotation)
@@ -50,7 +50,7 @@ class Pose:
 
     @classmethod
     def identity(cls) -> Pose:
-        """No motion."""
+        """The identity transformation."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
@@ -60,14 +60,14 @@ class Pose:
         Parameters
         ----------
         quaternion_xyzw
-            Quaternion (x, y, z, w), shape (4,); its length need not be 1.
+            Quaternion (x, y, z, w), shape (4,); need not be normalised.
         translation_m
             Translation, shape (3,) [m].
 
         Raises
         ------
         InputError
-            There are not 4 finite numbers, or all are 0.
+            The quaternion does not consist of 4 finite numbers, or is zero.
         """
         from scipy.spatial.transform import Rotation
 
@@ -128,7 +128,7 @@ class Pose:
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
 
     def apply(self, points_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Map points of the source frame to the target frame.
+        """Transform points from the source frame to the target frame.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
-"""One gate per file format: every file from outside is distrusted here, and nowhere else.
+"""Readers and writers of file formats; all external files are validated here, and only here.
 
-A reader refuses what it cannot read in one line, before it takes memory: special files (pipes, devices),
-YAML whose aliases multiply, arrays and images whose headers promise more than a program should hold.
-Writers leave a whole file or none.
+A reader rejects invalid input with a one-line message before it allocates memory: special files (pipes, devices),
+YAML with exponentially growing aliases, arrays and images whose headers declare excessive sizes.
+Writers are atomic: they create a complete file or none.
 """
 
 from ..front_door import attach

@@ -1,4 +1,4 @@
-"""Arrays of unknown origin (NPZ, NPY): the headers are read and their sum is checked before memory is taken."""
+"""Untrusted arrays (NPZ, NPY): the total size in the headers is checked before memory is allocated."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from .regular import file_size
 
 __all__ = ["MAX_ARRAY_BYTES", "read_npy", "read_npz"]
 
-#: Arrays of one file together [bytes]; more only where the file itself is as large.
+#: Total size of the arrays of one file [bytes]; larger only if the file itself is as large.
 MAX_ARRAY_BYTES = 1 << 30
 
 
 def read_npz(
     path: Path | str, content: str, *, names: Sequence[str] = (), remedy: str = ""
 ) -> dict[str, np.ndarray]:
-    """All arrays of an NPZ file; nothing in it is executed.
+    """All arrays of an NPZ file; no code in it is executed.
 
     Parameters
     ----------
     path
-        File as :func:`numpy.savez` or :func:`numpy.savez_compressed` writes it.
+        File as written by :func:`numpy.savez` or :func:`numpy.savez_compressed`.
     content
-        What the file should be, for messages ("a stiffness map").
+        Expected content, for messages ("a stiffness map").
     names
-        Arrays that must be there.
+        Required arrays.
     remedy
-        What to do when it is not what it should be, for messages.
+        How to fix invalid content, for messages.
 
     Returns
     -------
     dict
-        Arrays by name; Python objects are never among them.
+        Arrays by name; never Python objects.
 
     Raises
     ------
     InputError
-        The file is missing, no regular file, damaged, holds Python objects, would unpack to more than
+        The file is missing, not a regular file, or damaged, contains Python objects, would unpack to more than
         ``MAX_ARRAY_BYTES``, or lacks one of ``names``.
     """
     budget = max(MAX_ARRAY_BYTES, file_size(path))
@@ -64,7 +64,7 @@ def read_npz(
             for member in members:
                 with archive.open(member) as stream:
                     arrays[member.filename.removesuffix(".npy")] = _read_array(stream)
-    except Exception as error:  # zip, zlib, the header's tokenizer: a damaged file raises many kinds
+    except Exception as error:  # zip, zlib, the header's tokenizer: damaged files raise many types
         raise _unreadable(path, content, error, remedy) from error
     if missing := [name for name in names if name not in arrays]:
         raise InputError(path, f"is missing in {content}", field=missing[0], remedy=remedy)
@@ -72,19 +72,19 @@ def read_npz(
 
 
 def read_npy(path: Path | str, content: str) -> np.ndarray:
-    """The array of an NPY file; nothing in it is executed.
+    """The array of an NPY file; no code in it is executed.
 
     Parameters
     ----------
     path
-        File as :func:`numpy.save` writes it.
+        File as written by :func:`numpy.save`.
     content
-        What the file should be, for messages ("a vector of features").
+        Expected content, for messages ("a vector of features").
 
     Raises
     ------
     InputError
-        The file is missing, no regular file, damaged or holds Python objects.
+        The file is missing, not a regular file, damaged, or contains Python objects.
     """
     size = file_size(path)
     try:
@@ -92,7 +92,7 @@ def read_npy(path: Path | str, content: str) -> np.ndarray:
             _array_bytes(stream, size)
             stream.seek(0)
             return _read_array(stream)
-    except Exception as error:  # the header's tokenizer raises many kinds
+    except Exception as error:  # the header's tokenizer raises many types
         raise _unreadable(path, content, error, "") from error
 
 
@@ -103,7 +103,7 @@ def _unreadable(path: Path | str, content: str, error: Exception, remedy: str) -
 
 
 def _array_bytes(stream: IO[bytes], size: int) -> int:
-    """Bytes of an array by its header, which must be what is left of ``size`` bytes."""
+    """Size of an array according to its header, which must equal the remaining ``size`` bytes."""
     version = np.lib.format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"array format {version}, expected 1.0 or 2.0")

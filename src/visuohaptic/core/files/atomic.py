@@ -1,4 +1,4 @@
-"""Files that are either whole or not there."""
+"""Atomic file writing: a file is either complete or absent."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     """Write to the yielded temporary path; on success it replaces ``target``.
 
     The data is flushed to the disk before the rename, so that after a power
-    cut either the old or the new file is there, never half of one.
+    failure either the old or the new file exists, never a partial one.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     Raises
     ------
     InputError
-        The folder does not exist or cannot be written, or ``target`` is a folder itself.
+        The folder does not exist or is not writable, or ``target`` is a folder.
     """
     target = Path(target)
     if not target.parent.is_dir():
@@ -52,7 +52,7 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(target)
     except OSError as error:
-        if error.filename is None:  # writing knows no names: which file met the full disk?
+        if error.filename is None:  # errors of write() contain no name: add the affected file
             error.filename = str(target)
         raise
     finally:
@@ -60,14 +60,14 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
 
 
 def write_text(target: Path | str, text: str) -> None:
-    """Write a whole UTF-8 text file, or nothing.
+    """Write a UTF-8 text file atomically.
 
     Parameters
     ----------
     target
         File that is created or replaced.
     text
-        Its contents.
+        Text to write.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The printed resolution that an image file states."""
+"""The print resolution stated in an image file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["pixels_per_metre"]
 def pixels_per_metre(data: bytes) -> tuple[float, float] | None:
     """Horizontal and vertical resolution from a PNG ``pHYs`` chunk or a JPEG JFIF header.
 
-    ``None`` when the file states none. Damaged headers state none.
+    ``None`` if the file states none or its header is damaged.
 
     Parameters
     ----------

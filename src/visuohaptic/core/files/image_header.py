@@ -1,4 +1,4 @@
-"""Width and height of an image by its header alone."""
+"""Width and height of an image from its header alone."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from ..errors import InputError
 
 __all__ = ["MAX_PIXELS", "image_size"]
 
-#: Images with more pixels than this are refused before memory is taken.
+#: Images with more pixels are rejected before memory is allocated.
 MAX_PIXELS = 100_000_000
-#: TIFF tags: width, length, samples of a pixel, width and length of a tile.
+#: TIFF tags: width, length, samples per pixel, width and length of a tile.
 _WIDTH, _LENGTH, _SAMPLES, _TILE_WIDTH, _TILE_LENGTH = 256, 257, 277, 322, 323
 
 
 def image_size(head: bytes, where: object) -> tuple[int, int]:
-    """Width and height [px] by the header of a PNG, JPEG, BMP, PGM/PPM, TIFF or WebP file.
+    """Width and height [px] from the header of a PNG, JPEG, BMP, PGM/PPM, TIFF or WebP file.
 
     Parameters
     ----------
     head
-        Begin of the file; of JPEG and TIFF up to the size, which may stand behind metadata.
+        Start of the file; for JPEG and TIFF up to the size, which may follow metadata.
     where
-        File or message that it comes from, for messages.
+        Source file or message, for error messages.
 
     Raises
     ------
     InputError
-        The bytes are not the start of such a file, or the size is not positive or above ``MAX_PIXELS``.
+        The data does not start such a file, or the size is not positive or exceeds ``MAX_PIXELS``.
     """
     try:
         width, height = _size(head, where)
@@ -79,7 +79,7 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
 
 def _netpbm_size(head: bytes) -> tuple[int, int]:
     words: list[bytes] = []
-    # A comment ends at either line end, as for OpenCV: it must not see another size.
+    # A comment ends at either line ending, as in OpenCV: both must find the same size.
     for line in head[2:4096].replace(b"\r", b"\n").split(b"\n"):
         words += line.split(b"#", 1)[0].split()
         if len(words) >= 2:
@@ -100,7 +100,7 @@ def _tiff_size(head: bytes, where: object) -> tuple[int, int]:
             (values[tag],) = struct.unpack_from(order + code, head, start + 8)
     if values.get(_SAMPLES, 1) > 4:
         raise InputError(where, f"has {values[_SAMPLES]} channels, expected at most 4")
-    # A tile is unpacked whole, however little of it the image uses.
+    # A tile is always decoded completely, even if the image uses little of it.
     tile = values.get(_TILE_WIDTH, 1) * values.get(_TILE_LENGTH, 1)
     if tile > MAX_PIXELS:
         raise InputError(where, f"has tiles of {tile} px, expected at most {MAX_PIXELS}")

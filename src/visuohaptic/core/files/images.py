@@ -1,7 +1,7 @@
-"""Images of unknown origin: checked against their size before OpenCV sees them.
+"""Untrusted images: their declared sizes are checked before OpenCV decodes them.
 
-A decoder for photographs fills what is missing with grey and believes every length in a header: a PNG of
-261 bytes makes OpenCV take 4 GB. Here every chunk is held against the size of the file first.
+OpenCV's decoders fill missing data with grey and trust every length in a header: a PNG of
+261 bytes makes OpenCV allocate 4 GB. Here every chunk is first compared with the size of the file.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from .regular import read_bytes
 
 __all__ = ["MAX_IMAGE_BYTES", "ImageMode", "decode_image", "encode_image", "read_image", "write_image"]
 
-#: Files larger than this are no single images [bytes].
+#: Larger files are not accepted as images [bytes].
 MAX_IMAGE_BYTES = 1 << 30
-#: Bytes that a file may have beside its pixels (comments, tables, profiles).
+#: Allowance for data other than pixels (comments, tables, profiles) [bytes].
 _EXTRA_BYTES = 1 << 24
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 
@@ -40,12 +40,12 @@ def read_image(
     path
         The file.
     mode, upright, check_pixels
-        As of :func:`decode_image`.
+        As in :func:`decode_image`.
 
     Raises
     ------
     InputError
-        The file is missing, no regular file, of no known kind, too large or damaged.
+        The file is missing, not a regular file, of an unknown format, too large or damaged.
     """
     data = read_bytes(path, MAX_IMAGE_BYTES)
     return decode_image(data, path, mode, upright=upright, check_pixels=check_pixels)
@@ -59,32 +59,32 @@ def decode_image(
     upright: bool = False,
     check_pixels: bool = True,
 ) -> np.ndarray:
-    """Image of a PNG, JPEG, BMP, PGM, PPM, TIFF or WebP file in memory.
+    """Decode a PNG, JPEG, BMP, PGM, PPM, TIFF or WebP file in memory.
 
     Parameters
     ----------
     data
-        The file.
+        Contents of the file.
     where
-        File, topic or field that it comes from, for messages.
+        Source file, topic or field, for messages.
     mode
         Channels and bits of the result.
     upright
-        Turn a photograph as its metadata say; images of calibrated cameras must not be turned.
+        Rotate a photograph as stated in its metadata; images of calibrated cameras must not be rotated.
     check_pixels
-        Unpack a PNG to count its pixels, which takes about half as long as decoding it. Frames of a
-        recording go without: their checksums say enough.
+        Decompress a PNG to count its pixels, which takes about half as long as decoding it. Not needed for frames
+        of a recording, whose checksums suffice.
 
     Returns
     -------
     ndarray
-        (rows, columns) or (rows, columns, channels in the order BGR); uint8, or the file's type for
+        (rows, columns) or (rows, columns, channels in BGR order); uint8, or the file's type for
         ``unchanged``.
 
     Raises
     ------
     InputError
-        The data are of no known kind, too large, cut or damaged.
+        The data has an unknown format, or is too large, truncated or damaged.
     """
     import cv2
 
@@ -119,7 +119,7 @@ def decode_image(
 
 
 def _check_png(where: object, data: bytes, check_pixels: bool) -> None:
-    """Chunks with right checksums up to the end, and as many pixels as the header says."""
+    """Check the checksums of all chunks up to the end, and the number of pixels against the header."""
     place, ended, header, packed = 8, False, b"", []
     while place + 12 <= len(data) and not ended:
         length, kind = struct.unpack_from(">I4s", data, place)
@@ -150,7 +150,7 @@ def _check_png(where: object, data: bytes, check_pixels: bool) -> None:
 
 
 def _check_png_pixels(where: object, packed: list[memoryview], limit: int, *, interlaced: bool) -> None:
-    """Unpack block by block, and no further than the header says."""
+    """Decompress block by block, up to the size stated in the header."""
     unpack, unpacked = zlib.decompressobj(), 0
     blocks = [body[start : start + (1 << 16)] for body in packed for start in range(0, len(body), 1 << 16)]
     try:
@@ -169,7 +169,7 @@ def _check_png_pixels(where: object, packed: list[memoryview], limit: int, *, in
 
 
 def _png_bytes(where: object, header: bytes) -> int:
-    """Bytes of the unpacked pixels; of an interlaced image an upper bound."""
+    """Size of the decompressed pixels [bytes]; an upper bound for interlaced images."""
     if len(header) != 13:
         raise InputError(where, "is damaged: its header has a wrong length")
     width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
@@ -182,7 +182,7 @@ def _png_bytes(where: object, header: bytes) -> int:
 
 
 def _check_bmp(where: object, data: bytes, width: int, height: int) -> None:
-    """The file has the length that its header says, and room for its pixels."""
+    """Check that the file has the length stated in its header, which includes its pixels."""
     try:
         (length,) = struct.unpack_from("<I", data, 2)
         start, header = struct.unpack_from("<II", data, 10)
@@ -198,7 +198,7 @@ def _check_bmp(where: object, data: bytes, width: int, height: int) -> None:
 
 
 def _check_jpeg(where: object, data: bytes) -> None:
-    """An end-of-image marker behind the start of the pixels; cameras append to it what they like."""
+    """Check for an end-of-image marker after the start of the pixels; cameras append arbitrary data to it."""
     place = 2
     while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != 0xDA:
         fill = data[place + 1] == 0xFF
@@ -210,7 +210,7 @@ def _check_jpeg(where: object, data: bytes) -> None:
 def encode_image(
     image: np.ndarray, kind: str = "png", *, quality: int | None = None, where: object = "image"
 ) -> bytes:
-    """The bytes of an image file.
+    """Encode an image in a file format.
 
     Parameters
     ----------
@@ -219,14 +219,14 @@ def encode_image(
     kind
         ``png``, ``jpg`` or ``webp``.
     quality
-        Of ``jpg`` and ``webp``, 0 to 100; OpenCV's own by default.
+        For ``jpg`` and ``webp``, 0 to 100; OpenCV's default if omitted.
     where
-        What error messages name.
+        Name used in error messages.
 
     Raises
     ------
     InputError
-        These pixels cannot be encoded, or not as this kind.
+        The pixels cannot be encoded, or not in this format.
     """
     import cv2
 
@@ -242,19 +242,19 @@ def encode_image(
 
 
 def write_image(path: Path | str, image: np.ndarray, *, quality: int | None = None) -> None:
-    """Write an image file by its suffix, whole or not at all.
+    """Write an image file atomically; the suffix determines the format.
 
     Parameters
     ----------
     path
         ``.png``, ``.jpg`` or ``.webp``.
     image, quality
-        As of :func:`encode_image`.
+        As in :func:`encode_image`.
 
     Raises
     ------
     InputError
-        These pixels cannot be encoded.
+        The pixels cannot be encoded.
     """
     data = encode_image(image, Path(path).suffix[1:].lower(), quality=quality, where=path)
     with atomic_path(path) as temporary:

@@ -1,4 +1,4 @@
-"""The gate of JSON files: regular, of bounded size, and of the fields that their reader takes."""
+"""Loading of JSON files: regular files of bounded size, with the fields that the parser expects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .regular import read_text
 
 __all__ = ["MAX_JSON_BYTES", "load_json"]
 
-#: Files larger than this are refused before they are parsed (bytes).
+#: Larger files are rejected before they are parsed [bytes].
 MAX_JSON_BYTES = 256 * 1024 * 1024
 
 T = TypeVar("T")
@@ -26,25 +26,25 @@ def load_json(
     version: int | None = None,
     remedy: str = "",
 ) -> T:
-    """What a function makes of the contents of a file.
+    """Load a JSON file and parse its contents.
 
     Parameters
     ----------
     path
         JSON file, UTF-8.
     what
-        Kind of file, for messages: ``a classification tree``.
+        Type of file, for messages: ``a classification tree``.
     parse
-        Takes the contents; what it raises of fields that are missing or of another type becomes one line.
+        Parses the contents; errors that it raises for missing fields or wrong types become a one-line message.
     version
-        Field ``format`` that the file must have; ``None``: files of this kind have none.
+        Required value of the field ``format``; ``None``: files of this type have no such field.
     remedy
-        What to do next, for messages.
+        How to fix it, for messages.
 
     Raises
     ------
     InputError
-        There is no such file, it is too large, not JSON, or has not the fields that ``parse`` takes.
+        The file does not exist, is too large, is not JSON, or lacks fields that ``parse`` expects.
     """
     try:
         text = read_text(path, MAX_JSON_BYTES)

@@ -1,4 +1,4 @@
-"""Files that grow for a whole run: they have another name until they are whole."""
+"""Files that grow during a run: they have a temporary name until they are complete."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _log = logging.getLogger(__name__)
 
 
 class PartFile:
-    """A file that is called ``NAME.part`` until it is finished.
+    """A file named ``NAME.part`` until it is finished.
 
-    What ``write`` has taken is with the operating system when it returns: a killed process loses none of it. What a
+    Data is passed to the operating system before ``write`` returns: if the process is killed, none is lost. What a
     killed run has left under this name is kept as ``NAME.unfinished1...``.
 
     Parameters
@@ -32,7 +32,7 @@ class PartFile:
     Raises
     ------
     InputError
-        The folder does not exist or cannot be written, ``target`` is a folder, or another run is writing it.
+        The folder does not exist or is not writable, ``target`` is a folder, or another process is writing the file.
     """
 
     def __init__(self, target: Path | str) -> None:
@@ -52,7 +52,7 @@ class PartFile:
 
     @property
     def closed(self) -> bool:
-        """Whether nothing more is taken."""
+        """Whether the file accepts no more data."""
         return self._stream.closed
 
     def write(self, data: bytes) -> int:
@@ -61,17 +61,17 @@ class PartFile:
         Parameters
         ----------
         data
-            Bytes.
+            Data to append.
 
         Returns
         -------
         int
-            How many: all.
+            Number of bytes written: always all.
 
         Raises
         ------
         InputError
-            The disk is full; nothing more is taken, and what was written before stays in ``NAME.part``.
+            The disk is full; the file is closed, and what was written before remains in ``NAME.part``.
         """
         if self._stream.closed:
             raise InputError(self.path, "is closed")
@@ -84,19 +84,19 @@ class PartFile:
         return len(data)
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Does nothing: writes are unbuffered."""
 
     def tell(self) -> int:
-        """How many bytes are written."""
+        """Number of bytes written."""
         return self._stream.tell()
 
     def finish(self) -> None:
-        """Give the file its name, on the disk.
+        """Sync the file to disk and rename it to its final name.
 
         Raises
         ------
         InputError
-            The disk is full: what was written before stays in ``NAME.part``.
+            The disk is full: what was written before remains in ``NAME.part``.
         """
         try:
             os.fsync(self._stream.fileno())
@@ -106,7 +106,7 @@ class PartFile:
             raise self._stopped(error) from error
 
     def discard(self) -> None:
-        """Remove ``NAME.part``: what was in it is in the file of that name now."""
+        """Remove ``NAME.part``: its contents have been written to the file with the final name."""
         self._stream.close()
         self.part.unlink()
 
@@ -120,17 +120,17 @@ class PartFile:
 
 
 def check_unlocked(path: Path) -> None:
-    """Refuse a file that another process is writing.
+    """Reject a file that another process is writing.
 
     Parameters
     ----------
     path
-        File that may be in use.
+        File to check.
 
     Raises
     ------
     InputError
-        Another process writes it, or it cannot be read.
+        Another process is writing it, or it cannot be read.
     """
     file_size(path)
     try:
@@ -143,7 +143,7 @@ def check_unlocked(path: Path) -> None:
 
 
 def _keep(part: Path, target: Path) -> None:
-    """Give what a killed run has left a name of its own, and say so in the log."""
+    """Rename the remainder of a killed run, and log it."""
     check_unlocked(part)
     number = 1
     while (kept := target.with_name(f"{target.stem}.unfinished{number}{target.suffix}.part")).exists():
@@ -157,7 +157,7 @@ def _keep(part: Path, target: Path) -> None:
 
 
 def lock(stream: io.IOBase) -> None:
-    """Hold a file for this process alone, until it is closed or the process ends; not on Windows.
+    """Lock a file for this process until it is closed or the process ends; no effect on Windows.
 
     Parameters
     ----------
@@ -167,27 +167,27 @@ def lock(stream: io.IOBase) -> None:
     Raises
     ------
     OSError
-        Another process holds it.
+        Another process has locked it.
     """
     try:
         import fcntl
-    except ImportError:  # not on Windows
+    except ImportError:  # not available on Windows
         return
     fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def whole_lines(path: Path) -> list[str]:
-    """Lines of a text that was being written; one without its end is left out.
+    """Complete lines of a text that may still be written; an incomplete last line is omitted.
 
     Parameters
     ----------
     path
-        File that grew line by line.
+        File written line by line.
 
     Raises
     ------
     InputError
-        It cannot be read, is not UTF-8, or another run is writing it.
+        It cannot be read, is not UTF-8, or another process is writing it.
     """
     check_unlocked(path)
     data = read_bytes(path, file_size(path))
@@ -198,12 +198,12 @@ def whole_lines(path: Path) -> list[str]:
 
 
 def csv_line(values: Iterable[Any]) -> bytes:
-    """One row of a CSV file; floats as the shortest text that reads back as the same number.
+    """One row of a CSV file; floats as the shortest text that parses to the same number.
 
     Parameters
     ----------
     values
-        Numbers, texts and truth values.
+        Numbers, strings and booleans.
     """
     text = io.StringIO()
     texts = [str(value).lower() if isinstance(value, bool) else value for value in values]

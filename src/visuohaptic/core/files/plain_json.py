@@ -1,4 +1,4 @@
-"""Results as JSON that every reader accepts: no NaN, no types that only Python knows."""
+"""Results as standard JSON: no NaN, no Python-specific types."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ __all__ = ["dumps", "picked", "plain"]
 
 
 def plain(value: Any) -> Any:
-    """Turn a result into mappings, lists, numbers, texts and ``None``.
+    """Convert a result to mappings, lists, numbers, strings and ``None``.
 
-    NaN and infinities become ``None`` because JSON has no word for them.
-    NumPy's numbers and arrays, dataclasses, enumerations and paths are
-    understood; NumPy itself is not imported for that.
+    NaN and infinities become ``None`` because JSON cannot represent them.
+    NumPy scalars and arrays, dataclasses, enumerations and paths are
+    supported; NumPy itself is not imported for that.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def plain(value: Any) -> Any:
     Raises
     ------
     TypeError
-        A value of an unknown type: a mistake in the verb, not in its input.
+        A value has an unsupported type: an error in the verb, not in its input.
     """
     if value is None or isinstance(value, bool):
         return value
@@ -48,20 +48,20 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if callable(to_list := getattr(value, "tolist", None)):  # NumPy's arrays and numbers
+    if callable(to_list := getattr(value, "tolist", None)):  # NumPy arrays and scalars
         return plain(to_list())
     raise TypeError(f"a result has a value of type {type(value).__name__}, which JSON cannot hold")
 
 
 def picked(record: Any, names: str) -> dict[str, Any]:
-    """Some attributes of a record, plain.
+    """Selected attributes of a record, as plain data.
 
     Parameters
     ----------
     record
         Anything with attributes.
     names
-        Of the attributes, with blanks between.
+        Names of the attributes, separated by spaces.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def picked(record: Any, names: str) -> dict[str, Any]:
 
 
 def dumps(value: Any) -> str:
-    """One line of JSON.
+    """Serialise to one line of JSON.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is wrong with the fields of a file, in words: found, expected, and what may have been meant."""
+"""Messages about invalid fields of a file: found, expected, and suggestions."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 __all__ = ["field_problems"]
 
-#: Bounds of pydantic's errors -> our words for them.
+#: Bounds in pydantic's errors -> their wording here.
 _BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
 _LENGTHS = {"min_length": "at least", "max_length": "at most"}
-#: First word of the kind of an error -> what was expected.
+#: First word of an error type -> what was expected.
 _KINDS = {
     "float": "a number",
     "finite": "a finite number",
@@ -31,14 +31,14 @@ _KINDS = {
 
 
 def field_problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:
-    """Field and problem of everything that a model refuses.
+    """Field and problem of every validation error of a model.
 
     Parameters
     ----------
     error
-        What the model has raised.
+        Error raised by the model.
     model
-        Its class, whose fields are offered where a name is not known.
+        Class of the model; its fields are suggested for unknown names.
     """
     return [
         (".".join(str(part) for part in problem["loc"]) or "file", _said(problem, model))
@@ -65,7 +65,7 @@ def _said(problem: Any, model: type[BaseModel]) -> str:
 
 
 def _names(model: Any, seen: frozenset[Any] = frozenset()) -> Iterator[str]:
-    """Names of all fields of a model, and of the models inside it."""
+    """Names of all fields of a model and of its nested models."""
     from typing import get_args
 
     fields = getattr(model, "model_fields", None)

@@ -1,4 +1,4 @@
-"""Regular files of bounded size: pipes, devices, sockets and folders are refused before they are opened."""
+"""Regular files of bounded size: pipes, devices, sockets and folders are rejected before they are opened."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..errors import InputError
 
 __all__ = ["file_size", "read_bytes", "read_head", "read_text", "similar_names"]
 
-#: Of a folder with more files the first are looked at.
+#: Maximum number of files of a folder that are considered.
 MAX_BESIDE = 1000
 
 _KINDS = (
@@ -30,15 +30,15 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
     ----------
     path
         File; symbolic links are followed.
-    max_bytes
+    Maximum accepted size [bytes]; None: unlimited.
         Largest size that is accepted [bytes]; None: any.
-    error
+    Exception class to raise.
         Class that is raised.
 
     Raises
     ------
     InputError
-        As ``error``: there is no such file, it is larger, or it is a folder, pipe, device or socket.
+        As ``error``: the file does not exist, is too large, or is a folder, pipe, device or socket.
     """
     try:
         found = Path(path).stat()
@@ -53,17 +53,17 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
 
 
 def similar_names(path: Path | str) -> str:
-    """What a missing file may have been meant to be: a file beside it with almost its name.
+    """Suggestion for a missing file: a file in the same folder with a similar name.
 
     Parameters
     ----------
     path
-        A file that is not there.
+        A missing file.
 
     Returns
     -------
     str
-        ``did you mean map.yaml?``; empty when nothing there is similar.
+        ``did you mean map.yaml?``; empty if there is no similar name.
     """
     path = Path(path)
     try:
@@ -82,20 +82,20 @@ def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = In
     path
         The file.
     max_bytes
-        Largest size that is read [bytes].
+        Maximum size [bytes].
     error
-        Class of the error that is raised.
+        Exception class to raise.
 
     Raises
     ------
     InputError
-        As ``error``: see :func:`file_size`; or it cannot be read.
+        As ``error``: see :func:`file_size`; or the file cannot be read.
     """
     size = file_size(path, max_bytes, error=error)
     try:
         with Path(path).open("rb") as stream:
             parts = [stream.read(size)]
-            # Files of the kernel say 0 bytes and hold more; others grow.
+            # Kernel files report 0 bytes and contain more; others may grow.
             while size <= max_bytes and (more := stream.read(1 << 20)):
                 parts.append(more)
                 size += len(more)
@@ -107,19 +107,19 @@ def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = In
 
 
 def read_head(path: Path | str, count: int) -> bytes:
-    """First bytes of a regular file, at most ``count``: what kind is it?
+    """First bytes of a regular file, at most ``count``, to identify its format.
 
     Parameters
     ----------
     path
         The file.
     count
-        How many bytes.
+        Number of bytes.
 
     Raises
     ------
     InputError
-        See :func:`file_size`; or it cannot be read.
+        See :func:`file_size`; or the file cannot be read.
     """
     file_size(path)
     try:
@@ -130,19 +130,19 @@ def read_head(path: Path | str, count: int) -> bytes:
 
 
 def read_text(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> str:
-    """Text of a UTF-8 file of at most ``max_bytes``; a byte order mark is taken off.
+    """Text of a UTF-8 file of at most ``max_bytes``, without byte order mark.
 
-    Line ends become ``\\n``, as with files opened for text.
+    Line endings become ``\\n``, as in files opened in text mode.
 
     Parameters
     ----------
     path, max_bytes, error
-        As of :func:`read_bytes`.
+        As in :func:`read_bytes`.
 
     Raises
     ------
     InputError
-        As ``error``: see :func:`read_bytes`; or it is not UTF-8.
+        As ``error``: see :func:`read_bytes`; or the file is not UTF-8.
     """
     try:
         text = read_bytes(path, max_bytes, error=error).decode("utf-8-sig")

@@ -1,4 +1,4 @@
-"""YAML of unknown origin: plain data of bounded size, and schemas that report all problems at once."""
+"""Untrusted YAML: plain data of bounded size, and schemas that report all problems at once."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 __all__ = ["checked_model", "load_yaml", "load_yaml_model", "parse_yaml", "save_yaml"]
 
-#: Larger files are refused before they are parsed [bytes].
+#: Larger files are rejected before they are parsed [bytes].
 MAX_YAML_BYTES = 16 * 1024 * 1024
-#: What aliases may add to a file when each is written out: values and characters together. Nine levels of
-#: ``[*a, *a, ...]`` in 500 bytes would add 10^8, the anchors of a file written by hand a few thousand.
+#: Limit of the size that the expansion of aliases may add: number of values plus characters. Nine levels of
+#: ``[*a, *a, ...]`` in 500 bytes would add 10^8, the anchors of a hand-written file a few thousand.
 MAX_ALIAS_SIZE = 1_000_000
-#: Longest text of a whole number that is converted: 64 bits in binary, with underscores.
+#: Maximum length of an integer that is converted: 64 bits in binary, with underscores.
 _MAX_DIGITS = 100
 _INTEGER = "tag:yaml.org,2002:int"
 _FLOAT = "tag:yaml.org,2002:float"
@@ -32,7 +32,7 @@ _FLOAT = "tag:yaml.org,2002:float"
 
 @cache
 def _loader() -> Any:
-    """YAML 1.1 without base 60, long integers and multiplying aliases."""
+    """Loader of YAML 1.1 without base 60, long integers and alias expansion attacks."""
     import re
 
     import yaml
@@ -59,7 +59,7 @@ def _loader() -> Any:
         first: [(tag, pattern) for tag, pattern in kinds if tag not in (_INTEGER, _FLOAT)]
         for first, kinds in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
-    # As in PyYAML's resolver, less its last alternative: 1:30 is a text, not 90.
+    # As in PyYAML's resolver, without its last alternative: 1:30 is a string, not 90.
     Loader.add_implicit_resolver(
         _INTEGER,
         re.compile(r"^[-+]?(?:0b[0-1_]+|0[0-7_]+|0|[1-9][0-9_]*|0x[0-9a-fA-F_]+)$"),
@@ -85,7 +85,7 @@ def _refused(node: yaml.Node, problem: str) -> Exception:
 
 
 def _check_number(node: yaml.ScalarNode) -> None:
-    """Explicit tags (``!!int 59:59``) come past the resolver."""
+    """Check integers with explicit tags (``!!int 59:59``), which bypass the resolver."""
     if len(node.value) > _MAX_DIGITS:
         raise _refused(node, f"a number of {len(node.value)} characters, expected at most {_MAX_DIGITS}")
     if ":" in node.value:
@@ -93,9 +93,9 @@ def _check_number(node: yaml.ScalarNode) -> None:
 
 
 def _check_aliases(root: yaml.Node) -> None:
-    """Count what the file would be without aliases, before anything is expanded."""
-    size: dict[int, int] = {}  # of each node, aliases written out
-    written = 0  # of all nodes, each once
+    """Compute the size after alias expansion, before anything is expanded."""
+    size: dict[int, int] = {}  # of each node, with aliases expanded
+    written = 0  # of all nodes, each counted once
     open_nodes: set[int] = set()
     stack = [(root, False)]
     while stack:
@@ -121,29 +121,27 @@ def _check_aliases(root: yaml.Node) -> None:
 
 
 def parse_yaml(text: str, where: object) -> Any:
-    """Plain data of a YAML text.
+    """Plain data of a YAML document.
 
-    Numbers in base 60 (``1:30``) stay texts; aliases may not multiply a text beyond ``MAX_ALIAS_SIZE``.
+    Numbers in base 60 (``1:30``) remain strings; alias expansion is limited to ``MAX_ALIAS_SIZE``.
 
     Parameters
     ----------
     text
         One document.
     where
-        File or argument that it comes from, for messages.
+        Source file or argument, for messages.
 
     Raises
     ------
     InputError
-        It is not YAML, or larger than it looks; with the line.
+        It is not YAML, or alias expansion is too large; with the line.
     """
     import yaml
 
     try:
         return yaml.load(text, _loader())
-    except (
-        Exception
-    ) as error:  # beside YAMLError: whatever int(), float() or datetime() say of a tagged value
+    except Exception as error:  # besides YAMLError: errors of int(), float() or datetime() for tagged values
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or type(error).__name__
@@ -156,12 +154,12 @@ def load_yaml(path: Path | str) -> Any:
     Parameters
     ----------
     path
-        The file, of at most 16 MiB.
+        The file, at most 16 MiB.
 
     Raises
     ------
     InputError
-        The file is missing, no regular file, too large, not UTF-8 or not YAML.
+        The file is missing, not a regular file, too large, not UTF-8 or not YAML.
     """
     return parse_yaml(read_text(path, MAX_YAML_BYTES), path)
 
@@ -172,14 +170,14 @@ def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
     Parameters
     ----------
     path
-        The file, of at most 16 MiB.
+        The file, at most 16 MiB.
     model
-        The pydantic model that the file must fit.
+        Pydantic model that the file must match.
 
     Raises
     ------
     InputError
-        With every field that is missing, unknown or of the wrong kind.
+        Lists every field that is missing, unknown or of the wrong type.
     """
     data = load_yaml(path)
     if not isinstance(data, dict):
@@ -193,16 +191,16 @@ def checked_model(where: Path | str, data: dict[str, Any], model: type[Model]) -
     Parameters
     ----------
     where
-        The file, or what else the data is from.
+        The file or other source of the data.
     data
         Values by field.
     model
-        The pydantic model that the data must fit.
+        Pydantic model that the data must match.
 
     Raises
     ------
     InputError
-        With every field that is missing, unknown or of the wrong kind.
+        Lists every field that is missing, unknown or of the wrong type.
     """
     from pydantic import ValidationError
 
@@ -210,7 +208,7 @@ def checked_model(where: Path | str, data: dict[str, Any], model: type[Model]) -
         return model.model_validate(data)
     except ValidationError as error:
         problems = field_problems(error, model)
-        # A file of another kind lacks most fields: only the cause is reported.
+        # A file of another type lacks most fields: report only the cause.
         wrong_kind = [(place, said) for place, said in problems if place in ("kind", "format")]
         first, text = (problems := wrong_kind or problems)[0]
         texts = [text, *(f"{place}: {said}" for place, said in problems[1:])]
@@ -218,14 +216,14 @@ def checked_model(where: Path | str, data: dict[str, Any], model: type[Model]) -
 
 
 def save_yaml(path: Path | str, data: dict[str, Any]) -> None:
-    """Write plain data (numbers, texts, lists, mappings) as YAML, whole or not at all.
+    """Write plain data (numbers, strings, lists, mappings) as YAML, atomically.
 
     Parameters
     ----------
     path
         File that is created or replaced.
     data
-        Plain data, in the order in which they are to be written.
+        Plain data, in the order to be written.
     """
     import yaml
 

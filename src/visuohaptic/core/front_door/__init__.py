@@ -1,4 +1,4 @@
-"""The public names of a package: imported at their first use, functions with a check of their arrays."""
+"""Public names of a package: lazily imported, functions with a check of their array arguments."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ __all__ = ["attach", "public"]
 
 
 def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """``__getattr__``, ``__dir__`` and ``__all__`` of a package whose names stand in its stub file.
+    """``__getattr__``, ``__dir__`` and ``__all__`` of a package whose names are listed in its stub file.
 
-    Each name is imported when it is first used.
+    Each name is imported on first use.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
 
 
 def public(package: str, name: str, found: Any) -> Any:
-    """What a package gives for a name: a function with arrays checks them first.
+    """The object that a package exports under a name: functions with array arguments are wrapped with a check.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def public(package: str, name: str, found: Any) -> Any:
     name
         Public name.
     found
-        What the module of the package has under this name.
+        Object of this name in the package's module.
     """
     if not isinstance(found, FunctionType) or hasattr(found, "arrays_checked"):
         return found
@@ -48,6 +48,6 @@ def public(package: str, name: str, found: Any) -> Any:
     checked = guarded(found)
     if checked is not found:
         checked.__module__ = package
-        # The next use, and pickle, find the same object.
+        # Later uses, and pickle, get the same object.
         setattr(sys.modules[package], name, checked)
     return checked

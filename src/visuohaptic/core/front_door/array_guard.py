@@ -1,7 +1,7 @@
-"""One check of the arrays that public functions are given.
+"""Validation of array arguments of public functions.
 
-Inside the library arrays are what the annotations say. Functions that are taken from a package, as programs do, check
-that first: kind of numbers, byte order, shape. Kernels that are handed something else read memory that is not theirs.
+Inside the library, arrays match their annotations. Functions accessed through the package, as applications do, first check
+this: type of numbers, byte order, shape. Kernels given other arrays would read invalid memory.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ _WORDS = {
     "UInt8": "uint8 values",
     "Bool": "truth values",
 }
-#: Larger numbers are no measurements: their squares are not finite.
+#: Larger numbers are not measurements: their squares overflow.
 MAX_NUMBER = 1e150
 
 
 @dataclass(frozen=True, slots=True)
 class _ArraySpec:
-    """What one parameter has to be."""
+    """Requirements for one parameter."""
 
     where: str  #: function
     field: str  #: parameter
-    kind: str  #: of jaxtyping
+    kind: str  #: type according to jaxtyping
     shape: tuple[str, ...]
-    scalar: bool  #: whether a number will do
-    optional: bool  #: whether None will do
+    scalar: bool  #: whether a scalar is accepted
+    optional: bool  #: whether None is accepted
 
     def checked(self, value: Any, sizes: dict[str, int]) -> Any:
-        """The array as the function expects it; the same object where nothing has to change."""
+        """The array as the function expects it; the same object if no conversion is needed."""
         if (value is None and self.optional) or (self.scalar and isinstance(value, float | int | np.number)):
             return value
         array = value
@@ -94,7 +94,7 @@ class _ArraySpec:
         return InputError(self.where, f"{problem}, expected {_WORDS[self.kind]} ({shape})", field=self.field)
 
     def unsuitable(self, value: Any, error: Exception) -> InputError | None:
-        """Why an array that has kind and shape cannot be computed with; None when it is not to blame."""
+        """Why an array of the correct type and shape cannot be used in the computation; None if it is not the cause."""
         if not isinstance(value, np.ndarray):
             return None
         if not value.size:
@@ -116,17 +116,19 @@ class _ArraySpec:
 
 
 def _is_ours(error: Exception) -> bool:
-    """Whether an exception was raised in this library, not by one that it calls."""
+    """Whether an exception was raised in this library rather than in a dependency."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
-    if isinstance(error, ValueError) and "broadcast" in str(error):  # of NumPy, which leaves no trace
+    if isinstance(error, ValueError) and "broadcast" in str(
+        error
+    ):  # raised by NumPy, without a traceback entry
         return False
     return trace is None or str(trace.tb_frame.f_globals.get("__name__", "")).startswith("visuohaptic")
 
 
 def _specs(function: Callable[..., Any]) -> list[tuple[int, str, _ArraySpec]]:
-    """Place, name and specification of the parameters that are arrays."""
+    """Position, name and specification of the array parameters."""
     found = []
     for place, (name, parameter) in enumerate(inspect.signature(function).parameters.items()):
         if match := _ARRAY.fullmatch(str(parameter.annotation)):
@@ -144,12 +146,12 @@ def _specs(function: Callable[..., Any]) -> list[tuple[int, str, _ArraySpec]]:
 
 
 def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that checks its arrays first; itself where its annotations name none.
+    """Wrap a function with a check of its arrays; returns the function itself if its annotations contain none.
 
     Parameters
     ----------
     function
-        Function with arrays annotated by jaxtyping.
+        Function whose array parameters are annotated with jaxtyping.
     """
     specs = _specs(function)
     if not specs:

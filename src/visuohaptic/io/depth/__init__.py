@@ -1,4 +1,4 @@
-"""Depth images, depth sequences and camera trajectories in and out."""
+"""Reading and writing of depth images, depth sequences and camera trajectories."""
 
 from ...core.front_door import attach
 

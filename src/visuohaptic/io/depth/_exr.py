@@ -1,8 +1,8 @@
 """OpenEXR depth images: one channel of a scan-line file as float32.
 
-OpenCV's wheels are built without OpenEXR. Depth maps need little of the
-format: single-part scan-line files, uncompressed or packed by ZIPS, ZIP or
-RLE, with half, float or whole-number channels. Layout:
+OpenCV's wheels are built without OpenEXR. Depth maps need only a subset of the
+format: single-part scan-line files, uncompressed or compressed with ZIPS, ZIP or
+RLE, with half, float or integer channels. Layout:
 https://openexr.com/en/latest/OpenEXRFileLayout.html
 """
 
@@ -23,10 +23,10 @@ __all__ = ["decode_exr"]
 _MAGIC = b"v/1\x01"
 #: Flags of the version field that mark tiled, deep and multi-part files.
 _OTHER_LAYOUTS = 0x200 | 0x800 | 0x1000
-#: Compression -> name and rows a block.
+#: Compression -> name and rows per block.
 _COMPRESSIONS = {0: ("none", 1), 1: ("RLE", 1), 2: ("ZIPS", 1), 3: ("ZIP", 16)}
 _TYPES: dict[int, np.dtype] = {0: np.dtype("<u4"), 1: np.dtype("<f2"), 2: np.dtype("<f4")}
-#: Channels that carry depth, the likeliest first.
+#: Channels that may contain depth, in order of preference.
 _DEPTH_CHANNELS = ("Z", "depth.Z", "Y", "R", "G", "B")
 
 
@@ -34,21 +34,21 @@ _DEPTH_CHANNELS = ("Z", "depth.Z", "Y", "R", "G", "B")
 class _Header:
     width: int
     height: int
-    top: int  #: number of the first row
+    top: int  #: index of the first row
     compression: int
-    channels: tuple[tuple[str, np.dtype], ...]  #: in the order of the file
-    end: int  #: first byte behind the header
+    channels: tuple[tuple[str, np.dtype], ...]  #: in file order
+    end: int  #: first byte after the header
 
 
 def decode_exr(data: bytes, where: str) -> Float[np.ndarray, "rows columns"]:
-    """The depth channel of an OpenEXR file in memory (``Z``, else ``Y`` or the first colour).
+    """The depth channel of an OpenEXR file in memory (``Z``, otherwise ``Y`` or the first colour).
 
     Parameters
     ----------
     data
-        The whole file.
+        Contents of the file.
     where
-        The file, for messages.
+        Name of the file, for messages.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def decode_exr(data: bytes, where: str) -> Float[np.ndarray, "rows columns"]:
     Raises
     ------
     InputError
-        The data is no such file, packed in another way, too large or damaged.
+        The data is not such a file, uses another compression, or is too large or damaged.
     """
     try:
         header = _read_header(data, where)
@@ -146,7 +146,9 @@ def _read_rows(data: bytes, header: _Header, where: str) -> Float[np.ndarray, "r
 
 
 def _unpacked(packed: bytes, compression: int, size: int) -> bytes:
-    if compression == 0 or len(packed) == size:  # a block that packing would enlarge is stored plainly
+    if (
+        compression == 0 or len(packed) == size
+    ):  # blocks that compression would enlarge are stored uncompressed
         raw = packed
     else:
         raw = _run_lengths(packed, size) if compression == 1 else zlib.decompress(packed, bufsize=size)
@@ -156,7 +158,7 @@ def _unpacked(packed: bytes, compression: int, size: int) -> bytes:
 
 
 def _restored(values: UInt8[np.ndarray, "n"]) -> UInt8[np.ndarray, "n"]:
-    """Undo the differences and the split into even and odd bytes."""
+    """Undo the delta coding and the split into even and odd bytes."""
     steps = values.astype(np.int64)
     steps[1:] -= 128
     summed = np.cumsum(steps).astype(np.uint8)

@@ -15,20 +15,20 @@ from ._exr import decode_exr
 
 __all__ = ["DEPTH_SUFFIXES", "DepthEncoding", "read_depth", "write_depth"]
 
-#: Kinds of file that are read.
+#: Supported file formats.
 DEPTH_SUFFIXES = (".png", ".exr")
 
 
 @dataclass(frozen=True, slots=True)
 class DepthEncoding:
-    """How the numbers of an image become metres: ``depth_m = value * scale_m``."""
+    """Conversion of pixel values to metres: ``depth_m = value * scale_m``."""
 
-    scale_m: float = field(default=0.001, metadata=POSITIVE)  #: metres of one unit of the file
+    scale_m: float = field(default=0.001, metadata=POSITIVE)  #: size of one unit of the file [m]
     #: the file's 16-bit words are rotated left by this many bits (RealSense F200: 3)
     bit_rotation: int = field(default=0, metadata=within(0, 15))
-    invalid: tuple[int, ...] = (0, 65535)  #: values that mean "nothing measured", after the rotation
-    min_m: float = field(default=0.05, metadata=NON_NEGATIVE)  #: nearer is nothing a depth camera measures
-    max_m: float = 20.0  #: farther neither
+    invalid: tuple[int, ...] = (0, 65535)  #: values for "not measured", after the rotation
+    min_m: float = field(default=0.05, metadata=NON_NEGATIVE)  #: minimum depth of a valid measurement
+    max_m: float = 20.0  #: maximum depth of a valid measurement
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -41,25 +41,25 @@ class DepthEncoding:
 def read_depth(
     path: Path | str, encoding: DepthEncoding, *, size: tuple[int, int] | None = None
 ) -> Float[np.ndarray, "rows columns"]:
-    """Depth along the optical axis [m], float32; what was not measured is NaN.
+    """Depth along the optical axis [m], float32; NaN where not measured.
 
-    The file is checked to be whole first (of PNG every checksum): a decoder
-    for photographs would fill what is missing with zeros.
+    The integrity of the file is checked first (for PNG, every checksum), because image
+    decoders fill missing data with zeros.
 
     Parameters
     ----------
     path
-        PNG of 16 bit, or OpenEXR.
+        16-bit PNG, or OpenEXR.
     encoding
-        What a pixel's number means.
+        Meaning of the pixel values.
     size
-        Width and height that the image must have [px].
+        Required image width and height [px].
 
     Raises
     ------
     InputError
-        The file is missing, of another kind or size, damaged, or hardly any
-        of its depths lies in the range of the encoding.
+        The file is missing, has another format or size, is damaged, or hardly any
+        of its depths are within the range of the encoding.
     """
     path = Path(path)
     data = read_bytes(path, MAX_IMAGE_BYTES)
@@ -110,7 +110,7 @@ def _check_size(path: Path, width: int, height: int, size: tuple[int, int] | Non
 
 
 def write_depth(path: Path | str, depth_m: Float[np.ndarray, "rows columns"], scale_m: float = 0.001) -> None:
-    """Write depth as a 16-bit PNG; what is NaN or does not fit becomes 0.
+    """Write depth as a 16-bit PNG; NaN and out-of-range values become 0.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def write_depth(path: Path | str, depth_m: Float[np.ndarray, "rows columns"], sc
     depth_m
         Depth along the optical axis, shape (rows, columns) [m].
     scale_m
-        Depth of one unit of the file [m].
+        Size of one unit of the file [m].
     """
     with np.errstate(invalid="ignore"):
         units = np.rint(np.asarray(depth_m, dtype=np.float64) / scale_m)

@@ -1,4 +1,4 @@
-"""Makes a sequence folder from the layouts in which others publish depth sequences.
+"""Conversion of published layouts of depth sequences to a sequence folder.
 
 ``arm``
     ``camera.json`` (width, height, fx, fy, cx, cy, depth_unit_m), ``depth/k.png``,
@@ -7,10 +7,10 @@
     ``cam.info.txt`` (labelled matrices), ``frame-NNNNNN.depth.png`` with rotated
     bits of 0.1 mm, aligned to ``frame-NNNNNN.color.png``.
 ``cleargrasp``
-    ``camera_intrinsics.yaml``, ``N-<kind>-depth-img.exr`` in metres: single
-    views without poses, every one of a scene of its own.
+        ``camera_intrinsics.yaml``, ``N-<kind>-depth-img.exr`` in metres: single
+        views without poses, each of a separate scene.
 ``plain``
-    Depth images beside a ``camera.yaml`` and a file of poses that are named.
+        Depth images with explicitly given ``camera.yaml`` and pose file.
 """
 
 from __future__ import annotations
@@ -47,24 +47,24 @@ __all__ = ["LAYOUTS", "ImportedSequence", "import_sequence"]
 _log = logging.getLogger(__name__)
 
 LAYOUTS = ("arm", "apc", "cleargrasp", "plain")
-#: Time between two images that have none [s].
+#: Assumed period of images without timestamps [s].
 _PERIOD_S = 1.0 / 30.0
 _NUMBER = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
 class ImportedSequence:
-    """What was written."""
+    """Result of an import."""
 
     folder: Path
     layout: str
     frames: int
-    skipped: list[str] = field(default_factory=list)  #: one line for each image left out
+    skipped: list[str] = field(default_factory=list)  #: one line for each skipped image
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """A foreign folder, understood."""
+    """Parsed contents of a third-party folder."""
 
     sensor: str
     camera: Camera
@@ -108,35 +108,35 @@ def import_sequence(
     depth_scale_m: float | None = None,
     bit_rotation: int = 0,
 ) -> ImportedSequence:
-    """Write a sequence folder from a foreign one.
+    """Convert a third-party folder to a sequence folder.
 
     Depth is written as plain 16-bit PNG; colour is copied. Images that
-    cannot be read or have no pose are left out and reported.
+    cannot be read or have no pose are skipped and reported.
 
     Parameters
     ----------
     source
-        Folder as the other program has written it.
+        Folder in one of the supported layouts.
     target
-        Folder that is created.
+        Folder to create.
     layout
-        One of :data:`LAYOUTS`, or ``auto`` to tell it from the files.
+        One of :data:`LAYOUTS`, or ``auto`` to detect it from the files.
     kind
-        Of the ClearGrasp pairs: ``transparent`` or ``opaque``.
+        Type of the ClearGrasp pairs: ``transparent`` or ``opaque``.
     camera, poses, depth_scale_m, bit_rotation
-        Of a plain folder: ``camera_info`` file, file of poses, metres of one
-        unit, and the F200's rotation of bits.
+        For a plain folder: ``camera_info`` file, pose file, size of one unit [m],
+        and the F200's bit rotation.
 
     Returns
     -------
     ImportedSequence
-        What was written, and what was left out and why.
+        What was written, and what was skipped and why.
 
     Raises
     ------
     InputError
-        The source is of no such layout, nothing of it can be read, or the
-        target is there already.
+        The source has no such layout, none of it can be read, or the
+        target already exists.
     """
     source, target = Path(source), Path(target)
     if not source.is_dir():
@@ -196,7 +196,7 @@ def _beside(folder: Path, stem: str) -> Path | None:
 
 
 def _labelled_matrices(path: Path) -> dict[str, Float[np.ndarray, "rows columns"]]:
-    """Matrices of a text file, each under the comment line above it."""
+    """Matrices of a text file, each labelled by the comment line above it."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -285,7 +285,7 @@ def _plain(
 def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
     if not found.images:
         raise InputError(target, f"the source has no depth images of the layout {layout!r}")
-    # 0.1 mm reaches 6.5 m in 16 bit; what is coarser stays as it is.
+    # Units of 0.1 mm reach 6.5 m in 16 bits; coarser units are kept.
     scale_m = 1e-4 if found.encoding.scale_m == 1.0 else found.encoding.scale_m
     skipped: list[str] = []
     poses: list[tuple[float, Pose]] = []

@@ -1,7 +1,7 @@
-"""Live depth cameras: RealSense and Orbbec by their makers' packages, where these are installed.
+"""Live depth cameras: RealSense and Orbbec, using the vendors' packages if installed.
 
-Both deliver the depth registered to the colour image, so that one camera
-model holds for both. Neither knows where it is: poses come from a tracker.
+Both deliver depth registered to the colour image, so that one camera
+model is valid for both. The cameras have no pose: it comes from a tracker.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ __all__ = ["DepthColorImage", "LiveDepthSource", "OrbbecSource", "RealSenseSourc
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthColorImage:
-    """Depth and colour of one moment."""
+    """Synchronised depth and colour images."""
 
     depth_m: Float32[np.ndarray, "rows columns"]  #: along the optical axis [m]; NaN: not measured
     color: UInt8[np.ndarray, "rows columns 3"]  #: blue, green, red, registered
-    t_s: float  #: in the camera's clock [s]
-    index: int  #: number of the frame; a gap means that frames were lost, where the camera counts them
+    t_s: float  #: on the camera's clock [s]
+    index: int  #: frame number; a gap means lost frames, if the camera counts them
 
     def posed(self, T_world_camera: Pose, camera: Camera) -> DepthFrame:
-        """The view as fusion and detection take it.
+        """The view as input of fusion and detection.
 
         Parameters
         ----------
         T_world_camera
-            Pose of the camera when the image was taken.
+            Pose of the camera at the time of the image.
         camera
-            Model of the camera, of the image's size.
+            Camera model, matching the image size.
         """
         return DepthFrame(self.t_s, self.depth_m, self.color, T_world_camera, camera, self.index)
 
@@ -53,23 +53,23 @@ class LiveDepthSource(Closing):
     Parameters
     ----------
     width, height
-        Of the images [px].
+        Size of the images [px].
     rate_Hz
         Images per second.
     timeout_s
-        An image is waited for this long [s].
+        Time-out for an image [s].
     serial
-        Serial number of the camera; the first one without.
+        Serial number of the camera; by default the first one found.
 
     Raises
     ------
     MissingExtraError
-        The maker's package is not installed.
+        The vendor's package is not installed.
     DeviceError
-        There is no such camera, or it does not offer these images.
+        The camera does not exist, or does not support this image format.
     """
 
-    #: Module of the maker's package, and the extra that has it.
+    #: Module of the vendor's package, and the extra that installs it.
     module = ""
     extra = ""
 
@@ -100,11 +100,11 @@ class LiveDepthSource(Closing):
 
     @abstractmethod
     def _start(self, width: int, height: int, rate_Hz: int) -> Camera:
-        """Open the device; its model."""
+        """Open the device and return its camera model."""
 
     @abstractmethod
     def _wait(self) -> DepthColorImage | None:
-        """The next image; None without one in time, or without depth or colour."""
+        """The next image; None on time-out, or if depth or colour is missing."""
 
     @abstractmethod
     def _stop(self) -> None:
@@ -112,7 +112,7 @@ class LiveDepthSource(Closing):
 
     @property
     def camera(self) -> Camera:
-        """The model of the images."""
+        """Camera model of the images."""
         return self._camera
 
     @property
@@ -126,11 +126,11 @@ class LiveDepthSource(Closing):
         Raises
         ------
         DeviceError
-            None came in time, or the camera is closed or lost.
+            No image arrived in time, or the camera is closed or disconnected.
         """
         if not self._open:
             raise DeviceError("the camera is closed")
-        # Makers' packages raise what they like when a cable is pulled.
+        # Vendor packages raise arbitrary exceptions when a cable is unplugged.
         try:
             found = self._wait()
         except Exception as error:
@@ -146,14 +146,14 @@ class LiveDepthSource(Closing):
             yield Frame(found.color, found.t_s, found.index)
 
     def close(self) -> None:
-        """Release the device; harmless when repeated."""
+        """Release the device; may be called repeatedly."""
         if self._open:
             self._open = False
             self._stop()
 
 
 class RealSenseSource(LiveDepthSource):
-    """A RealSense camera by ``pyrealsense2``; parameters as of :class:`LiveDepthSource`."""
+    """A RealSense camera via ``pyrealsense2``; parameters as in :class:`LiveDepthSource`."""
 
     module, extra = "pyrealsense2", "realsense"
 
@@ -187,7 +187,7 @@ class RealSenseSource(LiveDepthSource):
 
 
 class OrbbecSource(LiveDepthSource):
-    """An Orbbec camera by ``pyorbbecsdk2`` (module ``pyorbbecsdk``); parameters as of :class:`LiveDepthSource`."""
+    """An Orbbec camera via ``pyorbbecsdk2`` (module ``pyorbbecsdk``); parameters as in :class:`LiveDepthSource`."""
 
     module, extra = "pyorbbecsdk", "orbbec"
 
@@ -223,13 +223,13 @@ class OrbbecSource(LiveDepthSource):
             return None
         self._count += 1
         shape = (depth.get_height(), depth.get_width())
-        # The maker's scale is in millimetres.
+        # The vendor's scale is in millimetres.
         scale_m = np.float32(1e-3 * depth.get_depth_scale())
         rgb = np.frombuffer(color.get_data(), np.uint8).reshape(color.get_height(), color.get_width(), 3)
         return DepthColorImage(
             _metres(np.frombuffer(depth.get_data(), np.uint16).reshape(shape), scale_m),
             np.ascontiguousarray(rgb[..., ::-1]),
-            # Some models have no clock of their own and tell 0.
+            # Some models have no clock and report 0.
             1e-3 * float(depth.get_timestamp() or depth.get_system_timestamp()),
             self._count,
         )
@@ -249,11 +249,11 @@ def open_depth_camera(which: str) -> LiveDepthSource:
     Raises
     ------
     InputError
-        The address names no depth camera.
+        The address is not that of a depth camera.
     MissingExtraError
-        The maker's package is not installed.
+        The vendor's package is not installed.
     DeviceError
-        There is no such camera.
+        The camera does not exist.
     """
     maker, _, serial = which.partition(":")
     makers: dict[str, type[LiveDepthSource]] = {"realsense": RealSenseSource, "orbbec": OrbbecSource}
@@ -269,7 +269,7 @@ def _pinhole(width: int, height: int, fx: float, fy: float, cx: float, cy: float
 
 
 def _metres(raw: np.ndarray, scale_m: np.float32) -> Float32[np.ndarray, "rows columns"]:
-    """Words of the camera in metres; 0 is not measured."""
+    """Convert raw depth to metres; 0 means not measured."""
     depth_m = raw.astype(np.float32) * scale_m
     depth_m[raw == 0] = np.nan
     return depth_m

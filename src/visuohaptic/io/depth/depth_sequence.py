@@ -1,10 +1,10 @@
-"""A folder of depth images with the camera's poses.
+"""A folder of depth images with camera poses.
 
 =================  ====================================================================
 ``sequence.yaml``  ``sensor``, ``depth_scale_m``, ``camera: camera.yaml``; see
-                   :class:`SequenceFile` for what is optional
+                                      :class:`SequenceFile` for optional fields
 ``camera.yaml``    ROS ``camera_info``
-``depth/``         16-bit PNG or EXR, in order of name
+``depth/``         16-bit PNG or EXR, in name order
 ``color/``         optional, registered to the depth, same names or same count
 ``poses.txt``      TUM text (``t tx ty tz qx qy qz qw``), camera to world
 =================  ====================================================================
@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 _COLOR_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp"}
 _NUMBER = re.compile(r"(\d+)\D*$")
-#: A camera that steps farther than this many depths between frames sees nothing twice: wrong unit.
+#: If the camera moves farther between frames than this multiple of the depth, no point is seen twice: wrong unit.
 _STEP_PER_DEPTH = 4.0
 
 
@@ -51,7 +51,7 @@ class DepthFrame:
     color: UInt8[np.ndarray, "rows columns 3"] | None  #: blue, green, red; registered to the depth
     T_world_camera: Pose
     camera: Camera
-    index: int = 0  #: number of the frame in its sequence
+    index: int = 0  #: index of the frame in its sequence
 
     def __post_init__(self) -> None:
         expected = (self.camera.height, self.camera.width)
@@ -74,14 +74,14 @@ class SequenceFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     sensor: Annotated[str, Field(max_length=200)] = (
-        "unknown"  #: name of the camera, which selects its noise model
+        "unknown"  #: name of the sensor, which selects its noise model
     )
-    depth_scale_m: Annotated[FiniteFloat, Field(gt=0)]  #: metres of one unit
+    depth_scale_m: Annotated[FiniteFloat, Field(gt=0)]  #: size of one unit [m]
     camera: str = "camera.yaml"  #: file of the camera model
     depth: str = "depth"  #: folder of the depth images
     color: str = "color"  #: folder of the colour images
     poses: str = "poses.txt"  #: TUM text, 4 x 4 text or MCAP
-    poses_topic: str | None = None  #: of an MCAP file
+    poses_topic: str | None = None  #: topic of an MCAP file
     bit_rotation: Annotated[int, Field(ge=0, lt=16)] = 0  #: RealSense F200: 3
     invalid: Annotated[list[int], Field(max_length=16)] = [0, 65535]  #: values that mean "not measured"
     min_depth_m: Annotated[FiniteFloat, Field(ge=0)] = 0.05  #: nearer values are ignored
@@ -92,8 +92,8 @@ class DepthSequence:
     """Views of a depth camera from a folder; iterates over :class:`DepthFrame`.
 
     Frames that cannot be used (unreadable, of another size, without pose, out
-    of range) are left out; ``skipped`` counts them by cause and ``problems``
-    has one line for each, both of the last iteration.
+    of range) are skipped; ``skipped`` counts them by cause, and ``problems``
+    has one line for each; both refer to the last iteration.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class DepthSequence:
     Raises
     ------
     InputError
-        The folder has no such files, or they cannot belong together.
+        The folder lacks required files, or they are inconsistent.
 
     Examples
     --------
@@ -131,16 +131,16 @@ class DepthSequence:
         self._colors = {path.stem: path for path in _image_files(colors, _COLOR_SUFFIXES)}
         self._color_list = list(self._colors.values())
         poses = read_poses(self._inside(info.poses, "poses"), info.poses_topic)
-        #: Time and pose of each image; a pose that is missing says why.
+        #: Time and pose of each image; missing poses have a reason.
         self.stamped: list[StampedPose] = _matched(self.folder, self._paths, poses)
-        #: Images that have a pose and are not there, where the names tell.
+        #: Number of poses without an image, if the file names reveal it.
         self.missing = 0 if seconds_in(self._paths) else len(poses) - len(self._paths)
         self._check_steps()
-        self.skipped: Counter[str] = Counter()  #: frames left out, by cause
-        self.problems: list[str] = []  #: one line for each frame left out
+        self.skipped: Counter[str] = Counter()  #: skipped frames, by cause
+        self.problems: list[str] = []  #: one line for each skipped frame
 
     def _inside(self, name: str, field: str) -> Path:
-        """A path of the description; it may not lead out of the folder."""
+        """A path of the description; must be inside the folder."""
         path = self.folder / name
         if "\0" in name or not path.resolve().is_relative_to(self.folder.resolve()):
             raise InputError(
@@ -151,7 +151,7 @@ class DepthSequence:
         return path
 
     def _check_steps(self) -> None:
-        """Refuse poses in another unit than the depth."""
+        """Reject poses whose unit differs from that of the depth."""
         places = np.array([stamped.pose.translation_m for stamped in self.stamped if stamped.pose])
         if len(places) < 2:
             return
@@ -181,19 +181,19 @@ class DepthSequence:
 
     @property
     def times_s(self) -> Float[np.ndarray, "n"]:
-        """Time of every image [s]; the number of the frame where the poses have no times."""
+        """Time of every image [s]; the frame number if the poses have no times."""
         return np.array(
             [stamped.t_s if np.isfinite(stamped.t_s) else k for k, stamped in enumerate(self.stamped)],
             dtype=np.float64,
         )
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        """Usable frames in order of name, from the first one every time.
+        """Usable frames in name order; every iteration starts at the first one.
 
         Raises
         ------
         InputError
-            Not one frame can be used; the message has the first cause.
+            No frame can be used; the message contains the first cause.
         """
         self.skipped, self.problems = Counter(), []
         delivered = 0
@@ -248,7 +248,7 @@ def _image_files(folder: Path, suffixes: set[str]) -> list[Path]:
 
 
 def _matched(folder: Path, paths: list[Path], poses: list[StampedPose]) -> list[StampedPose]:
-    """The pose of each image: by time in its name, by count, or by its number where images are lost."""
+    """The pose of each image: by the time in its name, by count, or by its number if images are missing."""
     timed = sorted((stamped for stamped in poses if np.isfinite(stamped.t_s)), key=lambda s: s.t_s)
     if (seconds := seconds_in(paths)) and timed:
         return [StampedPose(time_s, *interpolate_pose(timed, time_s)) for time_s in seconds]

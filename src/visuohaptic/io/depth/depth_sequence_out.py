@@ -1,4 +1,4 @@
-"""A depth sequence folder from frames in memory: what a simulation or a live camera has seen."""
+"""Writing of a depth sequence folder from frames in memory, simulated or from a live camera."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .poses import POSE_HEADER, pose_line, read_poses
 
 __all__ = ["recover_sequence", "write_sequence"]
 
-#: Name of the description until the sequence is whole.
+#: Name of the description until the sequence is complete.
 DESCRIPTION_PART = "sequence.yaml.part"
 
 
@@ -24,26 +24,26 @@ def write_sequence(
     sensor: str = "unknown",
     depth_scale_m: float = 1e-4,
 ) -> int:
-    """Write a sequence folder that :class:`.DepthSequence` reads; tells the number of frames.
+    """Write a sequence folder that :class:`.DepthSequence` reads; returns the number of frames.
 
-    A frame is with the operating system when the next one is taken. The description gets its name last: a folder
-    whose writer was stopped is no sequence until ``visuohaptic recording recover`` has made it one.
+    Each frame is passed to the operating system before the next one is taken. The description is renamed last: a folder
+    whose writer was interrupted becomes a valid sequence by ``visuohaptic recording recover``.
 
     Parameters
     ----------
     folder
         A new or empty folder.
     frames
-        Views of one camera, in order of time.
+        Views of one camera, in temporal order.
     sensor
-        Name of the camera, by which its noise is known.
+        Name of the sensor, which selects its noise model.
     depth_scale_m
-        Metres of one unit; 0.1 mm reaches 6.5 m.
+        Size of one unit [m]; 0.1 mm reaches 6.5 m.
 
     Raises
     ------
     InputError
-        The folder is not empty, there is no frame, or the frames are of several cameras.
+        The folder is not empty, there are no frames, or the frames are from different cameras.
     """
     folder = Path(folder)
     if (folder / DESCRIPTION_PART).exists():
@@ -84,7 +84,7 @@ def write_sequence(
 
 
 def recover_sequence(folder: Path) -> int:
-    """Make a sequence of what :func:`write_sequence` has left when it was killed; tells the number of frames.
+    """Complete a sequence left by an interrupted :func:`write_sequence`; returns the number of frames.
 
     Images without a pose are kept as ``NAME.part``.
 
@@ -96,7 +96,7 @@ def recover_sequence(folder: Path) -> int:
     Raises
     ------
     InputError
-        Its writer ended, or got as far as no frame.
+        The sequence is already complete, or contains no frame.
     """
     if not (folder / DESCRIPTION_PART).is_file():
         raise InputError(folder, "is not an interrupted depth sequence")

@@ -1,4 +1,4 @@
-"""Poses of a moving camera: TUM text, 4 x 4 matrices as text, MCAP."""
+"""Poses of a moving camera: TUM text, 4 x 4 matrices as text, or MCAP."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = ["POSE_HEADER", "StampedPose", "interpolate_pose", "pose_line", "read_
 
 POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
 
-#: Text files larger than this are no lists of poses [bytes].
+#: Larger text files are not accepted as lists of poses [bytes].
 _MAX_FILE_BYTES = 1 << 28
-#: Matrices whose entries are off by less are rounded text, and are made orthonormal.
+#: Matrices that deviate less from a rotation are rounded text, and are orthonormalised.
 _ROUNDING = 1e-3
 _POSE_TYPES = (
     "geometry_msgs/msg/PoseStamped",
@@ -33,34 +33,34 @@ _POSE_TYPES = (
 
 @dataclass(frozen=True, slots=True)
 class StampedPose:
-    """A pose as a file has it; one that cannot be used says why."""
+    """A pose as read from a file; an unusable one has a reason."""
 
-    t_s: float  #: time [s]; NaN where the file has none
+    t_s: float  #: time [s]; NaN if the file has none
     pose: Pose | None  #: ``T_world_camera``
     problem: str = ""  #: why there is no pose
 
 
 def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
-    """Camera-to-world poses of a file, in its order.
+    """Camera-to-world poses of a file, in file order.
 
-    Lines of eight numbers are TUM (``t tx ty tz qx qy qz qw``); of 16 or 12 a
-    matrix by rows; of 17 the same behind a number; of four a row of a matrix
-    (Redwood's logs, with a header of three numbers, are such a file). ``#``
-    begins a comment. An MCAP file gives its stamped poses, transforms or
-    odometry. A line whose numbers are not finite or no rigid motion is kept
-    with its problem, so that the others keep their place.
+    Lines with eight numbers are TUM (``t tx ty tz qx qy qz qw``); 16 or 12 are a
+    row-major matrix; 17 are the same after an index; four are one row of a matrix
+    (Redwood's logs, with a header of three numbers, are such files). ``#``
+    starts a comment. An MCAP file supplies its stamped poses, transforms or
+    odometry. A line with non-finite numbers or without a valid rigid transformation is kept
+    with its problem, so that the order of the others is preserved.
 
     Parameters
     ----------
     path
         The file.
     topic
-        Topic of an MCAP file; may be left out when only one holds poses.
+        Topic of an MCAP file; may be omitted if only one contains poses.
 
     Raises
     ------
     InputError
-        The file is missing, of no such kind, or has no line of poses.
+        The file is missing, has another format, or contains no poses.
     """
     path = Path(path)
     if is_bag(path) or read_head(path, 8) == b"\x89MCAP0\r\n":
@@ -119,7 +119,7 @@ def _tum(row: Sequence[float], where: str) -> StampedPose:
 
 
 def stamped_matrix(matrix: Float[np.ndarray, "rows 4"], where: str) -> StampedPose:
-    """Pose of a matrix of three or four rows; without one where it is no rigid motion."""
+    """Pose of a matrix with three or four rows; without pose if it is not a rigid transformation."""
     if not np.isfinite(matrix).all():
         return StampedPose(np.nan, None, f"{where} is not finite")
     if len(matrix) == 4 and not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):
@@ -163,24 +163,24 @@ def _from_message(message: Any, datatype: str, log_time_ns: int) -> StampedPose:
 def interpolate_pose(
     poses: Sequence[StampedPose], t_s: float, *, max_gap_s: float = 0.1
 ) -> tuple[Pose | None, str]:
-    """Pose at a time, between the two usable poses around it, and why there is none.
+    """Pose at a given time, interpolated between the adjacent usable poses, or the reason why there is none.
 
     Parameters
     ----------
     poses
-        In order of time.
+        In temporal order.
     t_s
-        The time, by the clock of the poses [s].
+        The time, on the clock of the poses [s].
     max_gap_s
-        Poses farther apart than this are not joined; a pose so near that the
-        time's own rounding (1 ms) explains it is taken as it is.
+        Maximum interval between poses for interpolation; a pose within the rounding of the
+        time (1 ms) is used directly.
 
     Returns
     -------
     pose
-        Pose at that time; ``None`` where there is none.
+        Pose at that time; ``None`` if unavailable.
     problem
-        Why there is none; else empty.
+        Why there is no pose; otherwise empty.
     """
     from scipy.spatial.transform import Rotation, Slerp
 
@@ -217,7 +217,7 @@ def write_poses(path: Path | str, poses: Iterable[tuple[float, Pose]]) -> None:
 
 
 def pose_line(time_s: float, pose: Pose) -> str:
-    """One line of TUM text, with its line end.
+    """One line of TUM text, with line ending.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Drivers of live cameras: pupil-labs-uvc, OpenCV where that is not installed, and makers' of depth cameras."""
+"""Drivers of live cameras: pupil-labs-uvc, OpenCV as fallback, and vendors' drivers of depth cameras."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _uvc() -> Any:
 
 
 def _realsense() -> list[FoundCamera]:
-    """RealSense cameras, where their maker's package is installed."""
+    """RealSense cameras, if the vendor's package is installed."""
     try:
         rs: Any = import_module("pyrealsense2")
     except ImportError:
@@ -39,7 +39,7 @@ def _realsense() -> list[FoundCamera]:
 
 
 def _orbbec() -> list[FoundCamera]:
-    """Orbbec cameras, where their maker's package is installed."""
+    """Orbbec cameras, if the vendor's package is installed."""
     try:
         ob: Any = import_module("pyorbbecsdk")
     except ImportError:
@@ -53,7 +53,7 @@ def _orbbec() -> list[FoundCamera]:
 
 
 def find() -> list[FoundCamera]:
-    """Cameras by UVC or by the system's video devices, and depth cameras."""
+    """Find UVC cameras or video devices of the system, and depth cameras."""
     return _video() + _realsense() + _orbbec()
 
 
@@ -69,7 +69,7 @@ def _video() -> list[FoundCamera]:
     for entry in sorted(Path("/sys/class/video4linux").glob("video*"), key=lambda e: int(e.name[5:])):
         try:
             name = (entry / "name").read_text().strip()
-            # A camera's metadata nodes carry a number above 0 and deliver no images.
+            # A camera's metadata nodes have an index above 0 and deliver no images.
             if (entry / "index").read_text().strip() != "0":
                 continue
         except OSError:
@@ -83,7 +83,7 @@ def _listed(found: Sequence[FoundCamera]) -> str:
 
 
 def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBackend:
-    """The best driver for a camera given by number, part of its name, device file, address of a stream or maker."""
+    """The best driver for a camera given by number, part of its name, device file, stream address or vendor."""
     maker, depth, serial = which.partition(":")
     if depth and maker in ("realsense", "orbbec"):
         return DepthCameraBackend(maker, serial, settings)
@@ -104,7 +104,7 @@ def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBac
 
 
 class UvcBackend:
-    """A UVC camera by libuvc: fixed focus and exposure, hardware time stamps."""
+    """A UVC camera via libuvc: fixed focus and exposure, hardware timestamps."""
 
     def __init__(self, uvc: Any, which: str, settings: CameraSettings) -> None:
         self._uvc, self._which, self._settings = uvc, which, settings
@@ -167,10 +167,10 @@ class UvcBackend:
             frame = self._capture.get_frame(timeout=1.0)
             image = np.array(frame.gray if self._settings.grey else frame.bgr)
         except Exception as error:
-            # The library's own errors (StreamError, InitError) are not all of one family.
+            # The library's exceptions (StreamError, InitError) have no common base class.
             raise DeviceError(f"camera:{self._which} is silent ({error})") from error
         if self._offset_s is None:
-            # Its stamps run steadily, but from a start of their own.
+            # Its timestamps are regular, but have an arbitrary offset.
             self._offset_s = time_s() - float(frame.timestamp)
         return image, float(frame.timestamp) + self._offset_s
 
@@ -181,13 +181,13 @@ class UvcBackend:
 
 
 class DepthCameraBackend:
-    """Colour images of a depth camera by its maker's package, which knows its model."""
+    """Colour images of a depth camera via the vendor's package, which provides the camera model."""
 
     def __init__(self, maker: str, serial: str, settings: CameraSettings) -> None:
         self._maker, self._serial, self._settings = maker, serial, settings
         self._source: Any = None
         self._offset_s: float | None = None
-        self.camera: Camera | None = None  #: the maker's own model
+        self.camera: Camera | None = None  #: the vendor's camera model
 
     def open(self) -> None:
         from ..depth.depth_live import OrbbecSource, RealSenseSource
@@ -219,7 +219,7 @@ class DepthCameraBackend:
 
 
 class OpenCvBackend:
-    """Any camera or stream that OpenCV opens; stamped when the image arrives, later than its exposure."""
+    """Any camera or stream that OpenCV opens; timestamped on arrival, later than the exposure."""
 
     def __init__(self, device: int | str, settings: CameraSettings) -> None:
         self._device, self._settings = device, settings
@@ -247,7 +247,7 @@ class OpenCvBackend:
             (cv2.CAP_PROP_FPS, requested.rate_Hz, "rate"),
         ]
         if requested.exposure_s is not None:
-            # 1 is manual and the unit 0.1 ms in Video4Linux, which OpenCV passes through.
+            # In Video4Linux, which OpenCV passes through, 1 means manual and the unit is 0.1 ms.
             properties += [
                 (cv2.CAP_PROP_AUTO_EXPOSURE, 1, "manual exposure"),
                 (cv2.CAP_PROP_EXPOSURE, requested.exposure_s * 1e4, "exposure"),

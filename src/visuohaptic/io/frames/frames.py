@@ -1,4 +1,4 @@
-"""One call that opens any source of frames."""
+"""Opens any source of frames."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def open_source(
     rate_Hz: float | None = None,
     grey: bool = False,
 ) -> FrameSource:
-    """Open frames of any kind; the kind is read from the text and from the file itself.
+    """Open frames of any format; the format is detected from the address and the file contents.
 
     Parameters
     ----------
@@ -38,25 +38,25 @@ def open_source(
         - a folder of images (times: ``times.csv``, file names, or ``rate_Hz``)
         - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images; ``run.db3`` and folders of ``ros2 bag`` as well
         - ``0``, ``camera:0``, ``camera:NAME`` or ``/dev/video0``, a live camera by number, part of its
-          name or device file; ``uvc:0`` warns where the precise driver is missing
-        - ``rtsp://host/path`` and other addresses of streams
-        - ``realsense:`` or ``realsense:SERIAL``, ``orbbec:``: colour images of a depth camera by its maker's package
+          name or device file; ``uvc:0`` warns if the precise driver is not installed
+        - ``rtsp://host/path`` and other stream addresses
+        - ``realsense:`` or ``realsense:SERIAL``, ``orbbec:``: colour images of a depth camera via the vendor's package
         - any other file: a video
     camera
-        Model of the camera; the images must have its size.
+        Camera model; the images must have its size.
     start_s, stop_s
-        Part of a recording, counted from its first frame [s]; not for live cameras.
+        Section of a recording, relative to its first frame [s]; not for live cameras.
     rate_Hz
-        Rate of an image folder without times; requested rate of a live camera.
+        Frame rate of an image folder without times; requested rate of a live camera.
     grey
-        Deliver grey images, which is faster where colour is not needed.
+        Deliver grey images, which is faster if colour is not needed.
 
     Raises
     ------
     InputError
-        With one line: which file, what was found, what was expected.
+        One line: which file, what was found, what was expected.
     DeviceError
-        The live camera is not there.
+        The live camera does not exist.
 
     Examples
     --------

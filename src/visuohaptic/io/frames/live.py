@@ -1,4 +1,4 @@
-"""Live cameras: fixed focus and exposure, newest frame first, reconnection."""
+"""Live cameras: fixed focus and exposure, latest frame, reconnection."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _BARE = re.compile(r"\d+|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
 class LiveSource(Closing):
     """Frames of a live camera; implements :class:`visuohaptic.core.robots.FrameSource`.
 
-    A thread takes every image from the driver, so that the newest one is never
-    behind a queue of old ones. Frames that the reader is too slow for leave a
+    A thread fetches every image from the driver, so that the latest one never
+    waits behind a queue of old ones. Frames skipped by a slow reader leave a
     gap in ``Frame.index``, and so does a reconnection.
 
     Parameters
@@ -39,11 +39,11 @@ class LiveSource(Closing):
     backend
         The driver.
     camera
-        Model of the camera, if known; images of another size are refused.
+        Camera model, if known; images of another size are rejected.
     reconnect_s
-        A lost device is looked for this long [s] before reading fails.
+        Time [s] to look for a lost device before reading fails.
     clock
-        Time [s] that the driver stamps with; seconds since the epoch.
+        Clock of the driver's timestamps [s]; seconds since the epoch.
     """
 
     def __init__(
@@ -64,14 +64,14 @@ class LiveSource(Closing):
         self._running = True
         self._next_index = 0
         self._last_read = -1
-        self.reconnections = 0  #: how often the device was lost and found again
+        self.reconnections = 0  #: number of reconnections to a lost device
         backend.open()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
 
     @property
     def camera(self) -> Camera | None:
-        """The camera's model where it is known: the one that was given, or the maker's own."""
+        """Camera model, if known: the given one, or the vendor's."""
         return self._camera or getattr(self._backend, "camera", None)
 
     @property
@@ -80,17 +80,17 @@ class LiveSource(Closing):
         return None
 
     def read(self, timeout_s: float = 2.0) -> Frame:
-        """Wait for a frame newer than all that were read before.
+        """Wait for a frame newer than all frames read before.
 
         Parameters
         ----------
         timeout_s
-            Longest wait [s].
+            Maximum wait [s].
 
         Raises
         ------
         DeviceError
-            No frame came in time, or the device is lost.
+            No frame arrived in time, or the device is lost.
         """
         with self._new:
             before = self._last_read
@@ -106,17 +106,17 @@ class LiveSource(Closing):
         raise DeviceError(f"no frame for {timeout_s} s; check cable and power of the camera")
 
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
-        """The newest frame, at once.
+        """The latest frame, without waiting.
 
         Parameters
         ----------
         max_age_ms
-            Largest age of the frame [ms].
+            Maximum age of the frame [ms].
 
         Raises
         ------
         StaleFrameError
-            There is none yet, or it is older than ``max_age_ms``.
+            There is no frame yet, or it is older than ``max_age_ms``.
         DeviceError
             The device is lost.
         """
@@ -134,7 +134,7 @@ class LiveSource(Closing):
         """Frames until the source is closed; lost devices raise :class:`DeviceError`."""
         while self._running:
             try:
-                # Longer than a reconnection may take: while it runs, the source is silent.
+                # Longer than a reconnection may take, during which no frames arrive.
                 yield self.read(self._reconnect_s + 5.0)
             except DeviceError:
                 if self._closed():
@@ -142,7 +142,7 @@ class LiveSource(Closing):
                 raise
 
     def close(self) -> None:
-        """Stop the thread and release the device; harmless when repeated."""
+        """Stop the thread and release the device; may be called repeatedly."""
         with self._new:
             self._running = False
             self._new.notify_all()
@@ -180,7 +180,7 @@ class LiveSource(Closing):
             self._new.notify_all()
 
     def _reconnect(self, error: DeviceError) -> bool:
-        """Look for the device with growing pauses."""
+        """Look for the device with increasing pauses."""
         _log.warning("camera lost (%s), looking for it for %.0f s", error, self._reconnect_s)
         until = time.monotonic() + self._reconnect_s
         pause = 0.05
@@ -209,7 +209,7 @@ class LiveSource(Closing):
 
 
 def camera_of(source: str) -> tuple[str, bool] | None:
-    """Which live camera a source names; ``None`` when it names a recording.
+    """Which live camera a source refers to; ``None`` for a recording.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def camera_of(source: str) -> tuple[str, bool] | None:
     Returns
     -------
     tuple or None
-        What :func:`open_camera` takes as ``which``, and as ``uvc_only``.
+        Arguments ``which`` and ``uvc_only`` of :func:`open_camera`.
 
     Examples
     --------
@@ -240,7 +240,7 @@ def camera_of(source: str) -> tuple[str, bool] | None:
 
 
 def find_cameras() -> list[FoundCamera]:
-    """Cameras that are connected; an empty list when there are none.
+    """Connected cameras; an empty list if there are none.
 
     Examples
     --------
@@ -263,28 +263,28 @@ def open_camera(
     grey: bool = False,
     settings: CameraSettings | None = None,
 ) -> LiveSource:
-    """Open a live camera by its number or a part of its name.
+    """Open a live camera by number or part of its name.
 
     Parameters
     ----------
     which
-        Number, part of the name, device file, address of a stream or depth camera, see :func:`camera_of`.
+        Number, part of the name, device file, address of a stream or depth camera; see :func:`camera_of`.
     uvc_only
-        Warn when the precise driver (pupil-labs-uvc), which fixes focus and exposure by their UVC
+        Warn if the precise driver (pupil-labs-uvc), which sets focus and exposure with UVC
         controls, is not installed. OpenCV is the fallback.
     camera
-        Model of the camera, if known; gives the size of the images.
+        Camera model, if known; determines the size of the images.
     rate_Hz
         Frame rate [Hz].
     grey
-        Whether images are grey.
+        Whether to deliver grey images.
     settings
-        All settings at once, in place of those above.
+        All settings at once, instead of those above.
 
     Raises
     ------
     DeviceError
-        There is no such camera, or it cannot be opened.
+        The camera does not exist or cannot be opened.
 
     Examples
     --------

@@ -25,16 +25,16 @@ _log = logging.getLogger(__name__)
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
-#: Frames that come later in the file than newer ones are put in order within this many messages.
+#: Frames that are out of order in the file are sorted within this number of messages.
 _REORDER = 64
 
 
 @dataclass(frozen=True, slots=True)
 class _Scan:
-    """What the first pass over the file has found."""
+    """Result of the first pass over the file."""
 
     topic: str
-    stamps_ns: list[int]  #: of every image in the order of the file
+    stamps_ns: list[int]  #: of every image in file order
     camera: Camera | None
     damage: McapDamage
 
@@ -42,28 +42,28 @@ class _Scan:
 class McapSource(RecordedSource):
     """Frames of one image topic of an MCAP file.
 
-    The time of a frame is the stamp in its header, or the recorder's time when
-    that is zero. A cut or damaged file gives all images that are whole;
-    ``damage`` says what is not. A ``CameraInfo`` beside the image topic becomes
-    the camera unless one is given.
+    The time of a frame is the timestamp in its header, or the recording time if
+    that is zero. From a truncated or damaged file, all intact images are read;
+    ``damage`` describes the rest. A ``CameraInfo`` in the namespace of the image topic is used as
+    camera unless one is given.
 
     Parameters
     ----------
     path
         The file.
     topic
-        Image topic; may be left out when there is one only.
+        Image topic; may be omitted if there is only one.
     camera
-        Model of the camera, in place of the recorded one.
+        Camera model, instead of the recorded one.
     start_s, stop_s
-        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+        Section of the recording, relative to its first frame [s]; ``stop_s`` is exclusive.
     grey
-        Whether colour images are turned grey.
+        Whether to convert colour images to grey.
 
     Raises
     ------
     InputError
-        The file is not MCAP, or has no such topic of images.
+        The file is not MCAP, or has no such image topic.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class McapSource(RecordedSource):
         order = np.argsort(stamps, kind="stable")
         rank = np.empty(len(order), dtype=np.int64)
         rank[order] = np.arange(len(order))
-        self._rank = rank  #: place in time of every image of the file
+        self._rank = rank  #: temporal order of every image of the file
         super().__init__(
             f"{path}:{scan.topic}",
             stamps[order] * 1e-9,
@@ -123,7 +123,7 @@ class McapSource(RecordedSource):
         return _Scan(topic, stamps[topic], self._camera_beside(topic, infos), self._file.damage)
 
     def _camera_beside(self, topic: str, infos: dict[str, McapMessage]) -> Camera | None:
-        """By ROS's convention ``camera_info`` is in the same namespace as the image."""
+        """By ROS convention, ``camera_info`` is in the same namespace as the image."""
         name = topic.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
         if name not in infos:
             return None
@@ -170,7 +170,7 @@ class McapSource(RecordedSource):
                 mode: ImageMode = "grey" if self._grey else "any"
                 image = decode_image(fields.data, self._where, mode, check_pixels=False)
         except InputError as error:
-            if error.field == "encoding":  # no frame of this topic can be read
+            if error.field == "encoding":  # affects all frames of the topic
                 raise
             _log.warning("frame left out: %s", error)
             return
@@ -178,7 +178,7 @@ class McapSource(RecordedSource):
 
 
 def _stamp_ns(message: McapMessage) -> int:
-    """Stamp of the header, the first field of both image messages, without decoding the pixels."""
+    """Timestamp of the header, the first field of both image messages, without decoding the pixels."""
     order: Literal["little", "big"] = "little" if len(message.data) >= 12 and message.data[1] & 1 else "big"
     seconds = int.from_bytes(message.data[4:8], order, signed=True)
     nanoseconds = int.from_bytes(message.data[8:12], order)
@@ -188,17 +188,17 @@ def _stamp_ns(message: McapMessage) -> int:
 
 
 def camera_from_message(message: Any, where: str) -> Camera:
-    """The camera of a ``sensor_msgs/CameraInfo``.
+    """Camera model of a ``sensor_msgs/CameraInfo``.
 
     Parameters
     ----------
     message, where
-        As of :func:`.decode_raw`.
+        As in :func:`.decode_raw`.
 
     Raises
     ------
     InputError
-        The distortion model is of another kind, or the numbers are not a camera's.
+        The distortion model is not supported, or the numbers are not valid for a camera.
     """
     if message.distortion_model not in ("", "plumb_bob", "rational_polynomial"):
         raise InputError(

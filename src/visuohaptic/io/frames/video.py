@@ -1,4 +1,4 @@
-"""Video files as a source of frames, with the exact time of every frame."""
+"""Video files as a source of frames, with exact timestamps."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def _av() -> Any:
 class VideoSource(RecordedSource):
     """Frames of a video file.
 
-    The time of a frame is its presentation time stamp times the time base of
-    the stream, exact also for a variable frame rate. The list of stamps is
+    The time of a frame is its presentation timestamp times the time base of
+    the stream, exact also for variable frame rates. The timestamps are
     read from the packets when the file is opened, without decoding.
 
     Parameters
@@ -38,16 +38,16 @@ class VideoSource(RecordedSource):
     path
         The file.
     camera
-        Model of the camera, if known; its size must be that of the images.
+        Camera model, if known; its size must match the images.
     start_s, stop_s
-        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+        Section of the recording, relative to its first frame [s]; ``stop_s`` is exclusive.
     grey
-        Whether images are decoded as grey.
+        Whether to decode images as grey.
 
     Raises
     ------
     InputError
-        The file is missing, no video, cut before its index, or has no frame.
+        The file is missing, not a video, truncated before its index, or contains no frames.
     """
 
     def __init__(
@@ -93,13 +93,13 @@ class VideoSource(RecordedSource):
         if stream.codec_context is None or stream.time_base is None:
             container.close()
             raise InputError(self._path, "its video stream is of no known codec, or has no time base")
-        # The decoder obeys too: a stream may name another size than the container does.
+        # Also limits the decoder: the size in the stream may differ from that in the container.
         stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
         stream.thread_type = "AUTO"
         return container, stream
 
     def _stamps(self, container: Any, stream: Any) -> list[int]:
-        """Presentation stamps, ascending."""
+        """Presentation timestamps, ascending."""
         av = _av()
         stamps: set[int] = set()
         try:
@@ -119,7 +119,7 @@ class VideoSource(RecordedSource):
         container, stream = self._open()
         with container:
             if chosen[0] > 0:
-                # To the key frame at or before the first one.
+                # Seek to the key frame at or before the first one.
                 container.seek(self._stamps_list[chosen[0]], stream=stream, backward=True, any_frame=False)
             form = "gray" if self._grey or "gray" in (stream.codec_context.pix_fmt or "") else "bgr24"
             try:
@@ -135,7 +135,7 @@ class VideoSource(RecordedSource):
 
     @staticmethod
     def _decoded(container: Any, stream: Any, av: Any) -> Iterator[Any]:
-        """Decoded frames; a packet that cannot be decoded is left out."""
+        """Decoded frames; packets that cannot be decoded are skipped."""
         for packet in container.demux(stream):
             try:
                 frames = packet.decode()

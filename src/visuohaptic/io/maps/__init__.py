@@ -1,4 +1,4 @@
-"""Occupancy maps as map_server writes them."""
+"""Occupancy maps in the format of map_server."""
 
 from ...core.front_door import attach
 

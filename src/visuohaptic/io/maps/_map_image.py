@@ -1,7 +1,7 @@
-"""Images of maps: grey levels as whole numbers, and every damaged file refused.
+"""Map images: grey levels as integers; damaged files are rejected.
 
-A decoder for photographs fills what is missing with grey; a map must not be
-filled. PGM is read here, PNG, BMP and JPEG by the gate of images.
+Image decoders fill missing data with grey, which is not acceptable for a map.
+PGM is read here; PNG, BMP and JPEG by the shared image reader.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "MapImage", "cells_from_image", "read_
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 
-#: Bytes of text that are turned into numbers at a time.
+#: Block size for the conversion of text to numbers [bytes].
 _TEXT_BLOCK = 1 << 20
-#: Channels of each netpbm kind that is read.
+#: Number of channels of each supported netpbm format.
 _NETPBM = {b"P2": 1, b"P5": 1, b"P3": 3, b"P6": 3}
 
 
@@ -40,12 +40,12 @@ def read_map_image(path: Path) -> MapImage:
     Parameters
     ----------
     path
-        Image of a map.
+        Map image.
 
     Raises
     ------
     InputError
-        The file is missing, of another kind, too large or damaged.
+        The file is missing, of another format, too large or damaged.
     """
     data = read_bytes(path, MAX_IMAGE_BYTES)
     width, height = image_size(data, path)
@@ -60,12 +60,12 @@ def read_map_image(path: Path) -> MapImage:
 def cells_from_image(
     image: MapImage, mode: str, negate: bool, occupied_thresh: float, free_thresh: float
 ) -> Int8[np.ndarray, "rows columns"]:
-    """Occupancy by the rules of Nav2's map_server; what is not opaque is unknown.
+    """Convert grey levels to occupancy by the rules of Nav2's map_server; non-opaque pixels are unknown.
 
-    Nav2 averages the transparency of a trinary map into its grey level, by which
+    Nav2 averages the transparency of a trinary map into its grey level, so that
     the unknown cells of an image with an opaque alpha channel become free;
-    here the alpha channel means the same in every mode. ``negate`` has no
-    meaning in mode raw.
+    here the alpha channel has the same meaning in every mode. ``negate`` is
+    ignored in mode raw.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def cells_from_image(
     mode
         ``trinary``, ``scale`` or ``raw``.
     negate
-        Whether bright is occupied; has no meaning in mode raw.
+        Whether bright cells are occupied; ignored in mode raw.
     occupied_thresh, free_thresh
         Occupancies 0..1 above which a cell is occupied and below which it is free.
 
@@ -83,7 +83,7 @@ def cells_from_image(
     array
         -1 unknown, 0 free .. 100 occupied, shape (rows, columns).
     """
-    # An image has few levels and many pixels: the rules are worked out once per level.
+    # An image has few levels and many pixels: the rules are evaluated once per level.
     shade = np.arange(image.top + 1) / image.top
     if mode == "raw":
         value = np.rint(shade * 255)
@@ -111,7 +111,7 @@ def _read_netpbm(path: Path, data: bytes) -> MapImage:
     if kind in (b"P5", b"P6"):
         dtype = np.dtype(np.uint8) if top < 256 else np.dtype(">u2")
         found, expected = len(data) - place - 1, count * dtype.itemsize
-        # A line end behind the pixels does no harm; more means that the header is of another image.
+        # A line ending after the pixels is harmless; more means that the header does not match the image.
         if found < expected or data[place + 1 + expected :].strip():
             raise InputError(path, f"has {found} bytes of pixels, expected {expected}")
         values = np.frombuffer(data, dtype=dtype, count=count, offset=place + 1)
@@ -126,7 +126,7 @@ def _read_netpbm(path: Path, data: bytes) -> MapImage:
 
 
 def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
-    """Width, height and maxval, and the place behind them."""
+    """Width, height and maxval, and the offset after them."""
     numbers: list[int] = []
     place = 2
     while len(numbers) < 3:
@@ -153,7 +153,7 @@ def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
 
 
 def _text_pixels(path: Path, data: bytes, place: int, count: int) -> UInt[np.ndarray, "count"]:
-    """Whole numbers in text, block by block: the words of a large map would take gigabytes."""
+    """Integers in text, block by block: splitting a large map at once would need gigabytes."""
     if len(data) - place < 2 * count - 1:
         raise InputError(path, f"has {len(data) - place} bytes of pixels, expected at least {2 * count - 1}")
     values = np.zeros(count, dtype=np.uint16)

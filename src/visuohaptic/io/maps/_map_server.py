@@ -1,4 +1,4 @@
-"""The files of ROS's map_server: a YAML file and an image."""
+"""Map files of ROS's map_server: a YAML file and an image."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _Number = Annotated[FiniteFloat, BeforeValidator(_no_truth_value)]
 
 
 class MapFile(BaseModel):
-    """Fields of the YAML file; fields of other programs are accepted and ignored.
+    """Fields of the YAML file; unknown fields are accepted and ignored.
 
-    As in map_server only ``mode`` may be left out: thresholds that were lost
-    with the end of a file would change what is free.
+    As in map_server, only ``mode`` is optional: thresholds missing from a truncated
+    file would change which cells are free.
     """
 
     model_config = ConfigDict(extra="ignore")
@@ -41,11 +41,11 @@ class MapFile(BaseModel):
     resolution: Annotated[_Number, Field(ge=1e-4, le=1e3)]  #: side of a cell [m]
     #: x, y [m] and yaw [rad] of the lower left corner
     origin: Annotated[list[Annotated[_Number, Field(ge=-1e9, le=1e9)]], Field(min_length=3, max_length=3)]
-    #: how grey levels become cells
+    #: conversion of grey levels to cells
     mode: Literal["trinary", "scale", "raw"] = "trinary"
     negate: bool  #: whether bright cells are occupied
-    occupied_thresh: Annotated[_Number, Field(ge=0, le=1)]  #: occupied above this darkness
-    free_thresh: Annotated[_Number, Field(ge=0, le=1)]  #: free below this darkness
+    occupied_thresh: Annotated[_Number, Field(ge=0, le=1)]  #: darkness above which a cell is occupied
+    free_thresh: Annotated[_Number, Field(ge=0, le=1)]  #: darkness below which a cell is free
 
 
 def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[float, float, float]]:
@@ -71,11 +71,11 @@ def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[flo
 
 
 def _image_beside(path: Path, name: str) -> Path:
-    """The image of a map file, inside its folder."""
+    """The image of a map file, which must be in its folder."""
     folder = path.parent
     named = Path(name.strip().replace("\\", "/"))
     if named.is_absolute():
-        # A map file must not read any file of the computer; its image usually moved along with it.
+        # A map file must not read arbitrary files; its image was usually moved along with it.
         named = Path(named.name)
     target = folder / named
     try:
@@ -96,7 +96,7 @@ def _image_beside(path: Path, name: str) -> Path:
                 return other
     except InputError:
         raise
-    except (OSError, ValueError, RuntimeError) as error:  # no name of a file, or links in a circle
+    except (OSError, ValueError, RuntimeError) as error:  # not a valid file name, or circular links
         raise InputError(
             path, f"found {name[:80]!r}, which cannot be a file ({error})", field="image"
         ) from error
@@ -109,12 +109,12 @@ def save(
     resolution_m: float,
     origin: tuple[float, float, float],
 ) -> None:
-    """Write YAML and PGM, the image first: a YAML file never names an image that is not there."""
+    """Write YAML and PGM, the image first: a YAML file never refers to a missing image."""
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(path, "expected a name that ends in .yaml")
     trinary = bool(np.isin(cells, (UNKNOWN, FREE, OCCUPIED)).all())
     if trinary:
-        # The grey levels of map_saver.
+        # Grey levels of map_saver.
         pixels = np.select([cells == OCCUPIED, cells == FREE], [0, 254], 205).astype(np.uint8)
     else:
         pixels = np.where(cells == UNKNOWN, 255, cells).astype(np.uint8)

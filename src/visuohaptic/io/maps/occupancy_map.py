@@ -1,4 +1,4 @@
-"""Occupancy maps: cells, their place in the world, and the map_server and ROS message forms."""
+"""Occupancy maps: cells, pose in the world, and conversion to map_server files and ROS messages."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyMap"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OccupancyMap:
-    """A grid of cells on the floor; made from an array of -1..100, or of truth values (true = occupied).
+    """A grid of cells on the floor; created from an array of -1..100, or of booleans (true = occupied).
 
     Row 0 is at the bottom: cell (row, column) covers ``column..column + 1`` cells
-    along the grid's x and ``row..row + 1`` cells along its y axis. ``origin``
-    places the outer corner of cell (0, 0) in the map frame and turns the grid about it.
+    along the grid's x axis and ``row..row + 1`` cells along its y axis. ``origin``
+    is the pose of the outer corner of cell (0, 0) in the map frame.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class OccupancyMap:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows and columns."""
         return int(self.cells.shape[0]), int(self.cells.shape[1])
 
     @property
@@ -74,17 +74,17 @@ class OccupancyMap:
 
     @property
     def occupied(self) -> Bool[np.ndarray, "rows columns"]:
-        """Cells that are surely occupied (100)."""
+        """Cells that are definitely occupied (100)."""
         return self.cells == OCCUPIED
 
     @property
     def free(self) -> Bool[np.ndarray, "rows columns"]:
-        """Cells that are surely free (0)."""
+        """Cells that are definitely free (0)."""
         return self.cells == FREE
 
     @property
     def unknown(self) -> Bool[np.ndarray, "rows columns"]:
-        """Cells that were never seen (-1)."""
+        """Cells that were never observed (-1)."""
         return self.cells == UNKNOWN
 
     def _rotation(self) -> Float[np.ndarray, "2 2"]:
@@ -107,7 +107,7 @@ class OccupancyMap:
         return grid @ self._rotation().T + np.array(self.origin[:2])
 
     def cell_from_world(self, points_m: Float[np.ndarray, "*batch 2"]) -> Int[np.ndarray, "*batch 2"]:
-        """Cells that hold points of the map frame.
+        """Cells that contain points of the map frame.
 
         Parameters
         ----------
@@ -117,10 +117,10 @@ class OccupancyMap:
         Returns
         -------
         array
-            Cells (row, column), shape (..., 2); they may lie outside, see :meth:`inside`.
+            Cells (row, column), shape (..., 2); may be outside the map, see :meth:`inside`.
         """
         grid = (np.asarray(points_m, dtype=np.float64) - np.array(self.origin[:2])) @ self._rotation()
-        # Far outside (or NaN) must not wrap round to a valid index.
+        # Far outside (or NaN) must not wrap around to a valid index.
         cell = np.clip(np.nan_to_num(np.floor(grid / self.resolution_m), nan=-1.0), -(2**31), 2**31)
         return cell[..., ::-1].astype(np.int64)
 
@@ -141,7 +141,7 @@ class OccupancyMap:
         Parameters
         ----------
         points_m
-            As of :meth:`cell_from_world`.
+            As in :meth:`cell_from_world`.
 
         Returns
         -------
@@ -158,9 +158,9 @@ class OccupancyMap:
         """Read a map_server YAML file with its image (PGM, PNG, BMP or JPEG).
 
         Modes trinary, scale and raw, ``negate``, and both thresholds as in Nav2.
-        Of an alpha channel, what is not opaque is unknown.
-        The image must be inside the folder of the YAML file; of an absolute
-        path, left by another computer, the file name is looked for there.
+        Non-opaque pixels of an alpha channel are unknown.
+        The image must be inside the folder of the YAML file; for an absolute
+        path from another computer, the file name is looked up there.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class OccupancyMap:
         Raises
         ------
         InputError
-            Names the file, the field, what was found and what was expected.
+            Names the file and field, what was found, and what was expected.
         """
         from ._map_server import load
 
@@ -184,7 +184,7 @@ class OccupancyMap:
         *,
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> OccupancyMap:
-        """Read an image that has no YAML file.
+        """Read an image without YAML file.
 
         Parameters
         ----------
@@ -193,13 +193,13 @@ class OccupancyMap:
         resolution_m
             Edge of a cell [m].
         origin
-            Place (x, y) of the image's lower left corner in the map frame [m], and turn about it
+            Position (x, y) of the image's lower left corner in the map frame [m], and rotation about it
             [rad].
 
         Raises
         ------
         InputError
-            The image is missing, of another kind, too large or damaged.
+            The image is missing, of another format, too large or damaged.
         """
         image = read_map_image(Path(path))
         cells = cells_from_image(image, "trinary", False, 0.65, 0.196)  # as map_server writes them
@@ -215,7 +215,7 @@ class OccupancyMap:
         occupied_thresh: float = 0.65,
         free_thresh: float = 0.196,
     ) -> OccupancyMap:
-        """Map of the probabilities that cells are occupied; what is between the thresholds is unknown.
+        """Create a map from occupancy probabilities; cells between the thresholds are unknown.
 
         Parameters
         ----------
@@ -224,7 +224,7 @@ class OccupancyMap:
         resolution_m
             Edge of a cell [m].
         origin
-            Place (x, y) of the outer corner of cell (0, 0) in the map frame [m], and turn about it
+            Position (x, y) of the outer corner of cell (0, 0) in the map frame [m], and rotation about it
             [rad].
         occupied_thresh, free_thresh
             Probabilities above which a cell is occupied and below which it is free.
@@ -232,7 +232,7 @@ class OccupancyMap:
         Raises
         ------
         InputError
-            A probability is outside of 0..1.
+            A probability is outside 0..1.
         """
         values = np.asarray(probability, dtype=np.float64)
         if values.ndim != 2 or np.any((values < 0) | (values > 1)):
@@ -245,10 +245,10 @@ class OccupancyMap:
         return cls(cells, resolution_m, origin)
 
     def save(self, path: Path | str) -> None:
-        """Write a map_server YAML file and a PGM image of the same name beside it.
+        """Write a map_server YAML file and a PGM image of the same name in the same folder.
 
         A map of unknown, free and occupied cells is written in mode trinary;
-        one with values in between in mode raw. Both are read back unchanged.
+        one with intermediate values in mode raw. Both are lossless.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class OccupancyMap:
         Raises
         ------
         InputError
-            Size and data do not fit together, or the grid does not lie flat.
+            Size and data are inconsistent, or the grid is not horizontal.
         """
         info = message.info
         width, height = int(info.width), int(info.height)
@@ -324,7 +324,7 @@ class OccupancyMap:
                 field="orientation",
             )
         position = info.origin.position
-        # The message holds the resolution in single precision: 0.05 comes back as 0.05000000074505806.
+        # The message stores the resolution in single precision: 0.05 is read as 0.05000000074505806.
         resolution = float(np.format_float_positional(np.float32(info.resolution), unique=True))
         cells = np.array(message.data, dtype=np.int8).reshape(height, width)
         return cls(cells, resolution, (position.x, position.y, float(2 * np.arctan2(q.z, q.w))))
@@ -338,12 +338,12 @@ class OccupancyMap:
         path
             The file.
         topic
-            Only maps of this topic.
+            Use only maps of this topic.
 
         Raises
         ------
         InputError
-            There is no map in the file.
+            The file contains no map.
         """
         from ..ros.sqlite_bag import open_bag
 

@@ -1,4 +1,4 @@
-"""Triangle meshes in, PLY out, and what is wrong with a mesh."""
+"""Triangle meshes: import, PLY export, and mesh diagnosis."""
 
 from ...core.front_door import attach
 

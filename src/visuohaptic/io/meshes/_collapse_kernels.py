@@ -1,4 +1,4 @@
-"""Edges of a triangle mesh contracted one after the other: kernels."""
+"""Sequential edge collapse of a triangle mesh: kernels."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: A contraction leaves no angle above 130 degrees, unless there was a larger one: its cosine.
+#: A collapse creates no angle above 130 degrees, unless there was a larger one: its cosine.
 OBTUSE_COSINE = float(np.cos(np.radians(130.0)))
-#: A triangle turns by less than 60 degrees when a corner moves: its cosine.
+#: A triangle rotates by less than 60 degrees when a corner moves: its cosine.
 MIN_COSINE = 0.5
-#: A triangle whose height is below this fraction of its longest side has no direction to keep.
+#: The orientation of a triangle whose height is below this fraction of its longest side is not preserved.
 SLIVER = 0.05
-#: Along the surface the planes say nothing: the middle of the edge weighs this much there.
+#: Tangentially, the planes give no constraint: relative weight of the edge's midpoint.
 DAMPING = 1e-2
 
 
@@ -28,7 +28,7 @@ def collapse_short(
     length: float,
     tolerance: float,
 ) -> float:
-    """Contract edges shorter than ``bound``; faces that vanish get -1, the largest distance that came about is returned."""
+    """Collapse edges shorter than ``bound``; removed faces get -1; returns the largest resulting distance."""
     count, total = points.shape[0], faces.shape[0]
     head, tail = np.full(count, -1), np.full(count, -1)
     after = np.full(3 * total, -1)
@@ -58,7 +58,7 @@ def collapse_short(
             continue
         tries += 1
         shared = common(faces, head, after, stamp, a, b, tries)
-        # Both ends at a border and the edge inside, or a pair of vertices across the edge too many.
+        # Both ends are on a border but the edge is interior, or the ends share too many neighbours.
         if shared == 0 or (border[a] and border[b] and shared != 1):
             continue
         if not (
@@ -88,7 +88,7 @@ def collapse_short(
 
 @kernel
 def best_place(points: Any, quadric: Any, a: int, b: int, place: Any) -> float:
-    """Where the distance from all planes of two vertices is least, near their middle, and that distance."""
+    """Point with the smallest distance from all planes of two vertices, near their midpoint, and that distance."""
     weight = quadric[a, 10] + quadric[b, 10]
     damping = DAMPING * weight
     xx, xy, xz = quadric[a, 0] + quadric[b, 0], quadric[a, 1] + quadric[b, 1], quadric[a, 2] + quadric[b, 2]
@@ -123,7 +123,7 @@ def best_place(points: Any, quadric: Any, a: int, b: int, place: Any) -> float:
 
 @kernel
 def common(faces: Any, head: Any, after: Any, stamp: Any, a: int, b: int, tries: int) -> int:
-    """Triangles on an edge, or 0 where its ends have more neighbours in common than those (link condition)."""
+    """Number of triangles at an edge, or 0 if its ends share more neighbours than those (link condition)."""
     shared, both = 0, 0
     corner = head[a]
     while corner >= 0:
@@ -149,7 +149,7 @@ def common(faces: Any, head: Any, after: Any, stamp: Any, a: int, b: int, tries:
 
 @kernel
 def stays(points: Any, faces: Any, head: Any, after: Any, a: int, b: int, place: Any, length: float) -> bool:
-    """Whether the triangles round ``a`` and not ``b`` are not turned over, obtuse or too long with ``a`` at ``place``."""
+    """Whether no triangle at ``a`` but not ``b`` is flipped, obtuse or too long when ``a`` moves to ``place``."""
     corner = head[a]
     while corner >= 0:
         face, k = corner // 3, corner % 3
@@ -170,7 +170,7 @@ def stays(points: Any, faces: Any, head: Any, after: Any, a: int, b: int, place:
 
 @kernel
 def across(points: Any, p: int, q: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Normal of a triangle, as long as twice its area."""
+    """Normal of a triangle, whose length is twice the area."""
     ux, uy, uz = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1], points[q, 2] - points[p, 2]
     vx, vy, vz = x - points[p, 0], y - points[p, 1], z - points[p, 2]
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -178,7 +178,7 @@ def across(points: Any, p: int, q: int, x: float, y: float, z: float) -> tuple[f
 
 @kernel
 def shape(points: Any, p: int, q: int, x: float, y: float, z: float) -> tuple[float, float]:
-    """Square of the longest side of a triangle, and cosine of its largest angle."""
+    """Squared longest side of a triangle, and cosine of its largest angle."""
     one = (points[p, 0] - x) ** 2 + (points[p, 1] - y) ** 2 + (points[p, 2] - z) ** 2
     two = (points[q, 0] - x) ** 2 + (points[q, 1] - y) ** 2 + (points[q, 2] - z) ** 2
     three = (

@@ -1,4 +1,4 @@
-"""What is wrong with a mesh file that a reader stumbled over, in the file's own numbering."""
+"""Locates the defect in a mesh file that could not be read, in the file's own numbering."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ __all__ = ["diagnose", "first_zero_index"]
 
 
 def diagnose(kind: str, data: bytes) -> str:
-    """The first defect of an OBJ or STL file; empty where none is found.
+    """The first defect of an OBJ or STL file; empty if none is found.
 
-    Only for files that could not be read: it walks through all lines.
+    Only for files that could not be read: it parses all lines.
 
     Parameters
     ----------
     kind
-        Suffix of the file, ``.obj`` or ``.stl``.
+        File suffix, ``.obj`` or ``.stl``.
     data
-        The whole file.
+        Contents of the file.
     """
     if kind == ".obj":
         return _obj(data)
@@ -28,14 +28,14 @@ def diagnose(kind: str, data: bytes) -> str:
 
 
 def first_zero_index(data: bytes) -> str:
-    """Say where an OBJ file counts from 0.
+    """Locate an index 0 in an OBJ file.
 
-    OBJ counts from 1; a reader takes 0 for the last vertex and says nothing.
+    OBJ indices start at 1; readers silently interpret 0 as the last vertex.
 
     Parameters
     ----------
     data
-        The whole file.
+        Contents of the file.
     """
     if re.search(rb"^f[^\n]*?[ \t]0+(?=[/ \t\r\n]|$)", data, re.MULTILINE):
         return _obj(data)

@@ -1,9 +1,9 @@
-"""Triangle meshes made to suit a computation without leaving their surface: simplified, refined, freed of slivers.
+"""Local remeshing of triangle meshes for computation: simplification, refinement, removal of slivers.
 
-Every step is local and works on many edges at once that share no triangle. Edges are collapsed where the planes
-of the triangles that they replace are kept (quadric error, Garland and Heckbert 1997), split along the curve that
-the vertex normals describe (PN triangles, Vlachos et al. 2001), and flipped where the surface is flat there, so
-that grooves, rims and creases stay.
+Every step is local and processes many edges at once that share no triangle. Edges are collapsed if the planes
+of the replaced triangles are preserved (quadric error, Garland and Heckbert 1997), split along the curve
+given by the vertex normals (PN triangles, Vlachos et al. 2001), and flipped where the surface is flat, so
+that grooves, rims and creases are preserved.
 
 Symbols: v vertices, f triangles, e edges. Edges are sorted pairs of vertices.
 """
@@ -18,9 +18,9 @@ from . import _collapse_kernels as kernels
 
 __all__ = ["collapse_edges", "flip_edges", "largest_angles", "mesh_edges", "orient_faces", "split_edges"]
 
-#: A crease: the surface is not round across it [rad]. A round wall in at least 12 facets is smooth.
+#: Minimum angle of a crease [rad]. A cylindrical wall with at least 12 facets is smooth.
 CREASE_rad = np.radians(31.0)
-#: Passes of flips; each has at least one, and the largest angles only become smaller.
+#: Maximum number of flip passes; each flips at least one edge, and the largest angles only decrease.
 MAX_PASSES = 60
 
 _Mesh = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
@@ -39,7 +39,7 @@ def mesh_edges(
     Returns
     -------
     tuple
-        Edges, the edge opposite to each corner of each triangle, and how many triangles each edge has.
+        Edges, the index of the edge opposite to each corner of each triangle, and the number of triangles at each edge.
     """
     count = int(faces.max()) + 1
     sides = faces[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2)
@@ -57,7 +57,7 @@ def largest_angles(
     Parameters
     ----------
     vertices
-        In any unit.
+        Vertices in any unit.
     faces
         Triangles.
     """
@@ -73,12 +73,12 @@ def largest_angles(
 
 
 def orient_faces(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
-    """Triangles that agree with their neighbours on which side is outside.
+    """Orient triangles consistently with their neighbours.
 
     Parameters
     ----------
     faces
-        Triangles; no edge has more than two of them.
+        Triangles; every edge has at most two of them.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order
@@ -88,10 +88,10 @@ def orient_faces(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
     order = np.argsort(opposite.ravel(), kind="stable")
     pair = order[inner[opposite.ravel()[order]]].reshape(-1, 2)
     corner = pair % 3
-    first = faces[pair // 3, (corner + 1) % 3]  # where each triangle begins the edge
+    first = faces[pair // 3, (corner + 1) % 3]  # start vertex of the edge in each triangle
     agrees = first[:, 0] != first[:, 1]
     pair = pair // 3
-    # Neighbours by the kind of their edge: 1 where they agree, 2 where one has to be turned.
+    # Neighbours by edge type: 1 if the orientations agree, 2 if one has to be reversed.
     graph = coo_array((np.where(agrees, 1, 2), pair.T), shape=(len(faces), len(faces))).tocsr()
     graph = graph + graph.T
     out = faces.copy()
@@ -118,16 +118,16 @@ def split_edges(
     length: float,
     still: Bool[np.ndarray, "v"] | None = None,
 ) -> _Mesh:
-    """Halve the edges that are too long, on the curved surface that the normals describe.
+    """Halve long edges, placing midpoints on the curved surface given by the normals.
 
     Parameters
     ----------
     vertices
-        In any unit.
+        Vertices in any unit.
     faces
-        Triangles that look to one side.
+        Consistently oriented triangles.
     length
-        Longer edges are split, in the unit of the vertices.
+        Edges longer than this are split, in the unit of the vertices.
     still
         Vertices between which no edge is split; none by default.
     """
@@ -136,7 +136,7 @@ def split_edges(
         edges, opposite, _times = mesh_edges(faces)
         size = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
         size[still[edges].all(axis=1)] = 0.0
-        # Of each triangle its longest side, so that halves are better shaped than the whole.
+        # Split the longest side of each triangle, so that the halves are better shaped than the whole.
         chosen = np.zeros(len(edges), dtype=bool)
         longest = opposite[np.arange(len(faces)), size[opposite].argmax(axis=1)]
         chosen[longest[size[longest] > length]] = True
@@ -153,7 +153,7 @@ def split_edges(
 def _middles(
     vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray, opposite: np.ndarray, chosen: np.ndarray
 ) -> Float[np.ndarray, "e 3"]:
-    """Middles of edges; on an arc where the surface is smooth at both ends."""
+    """Midpoints of edges; on an arc if the surface is smooth at both ends."""
     normal = vertex_normals(vertices, faces)
     area = area_vectors(vertices, faces)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
@@ -165,7 +165,7 @@ def _middles(
     across = vertices[b] - vertices[a]
     bow = np.einsum("ei,ei->e", across, normal[a])[:, None] * normal[a]
     bow -= np.einsum("ei,ei->e", across, normal[b])[:, None] * normal[b]
-    # At a border the normals say nothing of the plane in which the edge bends, but of how far.
+    # At a border, the normals determine how far the edge bends, but not in which plane.
     smooth = np.maximum(apart[a], apart[b]) < CREASE_rad
     return 0.5 * (vertices[a] + vertices[b]) - np.where(smooth[:, None], bow / 8, 0.0)
 
@@ -177,7 +177,7 @@ def _divided(vertices: np.ndarray, faces: np.ndarray, middle: Int[np.ndarray, "f
     out = [faces[count == 0]]
     for number, alone in ((1, True), (2, False)):
         some = np.flatnonzero(count == number)
-        # Turned so that the one side that differs is opposite to corner 0.
+        # Rotated so that the side that differs is opposite to corner 0.
         first = np.argmax(split[some] == alone, axis=1)
         turn = (first[:, None] + np.arange(3)) % 3
         corner, mid = faces[some[:, None], turn], middle[some[:, None], turn]
@@ -203,16 +203,16 @@ def _divided(vertices: np.ndarray, faces: np.ndarray, middle: Int[np.ndarray, "f
 def flip_edges(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], tolerance: float
 ) -> Int[np.ndarray, "f 3"]:
-    """Swap the diagonal of two triangles where that makes their largest angle smaller.
+    """Flip edges shared by two triangles if that reduces their largest angle.
 
     Parameters
     ----------
     vertices
-        As of :func:`largest_angles`.
+        As in :func:`largest_angles`.
     faces
-        Triangles that look to one side.
+        Consistently oriented triangles.
     tolerance
-        Largest distance between the two diagonals, in the unit of the vertices: by so much the surface moves.
+        Maximum distance between the two diagonals, in the unit of the vertices: how far the surface may move.
     """
     faces = faces.copy()
     for _ in range(MAX_PASSES):
@@ -249,7 +249,7 @@ def flip_edges(
         np.maximum.at(most, one, gain)
         np.maximum.at(most, two, gain)
         chosen = np.flatnonzero(good & (gain >= most[one]) & (gain >= most[two]))
-        # Equal gains share a triangle, and two flips at once could make the same edge: one of each is kept.
+        # Equal gains share a triangle, and two simultaneous flips could create the same edge: keep one of each.
         chosen = chosen[_alone(np.stack([one, two], axis=1)[chosen], len(faces))]
         diagonal = np.stack([c, d], axis=1)[chosen]
         _, unique = np.unique(np.sort(diagonal, axis=1), axis=0, return_index=True)
@@ -261,7 +261,7 @@ def flip_edges(
 
 
 def _alone(members: Int[np.ndarray, "n k"], count: int) -> Bool[np.ndarray, "n"]:
-    """Rows that are the first to name each of their members."""
+    """Rows that are the first to contain each of their members."""
     first = np.full(count, len(members))
     rows = np.arange(len(members))
     for column in members.T:
@@ -275,26 +275,26 @@ def collapse_edges(
     length: float,
     tolerance: float,
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], float]:
-    """Contract short edges as far as the surface allows, the shortest first.
+    """Collapse short edges as far as the surface allows, the shortest first.
 
     Parameters
     ----------
     vertices, faces
-        As of :func:`split_edges`.
+        As in :func:`split_edges`.
     length
-        Edges below it are contracted; none becomes longer than 4/3 of it, in the unit of the vertices.
+        Shorter edges are collapsed; none becomes longer than 4/3 of it, in the unit of the vertices.
     tolerance
-        Largest root mean square distance of a vertex from the planes that it replaces, in that unit.
+        Maximum root mean square distance of a vertex from the planes that it replaces, in the same unit.
 
     Returns
     -------
     tuple
-        Vertices, triangles, and the largest of those distances that came about.
+        Vertices, triangles, and the largest of those distances.
     """
     quadric, border = _quadrics(vertices, faces)
     vertices, faces = np.array(vertices, dtype=float), np.array(faces, dtype=np.int64)
     size = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
-    # Geometric steps of a quarter: within each the order of the edges is that of the triangles.
+    # Geometric steps of a quarter: within each step, edges are processed in the order of the triangles.
     steps = max(1, int(np.ceil(np.log(length / max(float(size.min()), 1e-3 * length)) / np.log(1.25))))
     moved = 0.0
     for bound in length * 1.25 ** -np.arange(steps - 1, -1, -1.0):
@@ -307,10 +307,10 @@ def collapse_edges(
 def _quadrics(
     vertices: np.ndarray, faces: np.ndarray
 ) -> tuple[Float[np.ndarray, "v 11"], Bool[np.ndarray, "v"]]:
-    """Of each vertex: sum of the squared distances from the planes around, ``p A p + 2 b p + c``, and their weight.
+    """Error quadric of each vertex: sum of squared distances from adjacent planes, ``p A p + 2 b p + c``, and weight.
 
-    Columns are the upper triangle of A row by row, b, c, and the weight, an area. At a border there is a plane across
-    the triangle as well, which keeps its outline.
+    Columns are the upper triangle of A row by row, b, c, and the weight, an area. At a border, a plane perpendicular
+    to the triangle is added, which preserves the outline.
     """
     area = area_vectors(vertices, faces)
     size = np.linalg.norm(area, axis=1)

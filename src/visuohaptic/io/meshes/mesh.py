@@ -1,4 +1,4 @@
-"""Triangle meshes from files of others: STL, PLY, OBJ, GLB, DAE; each is distrusted."""
+"""Third-party triangle meshes: STL, PLY, OBJ, GLB, DAE; all files are treated as untrusted."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from .ply import parse_ply
 __all__ = ["FORMATS", "TriangleMesh", "load_mesh"]
 
 FORMATS = (".stl", ".ply", ".obj", ".glb", ".dae")
-#: Larger files [bytes] and meshes are refused before they fill the memory.
+#: Larger files [bytes] and meshes are rejected before they exhaust the memory.
 MAX_BYTES = 256 * 1024 * 1024
 MAX_FACES = 2_000_000
-#: Nested instances multiply what a COLLADA file holds.
+#: Nested instances multiply the contents of a COLLADA file.
 MAX_INSTANCES = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleMesh:
-    """Triangles as they are in a file, in the file's unit; nothing is repaired."""
+    """Triangles as stored in a file, in the file's unit; nothing is repaired."""
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
@@ -43,14 +43,14 @@ def load_mesh(path: Path | str) -> TriangleMesh:
     Parameters
     ----------
     path
-        The file; its suffix tells the format.
+        The file; its suffix determines the format.
 
     Raises
     ------
     InputError
-        Not one of the formats, unreadable, empty, too large, or with numbers that are not finite.
+        The format is not supported, or the file is unreadable, empty, too large, or contains non-finite numbers.
     MissingExtraError
-        The library that reads meshes is not installed.
+        The library for reading meshes is not installed.
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -86,7 +86,7 @@ def load_mesh(path: Path | str) -> TriangleMesh:
 def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[np.ndarray, np.ndarray]:
     with needs("trimesh", "geometry", "reading meshes"):
         import trimesh
-    # Its readers log a traceback of what they raise anyway.
+    # Its readers log a traceback of exceptions that they raise anyway.
     logger = logging.getLogger("trimesh")
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -94,7 +94,7 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[np.ndarray, np.ndar
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             options = {"skip_materials": True} if kind == ".obj" else {}
-            # From memory: a mesh has no business with other files.
+            # Loaded from memory: a mesh must not access other files.
             scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False, **options)
             faces_in_all = sum(
                 len(geometry.faces) for geometry in scene.geometry.values() if hasattr(geometry, "faces")
@@ -115,7 +115,7 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[np.ndarray, np.ndar
 
 
 def _distrust(path: Path, kind: str, data: bytes) -> None:
-    """Refuse files that would unfold to more than they are."""
+    """Reject files that would expand far beyond their size."""
     if kind == ".dae":
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise InputError(path, "defines XML entities, which COLLADA does not need")

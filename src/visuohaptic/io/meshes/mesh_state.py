@@ -1,4 +1,4 @@
-"""An imported mesh as it is: merged, its loose parts named, its holes counted."""
+"""State of an imported mesh: merged vertices, disconnected parts, holes."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ __all__ = ["MeshState", "boundary_loops", "face_parts", "inspect_mesh"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshState:
-    """A merged mesh and what is wrong with it."""
+    """A merged mesh and its defects."""
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
-    dropped_faces: int  #: degenerate or doubled
-    patches: int  #: loose parts
-    loose_faces: int  #: triangles of all but the main part
-    loose_place: tuple[float, ...]  #: centre of the largest of them, or nothing
-    branching_edges: int  #: with three or more triangles
-    turned: int  #: edges whose two triangles disagree on which side is outside
-    loops: tuple[np.ndarray, ...]  #: boundary loops of the main part, vertex numbers in order
+    dropped_faces: int  #: degenerate or duplicate
+    patches: int  #: disconnected parts
+    loose_faces: int  #: triangles outside the main part
+    loose_place: tuple[float, ...]  #: centre of the largest disconnected part, or empty
+    branching_edges: int  #: edges with three or more triangles
+    turned: int  #: edges whose two triangles have opposite orientations
+    loops: tuple[np.ndarray, ...]  #: boundary loops of the main part, vertex indices in order
 
     @property
     def defects(self) -> list[str]:
-        """For people."""
+        """Descriptions of the defects, for display."""
         found = []
         if self.dropped_faces:
             found.append(f"{self.dropped_faces} degenerate or doubled triangles dropped")
@@ -48,21 +48,21 @@ class MeshState:
 def inspect_mesh(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], where: str = "mesh"
 ) -> MeshState:
-    """Merge vertices, drop degenerate triangles, keep the main part, and list the defects.
+    """Merge vertices, remove degenerate triangles, keep the main part, and list the defects.
 
     Parameters
     ----------
     vertices
-        Of the imported mesh, scaled to metres.
+        Vertices of the imported mesh, scaled to metres.
     faces
         Its triangles, of any quality and orientation.
     where
-        Name of the mesh in messages.
+        Name of the mesh, for messages.
 
     Raises
     ------
     InputError
-        Fewer than four triangles with an area.
+        Fewer than four triangles have a nonzero area.
     """
     vertices, faces, dropped = _merged(vertices, faces)
     if len(faces) < 4:
@@ -71,7 +71,7 @@ def inspect_mesh(
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
     number = face_parts(faces)
     size = np.bincount(number, area)
-    # Parts of the wall may be loose along a seam; what is small is a patch.
+    # Parts of the wall may be disconnected along a seam; small parts are patches.
     main = size >= 0.05 * size.max()
     keep = main[number]
     place: tuple[float, ...] = ()
@@ -98,7 +98,7 @@ def inspect_mesh(
 
 
 def face_parts(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f"]:
-    """Number of the connected part, from 0, that each face belongs to; parts share no vertex.
+    """Index of the connected part, from 0, of each face; parts share no vertex.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     used = vertices[faces.ravel()]
     low = used.min(axis=0)
     grid = max(float(np.ptp(used, axis=0).max()) * 1e-6, 1e-12)
-    # Used vertices are within 2e6 cells, whose number fits 21 bits; what is not used may be anywhere.
+    # Used vertices are within 2e6 cells, whose index fits 21 bits; unused ones may be anywhere.
     cell = np.round((vertices - low) / grid) + 1
     cell[~((cell >= 1) & (cell < 2**21)).all(axis=1)] = 0
     cell = cell.astype(np.int64)
@@ -141,7 +141,7 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def boundary_loops(directed: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
-    """Closed chains of edges that have a triangle on one side only.
+    """Closed chains of edges with a triangle on one side only.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def boundary_loops(directed: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
     Returns
     -------
     tuple of arrays
-        Vertex numbers of each loop in order.
+        Vertex indices of each loop, in order.
     """
     low, high = directed.min(axis=1), directed.max(axis=1)
     _, inverse, times = np.unique(low * count + high, return_inverse=True, return_counts=True)

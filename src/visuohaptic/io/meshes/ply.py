@@ -1,4 +1,4 @@
-"""PLY files: surfaces and points with colour and further numbers per vertex."""
+"""PLY files: surfaces and points with colour and other values per vertex."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _TYPES = {
 }  # fmt: skip
 _MAX_FILE_BYTES = 1 << 31
 _POLYGONS = ("vertex_indices", "vertex_index")
-#: A polygon of more corners is damage.
+#: A polygon with more corners indicates damage.
 _MAX_CORNERS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlyMesh:
-    """What a PLY file holds."""
+    """Contents of a PLY file."""
 
     vertices_m: Float[np.ndarray, "v 3"]
-    faces: Int[np.ndarray, "f 3"]  #: polygons are cut into fans of triangles
+    faces: Int[np.ndarray, "f 3"]  #: polygons are split into triangle fans
     colors: UInt8[np.ndarray, "v 3"] | None = None  #: red, green, blue
-    #: Further numbers of each vertex by name, e.g. ``score``.
+    #: Other values of each vertex by name, e.g. ``score``.
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
@@ -40,7 +40,7 @@ class PlyMesh:
 class _Element:
     name: str
     count: int
-    #: Name, kind, and kind of the length in front when it is a list.
+    #: Name, type, and for lists the type of the preceding length.
     properties: list[tuple[str, str, str]] = field(default_factory=list)
 
 
@@ -65,7 +65,7 @@ def read_ply(path: Path | str) -> PlyMesh:
 
 
 def parse_ply(path: Path, data: bytes) -> PlyMesh:
-    """What a whole file says, vertices that are not finite included; ``path`` is for the messages."""
+    """Parse a complete file, including non-finite vertices; ``path`` is for messages."""
     try:
         kind, elements, place = _header(path, data)
         if kind == "ascii":
@@ -131,7 +131,7 @@ def _text_body(data: bytes, elements: list[_Element]) -> _Columns:
 def _by_row(
     read: Callable[[list[str], _Element], np.ndarray], rows: list[list[str]], element: _Element
 ) -> list[np.ndarray]:
-    """What each line of an element says; one that cannot be read is named as it is in the file."""
+    """Values of each line of an element; an invalid line is reported with its line number in the file."""
     found = []
     for number, words in enumerate(rows, 1):
         try:
@@ -150,7 +150,7 @@ def _text_numbers(words: list[str], element: _Element) -> np.ndarray:
 
 
 def _text_polygon(words: list[str], element: _Element) -> np.ndarray:
-    """Vertices in a line of an element with lists."""
+    """Vertices in one line of an element with lists."""
     place, polygon = 0, list[str]()
     for name, _, length in element.properties:
         count = _list_length(int(words[place])) if length else 1
@@ -188,7 +188,7 @@ def _binary_body(path: Path, data: bytes, place: int, elements: list[_Element], 
 def _binary_lists(
     data: bytes, place: int, element: _Element, order: str
 ) -> tuple[dict[str, np.ndarray], int]:
-    """Lists: at once where all are triangles, else one by one."""
+    """Lists: at once if all are triangles, otherwise one by one."""
     name, code, length = element.properties[0]
     if len(element.properties) == 1 and name in _POLYGONS:
         kind = np.dtype([("n", order + length), ("at", order + code, (3,))])
@@ -210,7 +210,7 @@ def _binary_lists(
 
 
 def _fans(polygons: list[np.ndarray]) -> dict[str, np.ndarray]:
-    """Polygons as triangles, and the number of the polygon of each."""
+    """Polygons as triangles, and the polygon index of each."""
     triangles = [
         (number, polygon[0], polygon[k], polygon[k + 1])
         for number, polygon in enumerate(polygons, 1)
@@ -240,14 +240,14 @@ def _assembled(path: Path, found: _Columns) -> PlyMesh:
 
 
 def write_ply(path: Path | str, mesh: PlyMesh) -> None:
-    """Write a binary PLY file, whole or not at all; coordinates and further numbers are float32.
+    """Write a binary PLY file, atomically; coordinates and other values are float32.
 
     Parameters
     ----------
     path
         File that is created or replaced.
     mesh
-        Vertices [m], faces and further numbers by vertex.
+        Vertices [m], faces and other values by vertex.
     """
     columns: list[tuple[str, str, np.ndarray]] = [
         (axis, "float", mesh.vertices_m[:, k]) for k, axis in enumerate("xyz")

@@ -1,4 +1,4 @@
-"""A robot, or a simulated world, in a process of its own: only the robot's protocols cross."""
+"""A robot, or a simulated world, in a separate process, accessed only through the robot protocols."""
 
 from ...core.front_door import attach
 

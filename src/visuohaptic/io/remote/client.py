@@ -1,4 +1,4 @@
-"""The parts of a robot that another process of this machine serves."""
+"""Client for the components of a robot served by another process on this machine."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, 
 
 __all__ = ["RemoteRobot", "start_robot"]
 
-#: Seconds that an answer may take: a simulated world renders, a robot's driver waits.
+#: Time-out of a reply [s]: a simulated world renders, a robot's driver waits.
 PATIENCE_S = 60.0
 
 
 class RemoteRobot(Closing):
-    """A robot in another process; a part that is not served is refused when it is used.
+    """A robot in another process; a component that is not served is rejected when it is used.
 
     Parameters
     ----------
     address
-        Host and port that it listens at.
+        Host and port of the server.
     key
-        Secret that both have.
+        Shared secret.
     process
-        That serves it, when it was started here; ended with :meth:`close`.
+        Server process, if it was started here; terminated by :meth:`close`.
 
     Raises
     ------
     DeviceError
-        Nobody answers, or somebody without the key.
+        The server does not respond, or does not have the key.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class RemoteRobot(Closing):
                 f"the robot at {address[0]}:{address[1]} does not answer ({problem})"
             ) from problem
         hello = self._receive()
-        self.parts: tuple[str, ...] = hello["parts"]  #: that are served
+        self.parts: tuple[str, ...] = hello["parts"]  #: served components
         if str(hello["contract"]).partition(".")[0] != ROBOT_CONTRACT.partition(".")[0]:
             self.close()
             raise InputError(
@@ -68,33 +68,33 @@ class RemoteRobot(Closing):
         self.arm, self.gripper = cast("ProbeArm", _Part(self, "arm")), cast("Gripper", _Part(self, "gripper"))
         self.senses: Any = _Part(self, "senses")
         self.camera, self.depth = _RemoteCamera(self), _RemoteDepthCamera(self)
-        #: newest pose in the map: the robot is its own ``Localizer``
+        #: latest pose in the map: the robot is its own ``Localizer``
         self.locate: Callable[[], MapPose] = partial(self.call, "localizer", "locate")
-        #: what the finger's sensor says of a frame of :attr:`camera`
+        #: measurement of the finger's sensor for a frame of :attr:`camera`
         self.feel: Callable[[Frame], RemoteTouch] = partial(self.call, "feel", "touch")
-        #: what the beam sensor says of a frame
+        #: measurement of the beam sensor for a frame
         self.wrench: Callable[[Frame], Wrench] = partial(self.call, "wrench", "read")
-        #: downward load on the fingers [N], by a frame
+        #: downward load on the fingers [N], for a frame
         self.weigh: Callable[[Frame], float] = partial(self.call, "weigh", "read")
-        #: lets time pass there [s]
+        #: lets time pass on the server [s]
         self.wait: Callable[[float], None] = partial(self.call, "wait", "wait")
 
     def call(self, part: str, member: str, *arguments: Any) -> Any:
-        """Call a member of a part there.
+        """Call a member of a component on the server.
 
         Parameters
         ----------
         part, member
-            Of :data:`~.wire.PROTOCOLS`.
+            Component and member, from :data:`~.wire.PROTOCOLS`.
         *arguments
-            Values that cross.
+            Arguments that can be serialised.
 
         Raises
         ------
         VisuohapticError
-            Of the kind that was raised there.
+            Same type as raised on the server.
         DeviceError
-            The robot has gone.
+            The connection to the robot is lost.
         """
         with self._lock:
             try:
@@ -123,13 +123,13 @@ class RemoteRobot(Closing):
             raise DeviceError(f"the robot has gone ({type(problem).__name__})") from problem
 
     def served(self) -> dict[str, Any]:
-        """The parts of the robot that a contract knows, by name."""
+        """The served components that have a protocol, by name."""
         names = ("base", "arm", "gripper", "camera", "localizer", "depth", "feel", "wait")
         own = {"localizer": self}
         return {name: own.get(name) or getattr(self, name) for name in names if name in self.parts}
 
     def close(self) -> None:
-        """Leave: the other process stops its robot; harmless when repeated."""
+        """Disconnect; the other process stops its robot. May be called repeatedly."""
         self._connection.close()
         if self._process is not None:
             try:
@@ -143,19 +143,19 @@ class RemoteRobot(Closing):
 
 
 def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> RemoteRobot:
-    """Start a process that makes a robot, or a simulated world with one, and serves its parts.
+    """Start a process that creates a robot, or a simulated world with one, and serves its components.
 
     Parameters
     ----------
     target
-        ``module:function``; it returns the parts as :func:`~.server.serve_robot` takes them.
+        ``module:function``; returns the components as :func:`~.server.serve_robot` expects them.
     arguments
-        Of the function, plain data by name.
+        Arguments of the function, plain data by name.
 
     Raises
     ------
     DeviceError
-        The process ended before it served anything; its reason is on its standard error.
+        The process ended before it served anything; the reason is on its standard error.
 
     Examples
     --------
@@ -174,7 +174,7 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
     patience = threading.Timer(PATIENCE_S, process.kill)
     patience.start()
     try:
-        # Not an argument: the list of processes is public.
+        # Not a command-line argument: the process list is public.
         process.stdin.write(key.hex() + "\n")
         process.stdin.flush()
         host, port = json.loads(process.stdout.readline())
@@ -190,7 +190,7 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
 
 
 class _Part:
-    """Members of a part, as :data:`~.wire.PROTOCOLS` names them, called there."""
+    """A component whose members, listed in :data:`~.wire.PROTOCOLS`, are called on the server."""
 
     def __init__(self, robot: RemoteRobot, part: str) -> None:
         self._robot, self._part = robot, part
@@ -217,7 +217,7 @@ class _RemoteCamera(Closing):
             yield frame
 
     def close(self) -> None:
-        """Nothing to release here."""
+        """Does nothing: there is nothing to release."""
 
 
 class _RemoteDepthCamera:

@@ -1,4 +1,4 @@
-"""Serves the parts of a robot to one other process of this machine, member by member of their protocols."""
+"""Serves the components of a robot to one other process on this machine, through the members of their protocols."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ _log = logging.getLogger(__name__)
 
 
 def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[str, int]], None]) -> None:
-    """Answer one client until it leaves; then every part that can is stopped.
+    """Serve one client until it disconnects; then stop all components that have a stop function.
 
     Parameters
     ----------
     parts
-        Of :data:`~.wire.PROTOCOLS`: ``base``, ``arm``, ``gripper``, ``localizer``, ``senses``, ``camera``, ``depth``, and
-        the functions ``feel`` (frame to touch), ``wrench``, ``weigh`` (of a frame) and ``wait`` (of seconds).
+        Components from :data:`~.wire.PROTOCOLS`: ``base``, ``arm``, ``gripper``, ``localizer``, ``senses``, ``camera``, ``depth``,
+        and the functions ``feel`` (frame to touch), ``wrench``, ``weigh`` (of a frame) and ``wait`` (of seconds).
     key
-        Secret that the client has, too.
+        Secret shared with the client.
     ready
         Called with the address once a client may connect.
 
     Raises
     ------
     InputError
-        There is a part that is none of a robot.
+        A component is not in the protocol.
     """
     if unknown := sorted(set(parts) - set(PROTOCOLS)):
         raise InputError("serve_robot", f"found part {unknown[0]!r}, expected some of {', '.join(PROTOCOLS)}")
@@ -53,7 +53,7 @@ def _answer(served: _Served, connection: Connection[Any, Any]) -> None:
         while True:
             connection.send_bytes(_reply(served, connection.recv_bytes(MAX_MESSAGE_BYTES)))
     except (EOFError, OSError):
-        pass  # the client has left
+        pass  # the client has disconnected
     finally:
         served.stop()
 
@@ -69,12 +69,12 @@ def _reply(served: _Served, message: bytes) -> bytes:
 
 
 class _Served:
-    """Calls members of parts, and no others.
+    """Calls the permitted members of components.
 
     Parameters
     ----------
     parts
-        By name.
+        Components by name.
     """
 
     def __init__(self, parts: Mapping[str, Any]) -> None:
@@ -82,7 +82,7 @@ class _Served:
         self._frames: Iterator[Any] = iter(self.parts.get("camera", ()))
 
     def call(self, request: Any) -> Any:
-        """The value of a request ``{"part", "member", "arguments"}``."""
+        """Result of a request ``{"part", "member", "arguments"}``."""
         fields = request if isinstance(request, dict) else {}
         part, member, arguments = fields.get("part"), fields.get("member"), fields.get("arguments", ())
         if part not in self.parts or member not in PROTOCOLS[part]:
@@ -105,14 +105,14 @@ class _Served:
         return getattr(served, member)(*arguments)
 
     def stop(self) -> None:
-        """Leave nothing moving."""
+        """Stop all motion."""
         for part in self.parts.values():
             if hasattr(part, "stop"):
                 part.stop()
 
 
 def main() -> None:
-    """``python -m visuohaptic.io.remote.server MODULE:FUNCTION ARGUMENTS``: the key comes on standard input."""
+    """``python -m visuohaptic.io.remote.server MODULE:FUNCTION ARGUMENTS``; the key is read from standard input."""
     module, _, function = sys.argv[1].partition(":")
     key = bytes.fromhex(sys.stdin.readline().strip())
     sys.path.insert(0, os.getcwd())

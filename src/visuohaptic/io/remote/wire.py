@@ -1,7 +1,7 @@
-"""What crosses between a robot's process and the one that commands it: a list of members, and of kinds of values.
+"""Messages between a robot's process and its client: permitted members, and types of values.
 
-A message is a line of JSON and the bytes of its arrays, no pickle. Numbers, texts, tuples and the dataclasses of
-:data:`KINDS` are values; whatever else a part might return does not cross.
+A message is a line of JSON followed by the bytes of its arrays, without pickle. Values are numbers, strings, tuples and
+the dataclasses of :data:`KINDS`; other types cannot be transferred.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from ...core.robots import BaseState, GripperState, MapPose
 
 __all__ = ["KINDS", "MAX_MESSAGE_BYTES", "PROTOCOLS", "RemoteDepth", "RemoteTouch", "pack", "unpack"]
 
-#: Larger messages are refused before memory is taken for them: some ten 4K images.
+#: Larger messages are rejected before memory is allocated: about ten 4K images.
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
 class RemoteTouch:
-    """A :class:`~visuohaptic.core.robots.FingerTouch` that has crossed."""
+    """A transferred :class:`~visuohaptic.core.robots.FingerTouch`."""
 
     valid: bool
     force_N: float
@@ -38,20 +38,20 @@ class RemoteTouch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RemoteDepth:
-    """A :class:`~visuohaptic.core.robots.DepthImage` that has crossed."""
+    """A transferred :class:`~visuohaptic.core.robots.DepthImage`."""
 
     t_s: float
     depth_m: np.ndarray
 
 
-#: Dataclasses that cross.
+#: Dataclasses that can be transferred.
 KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (BaseState, Camera, Frame, GripperState, MapPose, Pose, RemoteTouch, Wrench)
 }
-#: Types of arrays as :func:`pack` writes them.
+#: Array types as written by :func:`pack`.
 _CODES = frozenset(np.dtype(name).newbyteorder("<").str for name in DTYPES)
-#: Parts of a robot, and the members of each that may be called from the other process.
+#: Components of a robot, and the members of each that the client may call.
 PROTOCOLS: dict[str, tuple[str, ...]] = {
     "base": ("drive", "stop", "state"),
     "arm": ("move_linear", "stop", "pose", "reach_m"),
@@ -68,17 +68,17 @@ PROTOCOLS: dict[str, tuple[str, ...]] = {
 
 
 def pack(value: Any) -> bytes:
-    """A value as bytes.
+    """Serialise a value.
 
     Parameters
     ----------
     value
-        Number, text, truth value, ``None``, array, dataclass of :data:`KINDS`, or a tuple or mapping of them.
+        Number, string, boolean, ``None``, array, dataclass of :data:`KINDS`, or a tuple or mapping of them.
 
     Raises
     ------
     InputError
-        It is something else.
+        The value has another type.
     """
     arrays: list[np.ndarray] = []
     head = json.dumps({"value": _plain(value, arrays), "arrays": [[a.dtype.str, a.shape] for a in arrays]})
@@ -86,17 +86,17 @@ def pack(value: Any) -> bytes:
 
 
 def unpack(message: bytes) -> Any:
-    """The value of a message.
+    """Deserialise a message.
 
     Parameters
     ----------
     message
-        Of :func:`pack`.
+        Message of :func:`pack`.
 
     Raises
     ------
     DeviceError
-        It is no message.
+        The message is invalid.
     """
     head, _, body = message.partition(b"\n")
     try:

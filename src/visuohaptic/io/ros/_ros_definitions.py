@@ -1,4 +1,4 @@
-"""Definitions of the standard ROS 2 messages that are written; a test compares their hashes with ROS's."""
+"""Definitions of the standard ROS 2 messages written by this library; a test compares their hashes with ROS's."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _PARTS = {
 
 
 def _needs(name: str) -> list[str]:
-    """Messages inside a message, each once, parents first."""
+    """Nested messages of a message, each once, parents first."""
     found: list[str] = []
     for line in _PARTS[name].splitlines():
         kind = line.split()[0].split("[")[0]
@@ -89,12 +89,12 @@ def _needs(name: str) -> list[str]:
 
 
 def definition(datatype: str) -> str:
-    """The ``ros2msg`` text of a message with all the messages inside it.
+    """The ``ros2msg`` text of a message including all nested messages.
 
     Parameters
     ----------
     datatype
-        ROS 2 name with three parts, as ``geometry_msgs/msg/WrenchStamped``.
+        ROS 2 name with three parts, such as ``geometry_msgs/msg/WrenchStamped``.
     """
     short = datatype.replace("/msg/", "/")
     if short not in _PARTS:

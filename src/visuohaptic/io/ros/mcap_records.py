@@ -1,7 +1,7 @@
-"""MCAP files read record by record, so that a cut or damaged file still gives all that is whole.
+"""MCAP files read record by record, so that all intact data of a truncated or damaged file can be read.
 
 The readers of the ``mcap`` package stop at the first problem; a robot that was
-switched off leaves a file without footer and often with half a chunk at its
+switched off leaves a file without footer and often with a partial chunk at its
 end. Layout of the format: https://mcap.dev/spec.
 """
 
@@ -27,15 +27,15 @@ _log = logging.getLogger(__name__)
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
 
-#: Chunks that claim to be larger than this when unpacked are damaged (bytes).
+#: Chunks that declare a larger uncompressed size are damaged [bytes].
 MAX_CHUNK_BYTES = 1 << 30
 
 
 class McapMessage(NamedTuple):
-    """One message as it was recorded."""
+    """One recorded message."""
 
     topic: str
-    datatype: str  #: ROS 2 name as ``sensor_msgs/msg/Image``; empty without schema
+    datatype: str  #: ROS 2 name such as ``sensor_msgs/msg/Image``; empty without schema
     log_time_ns: int
     sequence: int
     data: bytes  #: CDR
@@ -45,23 +45,23 @@ class McapMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """What a file holds of one topic."""
+    """Summary of a topic in a file."""
 
     name: str
     datatype: str
     messages: int
     bytes: int
-    start_s: float  #: time of the first message by the recorder's clock
+    start_s: float  #: time of the first message on the recorder's clock
     stop_s: float  #: time of the last message
 
 
 @dataclass(slots=True)
 class McapDamage:
-    """What could not be read; updated while a file is read."""
+    """Data that could not be read; updated while a file is read."""
 
     cut: bool = False  #: the file ends before its footer
-    lost_bytes: int = 0  #: at the end of a cut file
-    chunks: list[str] = field(default_factory=list)  #: damaged chunks: place and problem
+    lost_bytes: int = 0  #: at the end of a truncated file
+    chunks: list[str] = field(default_factory=list)  #: damaged chunks: position and problem
 
     def __bool__(self) -> bool:
         return self.cut or bool(self.chunks)
@@ -76,7 +76,7 @@ class McapDamage:
 
 @dataclass(frozen=True, slots=True)
 class RecordedSchema:
-    """Definition of a type of message."""
+    """Definition of a message type."""
 
     name: str
     encoding: str
@@ -85,7 +85,7 @@ class RecordedSchema:
 
 @dataclass(frozen=True, slots=True)
 class RecordedChannel:
-    """A topic as one recorder wrote it."""
+    """A topic as written by one recorder."""
 
     topic: str
     schema: int
@@ -93,7 +93,7 @@ class RecordedChannel:
 
 
 class McapFile:
-    """Messages of an MCAP file in the order of the file.
+    """Messages of an MCAP file in file order.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class McapFile:
     Raises
     ------
     InputError
-        The file is missing or does not begin as MCAP.
+        The file is missing or does not start as MCAP.
     """
 
     kind = "MCAP"
@@ -116,19 +116,19 @@ class McapFile:
 
     def _clear(self, path: Path | str) -> None:
         self.path = Path(path)
-        self.parts = [self.path]  #: files that are read
+        self.parts = [self.path]  #: files that make up the recording
         self.damage = McapDamage()
         self.schemas: dict[int, RecordedSchema] = {}
         self.channels: dict[int, RecordedChannel] = {}
         self._decoders: dict[int, Any] = {}
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
-        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost.
+        """All intact messages of the selected topics; afterwards, ``damage`` describes what was lost.
 
         Parameters
         ----------
         topics
-            Topics whose messages are given; all by default.
+            Topics to read; all by default.
         """
         self.damage = McapDamage()
         with self.path.open("rb") as stream:
@@ -143,7 +143,7 @@ class McapFile:
             _log.warning("%s is damaged: %s", self.path, self.damage)
 
     def _records(self, stream: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-        """Records of the file's top level; large ones that nobody needs are skipped unread."""
+        """Records of the file's top level; large records that are not needed are skipped unread."""
         while True:
             place = stream.tell()
             head = stream.read(9)
@@ -205,7 +205,7 @@ class McapFile:
             self.spoilt(f"chunk at byte {place}: its last {len(data) - start} bytes are no record")
 
     def _unpacked(self, body: bytes, place: int) -> bytes:
-        """Records of a chunk; of a chunk cut by the file's end, as much as can be unpacked."""
+        """Records of a chunk; from a truncated chunk, as much as can be decompressed."""
         unpacked, checksum = struct.unpack_from("<QI", body, 16)
         compression, start = _text(body, 28)
         (length,) = struct.unpack_from("<Q", body, start)
@@ -223,19 +223,19 @@ class McapFile:
         return data
 
     def spoilt(self, problem: str) -> None:
-        """Note a damaged part.
+        """Record a damaged section.
 
         Parameters
         ----------
         problem
-            Place, and what is wrong there.
+            Position and problem.
         """
-        # A file of noise must not fill the memory with complaints.
+        # Random data must not fill the memory with messages.
         if len(self.damage.chunks) < 100:
             self.damage.chunks.append(problem)
 
     def topics(self) -> list[Topic]:
-        """Topics with their counts, sorted by name; reads the whole file."""
+        """Topics with message counts, sorted by name; reads the whole file."""
         found: dict[tuple[str, str], list[int]] = {}
         for message in self.messages():
             entry = found.setdefault(
@@ -251,7 +251,7 @@ class McapFile:
         ]
 
     def decode(self, message: McapMessage) -> Any:
-        """Fields of a ROS 2 message.
+        """Decode the fields of a ROS 2 message.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class McapFile:
         Raises
         ------
         InputError
-            It has no ``ros2msg`` schema, or its bytes do not fit the schema.
+            It has no ``ros2msg`` schema, or its bytes do not match the schema.
         """
         where = f"{self.path}:{message.topic}"
         decoder = self._decoders.get(message.channel)
@@ -301,7 +301,7 @@ def _text(body: bytes, place: int) -> tuple[str, int]:
 
 
 def _decompress(compression: str, packed: bytes, unpacked: int, path: Path, *, whole: bool) -> bytes:
-    """Unpack at most ``unpacked`` bytes; a bomb is a :class:`ValueError`."""
+    """Decompress at most ``unpacked`` bytes; a decompression bomb raises :class:`ValueError`."""
     if compression == "":
         return packed
     try:
@@ -321,7 +321,7 @@ def _decompress(compression: str, packed: bytes, unpacked: int, path: Path, *, w
 
 def _read_some(stream: IO[bytes], limit: int, problem: type[Exception], whole: bool) -> bytes:
     parts: list[bytes] = []
-    left = limit + 1  # one more shows that there would be more than was promised
+    left = limit + 1  # one more byte reveals that the declared size is exceeded
     try:
         while left > 0 and (part := stream.read(min(left, 1 << 16))):
             parts.append(part)

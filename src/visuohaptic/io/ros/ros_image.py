@@ -1,4 +1,4 @@
-"""ROS image messages from and to arrays."""
+"""Conversion between ROS image messages and arrays."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ENCODINGS: dict[str, tuple[int, int, str]] = {
     "bgra8": (4, 1, "COLOR_BGRA2BGR"),
     "8UC4": (4, 1, "COLOR_BGRA2BGR"),
     "rgba8": (4, 1, "COLOR_RGBA2BGR"),
-    # ROS names the order of the first row; OpenCV the second row's second and third pixel.
+    # ROS names a Bayer pattern by its first row; OpenCV by the second row's second and third pixel.
     "bayer_rggb8": (1, 1, "COLOR_BayerBG2BGR"),
     "bayer_bggr8": (1, 1, "COLOR_BayerRG2BGR"),
     "bayer_gbrg8": (1, 1, "COLOR_BayerGR2BGR"),
@@ -33,9 +33,9 @@ _ENCODINGS: dict[str, tuple[int, int, str]] = {
 
 
 def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *colour"]:
-    """Grey or BGR image, 8 bit, of a ``sensor_msgs/Image``.
+    """Grey or BGR image, 8 bit, from a ``sensor_msgs/Image``.
 
-    The padding at the end of rows (``step``) is removed; of 16-bit images the
+    Row padding (``step``) is removed; for 16-bit images, the
     upper 8 bits are kept; Bayer patterns are interpolated.
 
     Parameters
@@ -48,7 +48,7 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
     Raises
     ------
     InputError
-        The encoding is not known, or size and data do not fit together.
+        The encoding is unknown, or size and data are inconsistent.
     """
     width, height, step = int(message.width), int(message.height), int(message.step)
     encoding = str(message.encoding)
@@ -74,14 +74,14 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
         )
     rows = np.lib.stride_tricks.as_strided(data, (height, used), (step, 1), writeable=False)
     if depth == 2:
-        # The upper byte of each value is its 8-bit reading.
+        # The upper byte of each value is its 8-bit value.
         rows = rows[:, 0 if message.is_bigendian else 1 :: 2]
     image = np.ascontiguousarray(rows if channels == 1 else rows.reshape(height, width, channels))
     if conversion:
         import cv2
 
         image = cv2.cvtColor(image, getattr(cv2, conversion))
-    # ``frombuffer`` gives a read-only view of the message: a frame owns its pixels.
+    # ``frombuffer`` returns a read-only view of the message, but a frame owns its pixels.
     return image if image.flags.writeable else image.copy()
 
 
@@ -98,7 +98,7 @@ def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"
     Raises
     ------
     InputError
-        It is not a depth image, or size and data do not fit together.
+        It is not a depth image, or size and data are inconsistent.
     """
     kinds = {"16UC1": "u2", "32FC1": "f4"}
     encoding = str(message.encoding)
@@ -117,6 +117,6 @@ def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"
     depth_m = rows.view(kind).astype(np.float32)
     if encoding == "16UC1":
         depth_m *= np.float32(1e-3)
-    # What is not measured is 0 by the convention of 16UC1 and NaN or infinite by that of 32FC1.
+    # Not measured is 0 in 16UC1 and NaN or infinite in 32FC1, by convention.
     depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = np.nan
     return depth_m

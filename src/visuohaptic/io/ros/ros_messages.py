@@ -1,7 +1,7 @@
 """Measurements, poses, cameras, maps and images as the fields of standard ROS 2 messages.
 
-Messages are plain dictionaries in the layout of their ROS definition, which
-the CDR writer takes. Stamps come from ``t_s``.
+Messages are plain dictionaries in the layout of their ROS definition, the
+input of the CDR writer. Timestamps come from ``t_s``.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def stamp(t_s: float) -> Message:
     Parameters
     ----------
     t_s
-        Seconds since the epoch, or of the duration.
+        Seconds since the epoch, or length of the duration.
     """
     seconds, nanoseconds = divmod(stamp_ns(t_s), 1_000_000_000)
     return {"sec": seconds, "nanosec": nanoseconds}
@@ -75,7 +75,7 @@ def header(t_s: float, frame: str) -> Message:
     t_s
         Time of the measurement, seconds since the epoch.
     frame
-        Name of the frame of coordinates.
+        Name of the coordinate frame.
     """
     return {"stamp": stamp(t_s), "frame_id": frame}
 
@@ -85,10 +85,10 @@ def _vector(values: Sequence[float] | np.ndarray) -> Message:
 
 
 def wrench(measured: Wrench) -> Message:
-    """``geometry_msgs/WrenchStamped``; NaN where the measurement is not valid.
+    """``geometry_msgs/WrenchStamped``; NaN if the measurement is invalid.
 
-    The message has no place for validity, so a reader who knows nothing of our
-    diagnostics must not take a number for good.
+    The message has no validity field, and a reader that ignores the
+    diagnostics must not use an invalid value.
 
     Parameters
     ----------
@@ -109,15 +109,15 @@ def force_wrench(profile: ForceProfile, frame: str) -> Message:
     """``geometry_msgs/WrenchStamped`` of a laminar sensor.
 
     The force acts on the sensor along -x of its frame (x points away from the
-    robot); as is the custom for contact sensors the message gives its
-    magnitude along +x, the force on the object. NaN where it is not valid.
+    robot); by convention for contact sensors, the message contains its
+    magnitude along +x, the force on the object. NaN if invalid.
 
     Parameters
     ----------
     profile
         Measurement of the sensor.
     frame
-        Name of the sensor's frame of coordinates.
+        Name of the sensor's coordinate frame.
     """
     force = profile.force_N if profile.valid else math.nan
     return _wrench(profile.t_s, frame, (force, 0.0, 0.0), np.zeros(3))
@@ -126,22 +126,22 @@ def force_wrench(profile: ForceProfile, frame: str) -> Message:
 def diagnostics(
     t_s: float, frame: str, name: str, valid: bool, reason: str, values: Mapping[str, Any]
 ) -> Message:
-    """``diagnostic_msgs/DiagnosticArray``: validity, its reason and all numbers also when not valid.
+    """``diagnostic_msgs/DiagnosticArray``: validity, its reason and all numbers, even if invalid.
 
     Parameters
     ----------
     t_s
         Time of the measurement, seconds since the epoch.
     frame
-        Name of the sensor's frame of coordinates.
+        Name of the sensor's coordinate frame.
     name
         Name of the sensor.
     valid
-        Whether the measurement can be trusted.
+        Whether the measurement is valid.
     reason
-        Why not.
+        Why it is invalid.
     values
-        Numbers and texts by name, with the unit in the name.
+        Numbers and strings by name, with the unit in the name.
     """
     level = 0 if valid else (3 if reason == "stale" else 1)
     status = {
@@ -159,16 +159,16 @@ def _text(value: Any) -> str:
 
 
 def cloud(t_s: float, frame: str, fields: Sequence[tuple[str, str, np.ndarray]]) -> Message:
-    """``sensor_msgs/PointCloud2`` of one row.
+    """``sensor_msgs/PointCloud2`` with one row.
 
     Parameters
     ----------
     t_s
-        Stamp, seconds since the epoch.
+        Timestamp, seconds since the epoch.
     frame
-        Name of the frame of coordinates.
+        Name of the coordinate frame.
     fields
-        Name, ``float32`` or ``float64``, and one value a point of each column.
+        For each column: name, ``float32`` or ``float64``, and one value per point.
     """
     layout = np.dtype([(name, "<" + np.dtype(kind).str[1:]) for name, kind, _ in fields])
     count = len(fields[0][2])
@@ -197,7 +197,7 @@ def cloud(t_s: float, frame: str, fields: Sequence[tuple[str, str, np.ndarray]])
 
 
 def contact_pressure_Pa(profile: ForceProfile, contact: Contact) -> Float[np.ndarray, "k"]:
-    """Pressure at the points of a contact, read from the profile at the same places along the strip."""
+    """Pressure at the points of a contact, taken from the profile at the same positions along the strip."""
     count = len(contact.delta_m)
     slack = 1e-9 + 1e-6 * abs(contact.s_end_m - contact.s_start_m)
     inside = (profile.s_m >= contact.s_start_m - slack) & (profile.s_m <= contact.s_end_m + slack)
@@ -212,12 +212,12 @@ def contact_pressure_Pa(profile: ForceProfile, contact: Contact) -> Float[np.nda
 def contact_cloud(profile: ForceProfile, frame: str) -> Message:
     """``sensor_msgs/PointCloud2`` of all contact points: x, y, z, delta, pressure, sigma, contact.
 
-    Lengths in m, pressure in Pa; ``contact`` counts the regions from 0.
+    Lengths in m, pressure in Pa; ``contact`` is the index of the region, from 0.
 
     Parameters
     ----------
     profile, frame
-        As of :func:`force_wrench`.
+        As in :func:`force_wrench`.
     """
     contacts = profile.contacts
     points = np.concatenate([np.zeros((0, 2)), *(np.reshape(c.points_foam_m, (-1, 2)) for c in contacts)])
@@ -245,13 +245,13 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
 def profile_cloud(profile: ForceProfile, frame: str) -> Message:
     """``sensor_msgs/PointCloud2`` of the whole strip in full precision.
 
-    x = deflection, y = place along the strip, z = 0 for a viewer; then delta,
+    x = deflection, y = position along the strip, z = 0 for display; then delta,
     delta_sigma [m], pressure, pressure_sigma [Pa] and valid (0 or 1).
 
     Parameters
     ----------
     profile, frame
-        As of :func:`force_wrench`.
+        As in :func:`force_wrench`.
     """
     return cloud(
         profile.t_s,
@@ -276,7 +276,7 @@ def pose(target_source: Pose) -> Message:
     Parameters
     ----------
     target_source
-        Rigid motion ``T_target_source`` [m].
+        Rigid transformation ``T_target_source`` [m].
     """
     quaternion = target_source.quaternion_xyzw
     return {
@@ -286,16 +286,16 @@ def pose(target_source: Pose) -> Message:
 
 
 def camera_info(t_s: float, camera: Camera, frame: str) -> Message:
-    """``sensor_msgs/CameraInfo``; the row delay has no place in it.
+    """``sensor_msgs/CameraInfo``; it has no field for the row delay.
 
     Parameters
     ----------
     t_s
         Time of the image, seconds since the epoch.
     camera
-        Model of the camera.
+        Camera model.
     frame
-        Name of the camera's frame of coordinates.
+        Name of the camera's coordinate frame.
     """
     distortion = camera.distortion if camera.distortion.size else np.zeros(5)
     if distortion.size == 4:
@@ -326,7 +326,7 @@ def image(t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: 
     pixels
         Grey or BGR image, shape (rows, columns[, 3]).
     frame
-        Name of the camera's frame of coordinates.
+        Name of the camera's coordinate frame.
     """
     return {
         "header": header(t_s, frame),
@@ -342,14 +342,14 @@ def image(t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: 
 def compressed_image(
     t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: str, quality: int | None
 ) -> Message:
-    """``sensor_msgs/CompressedImage``: JPEG of a quality 1..100, or lossless PNG for ``None``.
+    """``sensor_msgs/CompressedImage``: JPEG with quality 1..100, or lossless PNG for ``None``.
 
     Parameters
     ----------
     t_s, pixels, frame
-        As of :func:`image`.
+        As in :func:`image`.
     quality
-        Quality of the JPEG; ``None`` for PNG.
+        JPEG quality; ``None`` for PNG.
     """
 
     kind = "png" if quality is None else "jpeg"

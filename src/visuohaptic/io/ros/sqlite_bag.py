@@ -1,4 +1,4 @@
-"""Bags of rosbag2 in SQLite: one ``.db3`` file, or a folder of them, read as an MCAP recording is, and written."""
+"""Rosbag2 bags in SQLite, a ``.db3`` file or a folder of them: read with the interface of MCAP recordings, and written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["SqliteBag", "is_bag", "open_bag", "write_bag"]
 _log = logging.getLogger(__name__)
 
 _MAGIC = b"SQLite format 3\0"
-#: Schema 4 of rosbag2_storage_sqlite3, as Iron and later write it.
+#: Schema 4 of rosbag2_storage_sqlite3, as written by Iron and later.
 _TABLES = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
 CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
@@ -36,7 +36,7 @@ INSERT INTO schema VALUES (4, 'jazzy');
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag of rosbag2: a ``.db3`` file, or a folder with such or MCAP files and ``metadata.yaml``.
+    """Whether a path is a rosbag2 bag: a ``.db3`` file, or a folder with ``metadata.yaml`` and such or MCAP files.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def open_bag(path: Path | str) -> McapFile:
     Raises
     ------
     InputError
-        It is none, or a folder of several MCAP files.
+        It is not a recording, or a folder of several MCAP files.
     """
     path = Path(path)
     if path.is_dir() and not any(path.glob("*.db3")):
@@ -71,10 +71,10 @@ def open_bag(path: Path | str) -> McapFile:
 
 
 class SqliteBag(McapFile):
-    """Messages of a bag in SQLite, in the order of their times.
+    """Messages of an SQLite bag, in temporal order.
 
-    Since Iron the definitions of the messages stand in the bag; those of an older one are read by this library's own,
-    as far as it knows them.
+    Since Iron, the bag contains the message definitions; for older bags, the definitions of this library are used,
+    as far as available.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class SqliteBag(McapFile):
     Raises
     ------
     InputError
-        It is missing or not SQLite.
+        The bag is missing or not SQLite.
     """
 
     kind = "SQLite"
@@ -98,7 +98,7 @@ class SqliteBag(McapFile):
                 raise InputError(part, f"begins with {head!r}, expected a bag in SQLite")
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
-        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost."""
+        """All intact messages of the selected topics; afterwards, ``damage`` describes what was lost."""
         self.damage = McapDamage()
         for number, part in enumerate(self.parts):
             try:
@@ -108,7 +108,7 @@ class SqliteBag(McapFile):
                         "SELECT id, topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
                     )
                     for sequence, topic, time_ns, data in rows:
-                        # A column of SQLite holds values of any type.
+                        # A column in SQLite may contain values of any type.
                         if not (topic in known and isinstance(time_ns, int) and isinstance(data, bytes)):
                             self.spoilt(f"{part.name}: message {sequence!r} has no topic, time or bytes")
                         elif topics is None or known[topic][0] in topics:
@@ -121,7 +121,7 @@ class SqliteBag(McapFile):
             _log.warning("%s is damaged: %s", self.path, self.damage)
 
     def _topics(self, bag: sqlite3.Connection, base: int) -> dict[int, tuple[str, str, int, int]]:
-        """Number -> name, type, channel and schema; each part of a split bag counts its own."""
+        """Id -> name, type, channel and schema; each part of a split bag has its own ids."""
         tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         texts: dict[str, tuple[str, str]] = {}
         if "message_definitions" in tables:
@@ -130,7 +130,7 @@ class SqliteBag(McapFile):
         known = {}
         for number, *words in bag.execute("SELECT id, name, type, serialization_format FROM topics"):
             if not _are_texts(words):
-                continue  # its messages are told as damage
+                continue  # its messages are reported as damage
             name, datatype, encoding = words
             channel = base + number
             self.channels[channel] = RecordedChannel(name, channel, encoding)
@@ -142,19 +142,19 @@ class SqliteBag(McapFile):
 
 
 def write_bag(recording: McapFile, folder: Path) -> int:
-    """Write a recording as a bag in SQLite; returns how many messages.
+    """Write a recording as an SQLite bag; returns the number of messages.
 
     Parameters
     ----------
     recording
-        With its messages as CDR, which are written as they are.
+        Its messages are written as CDR, unchanged.
     folder
-        The bag's, which is created; ``metadata.yaml`` comes last, so that a folder with it is whole.
+        Folder of the bag, which is created; ``metadata.yaml`` is written last and marks a complete bag.
 
     Raises
     ------
     InputError
-        The folder is there, or cannot be written.
+        The folder exists or cannot be written.
     """
     try:
         folder.mkdir(parents=True)
@@ -173,7 +173,7 @@ def write_bag(recording: McapFile, folder: Path) -> int:
 
 
 def _write_messages(bag: sqlite3.Connection, recording: McapFile, name: str) -> dict[str, Any]:
-    """Fill the tables; what ``metadata.yaml`` says of them."""
+    """Fill the tables; returns the contents for ``metadata.yaml``."""
     numbers: dict[tuple[str, str, str], int] = {}  # by name, type and format of a topic
     for message in recording.messages():
         key = (message.topic, message.datatype, recording.channels[message.channel].encoding)
@@ -189,7 +189,7 @@ def _write_messages(bag: sqlite3.Connection, recording: McapFile, name: str) -> 
         try:
             words = (kind.name, kind.encoding, kind.data.decode())
         except UnicodeDecodeError:
-            continue  # damaged: who knows the type reads its messages without
+            continue  # damaged schema: readers that know the type do not need it
         bag.execute("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, '')", words)
     times = "SELECT count(*), coalesce(min(timestamp), 0), coalesce(max(timestamp), 0) FROM messages"
     count, first, last = bag.execute(times).fetchone()
@@ -221,7 +221,7 @@ def _write_messages(bag: sqlite3.Connection, recording: McapFile, name: str) -> 
 
 
 def _number(path: Path) -> tuple[int, str]:
-    """Parts of a split bag are numbered: ``bag_0.db3`` to ``bag_12.db3``."""
+    """Sort key of the parts of a split bag: ``bag_0.db3`` to ``bag_12.db3``."""
     digits = path.stem.rpartition("_")[2]
     return (int(digits) if digits.isdecimal() else 0), path.name
 

@@ -1,4 +1,4 @@
-"""Where measurements are recorded: CSV, Parquet and MCAP."""
+"""Recording of measurements: CSV, Parquet and MCAP."""
 
 from ...core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""Measurements to MCAP with standard ROS 2 messages only, so that any ROS tool opens the file."""
+"""Measurements to MCAP, using only standard ROS 2 messages, so that any ROS tool can open the file."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ __all__ = ["MeasurementWriter"]
 
 
 class MeasurementWriter(MeasurementSink, Closing):
-    """Writes an MCAP file as it is measured.
+    """Writes an MCAP file during the measurement.
 
-    While it is written the file is called ``NAME.mcap.part``; it gets its name
-    when it is closed. Every message is with the operating system when its
-    ``write_...`` returns: after a crash the ``.part`` file still holds all of
+    During recording, the file is named ``NAME.mcap.part``; it is renamed
+    when it is closed. Every message is passed to the operating system before its
+    ``write_...`` returns: after a crash, the ``.part`` file contains all of
     them; :class:`McapSource` and ``visuohaptic recording info`` read it, and
-    ``visuohaptic recording recover`` makes it whole.
+    ``visuohaptic recording recover`` completes it.
 
     Parameters
     ----------
     path
         File to write; an older one is replaced when this one is closed.
     frame
-        Name of the sensor's frame of coordinates.
+        Name of the sensor's coordinate frame.
     chunk_bytes
         Messages are collected up to this size before they are compressed and
-        written. 0 writes each at once, as it is; 64 kB takes a fraction of the
+        written. 0 writes each message immediately, uncompressed; 64 kB takes a fraction of the
         space but may lose the last chunk in a crash.
 
     Notes
@@ -66,7 +66,7 @@ class MeasurementWriter(MeasurementSink, Closing):
         self.path = Path(path)
         self.frame = frame
         self._file = PartFile(self.path)
-        self.part = self._file.part  #: name until it is closed
+        self.part = self._file.part  #: name until closed
         self._writer: Any = (
             Writer(self._file, chunk_size=chunk_bytes) if chunk_bytes else _unchunked(self._file)
         )
@@ -74,7 +74,7 @@ class MeasurementWriter(MeasurementSink, Closing):
         self._counts: dict[str, int] = {}
 
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
-        """Write the fields of any standard message that this library knows."""
+        """Write the fields of any supported standard message."""
         if self._file.closed:
             raise InputError(self.path, "is closed")
         if datatype not in self._schemas:
@@ -86,24 +86,24 @@ class MeasurementWriter(MeasurementSink, Closing):
         self._counts[topic] = count + 1
 
     def close(self) -> None:
-        """Write the index, and give the file its name; harmless when repeated."""
+        """Write the index and rename the file; may be called repeatedly."""
         if not self._file.closed:
             self._writer.finish()
             self._file.finish()
 
 
 def _unchunked(stream: PartFile) -> Any:
-    """A writer whose messages stand alone in the file.
+    """A writer that writes messages outside of chunks.
 
-    A chunk of one message would do as well, but the index of the chunks is kept until the file is closed: half a
-    kilobyte a message, which is a quarter of a gigabyte in an hour.
+    Chunks of one message would also work, but the chunk index is kept in memory until the file is closed: half a
+    kilobyte per message, a quarter of a gigabyte per hour.
     """
     from io import BytesIO
 
     from mcap.writer import Writer as Records
     from mcap_ros2.writer import Writer
 
-    writer: Any = Writer(BytesIO())  # it has no such choice, and passes on no argument for one
+    writer: Any = Writer(BytesIO())  # it has no option for this
     writer._writer = Records(stream, use_chunking=False)
     writer._writer.start(profile="ros2", library="visuohaptic")
     return writer

@@ -1,4 +1,4 @@
-"""Measurements as topics with standard ROS 2 messages, wherever they go: into a file, or onto the air."""
+"""Measurements as topics with standard ROS 2 messages, written to a file or published."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _CONTACT_NUMBERS = ("s_start_m", "s_end_m", "force_N", "force_sigma_N")
 
 
 class MeasurementSink(ABC):
-    """Says which topics and messages a measurement becomes; :meth:`write` takes them."""
+    """Converts measurements to topics and messages, and passes them to :meth:`write`."""
 
-    frame: str  #: name of the sensor's frame of coordinates
+    frame: str  #: name of the sensor's coordinate frame
 
     @abstractmethod
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
-        """Take the fields of one standard message.
+        """Write the fields of one standard message.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class MeasurementSink(ABC):
         self.write(f"/{name}/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", t_s, message)
 
     def write_event(self, event: Event, name: str = "foam") -> None:
-        """An event as JSON text; a place that is unknown is left out.
+        """An event as JSON text; an unknown position is omitted.
 
         Parameters
         ----------
@@ -125,11 +125,11 @@ class MeasurementSink(ABC):
         frame
             The image with its time.
         name
-            Name of the camera, the first part of its topics and its frame of coordinates.
+            Name of the camera, the first part of its topics and its coordinate frame.
         compressed
-            Whether it is written as PNG or JPEG.
+            Whether to encode as PNG or JPEG.
         quality
-            Quality 1..100 of a JPEG; ``None`` for PNG.
+            JPEG quality 1..100; ``None`` for PNG.
         """
         if compressed:
             message = ros.compressed_image(frame.t_s, frame.image, name, quality)
@@ -139,16 +139,16 @@ class MeasurementSink(ABC):
             self.write(f"/{name}/image", "sensor_msgs/msg/Image", frame.t_s, message)
 
     def write_camera(self, camera: Camera, t_s: float, name: str = "camera") -> None:
-        """The camera's model, beside its images by ROS's convention.
+        """The camera model, in the namespace of its images by ROS convention.
 
         Parameters
         ----------
         camera
-            Model of the camera.
+            Camera model.
         t_s
             Time of the image, seconds since the epoch.
         name
-            Name of the camera, as of its images.
+            Name of the camera, as for its images.
         """
         # ``/camera/image`` and ``/camera/camera_info`` are in one namespace; so is image/compressed.
         self.write(
@@ -164,25 +164,25 @@ class MeasurementSink(ABC):
         frame: str = "map",
         covariance: Float[np.ndarray, "6 6"] | None = None,
     ) -> None:
-        """A pose, with its covariance where it is known.
+        """A pose, with its covariance if known.
 
         Parameters
         ----------
         T_frame_body
-            The pose [m].
+            Pose [m].
         t_s
             Time of the pose, seconds since the epoch.
         topic
             Name of the topic.
         frame
-            Name of the frame that the pose maps to.
+            Name of the target frame of the pose.
         covariance
             Of (x, y, z, rotation about x, y, z), shape (6, 6) [m, rad].
 
         Raises
         ------
         InputError
-            The covariance is of another shape.
+            The covariance has the wrong shape.
         """
         head, body = ros.header(t_s, frame), ros.pose(T_frame_body)
         if covariance is None:

@@ -1,4 +1,4 @@
-"""Tables of measurements read back: CSV, and Parquet with the profiles."""
+"""Reading of measurement tables: CSV, and Parquet with profiles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
 __all__ = ["ForceTable", "read_columns", "read_force_table", "read_reference_table", "read_wrench_table"]
 
-#: What a reference may record: its column, that of its standard deviation, and newtons of one unit.
+#: Columns of a reference recording: the value, its standard deviation, and newtons per unit.
 _REFERENCE_COLUMNS = (
     ("force_N", "force_sigma_N", 1.0),
     ("mass_g", "mass_sigma_g", 9.80665e-3),
@@ -46,7 +46,7 @@ class ForceTable:
 
 
 def read_force_table(path: Path | str) -> ForceTable:
-    """Read a table of force profiles back, CSV or Parquet.
+    """Read a table of force profiles, CSV or Parquet.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def read_force_table(path: Path | str) -> ForceTable:
     Raises
     ------
     InputError
-        With the line of the first bad field.
+        With the line of the first invalid field.
     """
     columns = read_columns(Path(path), FORCE_COLUMNS)
     profiles: tuple[dict[str, np.ndarray], ...] = ()
@@ -78,17 +78,17 @@ def read_force_table(path: Path | str) -> ForceTable:
 
 
 def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
-    """Read a table of wrenches back; the covariance has the variances only.
+    """Read a table of wrenches; the covariance contains only the variances.
 
     Parameters
     ----------
     path
-        As of :func:`read_force_table`.
+        As in :func:`read_force_table`.
 
     Raises
     ------
     InputError
-        As of :func:`read_force_table`.
+        As in :func:`read_force_table`.
     """
     columns = read_columns(Path(path), WRENCH_COLUMNS)
     values = np.array([columns[name] for name in WRENCH_COLUMNS[3:]], dtype=np.float64).T.reshape(-1, 12)
@@ -101,23 +101,23 @@ def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
 
 
 def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
-    """Read what a scale or another sensor recorded: ``t_s`` and one column of force or mass.
+    """Read the recording of a scale or another reference sensor: ``t_s`` and one column of force or mass.
 
     Parameters
     ----------
     path
-        CSV with ``t_s`` and ``force_N`` or, of a scale, ``mass_g`` or ``mass_kg`` (times 9.80665 m/s^2); a
-        column ``force_sigma_N`` or ``mass_sigma_g`` is its standard deviation.
+        CSV with ``t_s`` and ``force_N`` or, for a scale, ``mass_g`` or ``mass_kg`` (times 9.80665 m/s^2); the optional
+        column ``force_sigma_N`` or ``mass_sigma_g`` is the standard deviation.
 
     Returns
     -------
     dict
-        ``t_s`` [s], rising, ``force_N`` and ``sigma_N`` [N].
+        ``t_s`` [s], increasing, ``force_N`` and ``sigma_N`` [N].
 
     Raises
     ------
     InputError
-        With the line of the first bad field, or what columns were found.
+        With the line of the first invalid field, or the columns found.
     """
     path = Path(path)
     header = _header(path)
@@ -146,7 +146,7 @@ def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
 
 
 def _header(path: Path) -> list[str]:
-    """First line of a CSV."""
+    """First line of a CSV file."""
     file_size(path)
     try:
         with path.open(newline="", encoding="utf-8") as stream:
@@ -158,19 +158,19 @@ def _header(path: Path) -> list[str]:
 
 
 def read_columns(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
-    """Read some columns of a table by their names.
+    """Read selected columns of a table by name.
 
     Parameters
     ----------
     path
         CSV or Parquet file.
     expected
-        Names of the columns; others are left alone.
+        Names of the columns; others are ignored.
 
     Raises
     ------
     InputError
-        With the line of the first bad field, or what columns are missing.
+        With the line of the first invalid field, or the missing columns.
     """
     file_size(path)
     if path.suffix == ".parquet":

@@ -1,4 +1,4 @@
-"""Measurements as tables, written row by row: CSV, and Parquet with the profiles."""
+"""Measurement tables, written row by row: CSV, and Parquet with profiles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WRENCH_COLUMNS = (*FORCE_COLUMNS[:3], *AXES, *(axis.replace("_", "_sigma_") for 
 #: List columns of a force table, in Parquet only.
 PROFILE_COLUMNS = ("s_m", "delta_m", "delta_sigma_m", "pressure_Pa")
 
-#: Rows of a group of a Parquet file.
+#: Rows per group of a Parquet file.
 _GROUP = 500
 
 
@@ -55,11 +55,11 @@ def _unit(column: str) -> str:
 class TableWriter(Closing):
     """Writes force profiles or wrenches, one row each, to ``.csv`` or ``.parquet``.
 
-    The kind of the first row fixes the columns. The file is called
-    ``NAME.part`` until it is closed; a row is with the operating system when
+    The type of the first row determines the columns. The file is named
+    ``NAME.part`` until it is closed; a row is passed to the operating system before
     ``write`` returns, so that a crash loses nothing: ``visuohaptic recording
-    recover`` makes the file whole. Rows of a Parquet file are Arrow messages
-    until then. What a killed run has left is kept under another name.
+    recover`` completes the file. Until closed, rows of a Parquet file are Arrow
+    messages. The remainder of a killed run is kept under another name.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class TableWriter(Closing):
         if self.path.suffix == ".parquet":
             arrow()
         self._file = PartFile(self.path)
-        self.part = self._file.part  #: name until it is closed
+        self.part = self._file.part  #: name until closed
         self._kind: type | None = None
 
     def write(self, measured: ForceProfile | Wrench) -> None:
@@ -84,12 +84,12 @@ class TableWriter(Closing):
         Parameters
         ----------
         measured
-            Measurement of the kind of the first one.
+            Measurement of the same type as the first one.
 
         Raises
         ------
         InputError
-            It is of another kind, or the disk is full: the rows so far stay in ``NAME.part``.
+            The type differs, or the disk is full: the previous rows remain in ``NAME.part``.
         """
         if self._kind is None:
             self._begin(type(measured))
@@ -118,14 +118,14 @@ class TableWriter(Closing):
         self._kind = kind
 
     def close(self) -> None:
-        """Finish the file and give it its name; harmless when repeated.
+        """Finish and rename the file; may be called repeatedly.
 
-        Without any row it is a force table with its header only.
+        Without any row, it is a force table that contains only the header.
 
         Raises
         ------
         InputError
-            The disk is full: the rows so far stay in ``NAME.part``.
+            The disk is full: the previous rows remain in ``NAME.part``.
         """
         if self._file.closed:
             return
@@ -149,24 +149,24 @@ def _schema(columns: Sequence[str], lists: Sequence[str]) -> Any:
 
 
 def pack_rows(part: Path, target: Path) -> int:
-    """Write the rows of an Arrow stream, which may be cut, as Parquet; tells how many.
+    """Write the rows of an Arrow stream, which may be truncated, as Parquet; returns their number.
 
     Parameters
     ----------
     part
-        Arrow stream with one row in each message.
+        Arrow stream with one row per message.
     target
         Parquet file that is created or replaced.
 
     Raises
     ------
     InputError
-        ``part`` does not begin as such a stream, or ``target`` cannot be written.
+        ``part`` does not start as such a stream, or ``target`` cannot be written.
     """
     pa, pq = arrow()
     count = 0
     try:
-        # Mapped: a damaged header may ask for more than the file has.
+        # Memory-mapped: a damaged header may declare more than the file contains.
         rows = pa.ipc.open_stream(pa.memory_map(str(part)))
     except (OSError, pa.ArrowException) as error:
         raise InputError(part, f"is not an unfinished table ({error})") from error
@@ -188,12 +188,12 @@ def pack_rows(part: Path, target: Path) -> int:
 
 
 def _next_rows(pa: Any, rows: Any) -> list[Any]:
-    """The next rows, at most a group; a cut one at the end is left out."""
+    """The next rows, at most one group; a truncated row at the end is omitted."""
     group: list[Any] = []
     try:
         while len(group) < _GROUP:
             row = rows.read_next_batch()
-            row.validate(full=True)  # damaged lengths would reach beyond the file
+            row.validate(full=True)  # damaged lengths could exceed the file
             group.append(row)
     except (StopIteration, OSError, pa.ArrowException):
         pass

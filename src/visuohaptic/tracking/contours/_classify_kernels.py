@@ -34,7 +34,7 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
     state
         (n, STATES), from :func:`~visuohaptic.tracking.contours._refine_kernels.refine`.
     found
-        Positions from which the fit started [px], (n,).
+        Start positions of the fit [px], (n,).
     half
         Half width of each window along the edge [px], (n,).
     start, stop
@@ -74,15 +74,15 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
         ratio = s[SPREAD] / noise_var
         if ratio > 2.2:
             var = max(var, s[VAR] * noise_var * ratio)
-        # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
-        # One plateau has few patches: a calm one beside an uneven one is luck.
+        # Uneven levels close to the edge have the same effect as a shift of it: sqrt(pi) b per unit of contrast.
+        # One plateau has few patches: a uniform one beside an uneven one may be chance.
         lo, hi = max(k - 3, 0), min(k + 4, n)
         near = 0.0
         for j in range(lo, hi):
             near += state[j, TEXTURE]
         uneven = max(s[TEXTURE], near / (hi - lo))
         var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
-        # A curve is no parabola: a tenth of the correction is uncertain, more where the curvature changes.
+        # A curve is not exactly a parabola: a tenth of the correction is uncertain, more where the curvature changes.
         uncertainty = 0.1 * abs(s[CURVE])
         if 0 < k < n - 1:
             uncertainty += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])

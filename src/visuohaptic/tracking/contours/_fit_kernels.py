@@ -1,4 +1,4 @@
-"""Compiled loops of the sub-pixel fit: blurred steps on raw pixels, knowledge shared along the contour.
+"""Compiled kernels of the sub-pixel fit: blurred steps on raw pixels, parameters shared along the contour.
 
 Symbols, per point: ``t`` position on the line, ``m = dt/ds`` slope and ``kappa``
 curvature of the edge (s runs across the lines), ``z`` distance of a pixel from the
@@ -33,7 +33,7 @@ STEP = np.array([0.5 * math.erfc(-v / math.sqrt(2.0)) for v in _x])
 def frame(origin, direction, t, m, kappa):
     """The edge at one point in image axes: v = p_v + M (u - p_u) + C (u - p_u)^2 / 2.
 
-    u is the image axis along the edge, v the one across; ``nv`` is the v part of
+    u is the image axis along the edge, v the one across it; ``nv`` is the v component of
     the normal that points to larger t, ``cu`` the arc length per unit of u.
 
     Parameters
@@ -144,7 +144,7 @@ def step_fit(grey, origin, direction, half, near, prior, state):
     Parameters
     ----------
     grey, origin, direction, half
-        As of :func:`plateaus`.
+        As in :func:`plateaus`.
     near
         Half length of the window along the line [blurs].
     prior
@@ -230,7 +230,7 @@ def step_fit(grey, origin, direction, half, near, prior, state):
     r1 = sum_low + prior[2] * (prior[0] - low)
     r2 = sum_high + prior[3] * (prior[1] - high)
     det = h11 * h22 - both * both
-    # Schur complement: the information on zeta that is left when both levels are unknown.
+    # Schur complement: the information on zeta that remains if both levels are unknown.
     left = h00 - h01 * h01 * (h11 + h22 - 2.0 * both) / det
     if not left > 1e-9 * h00:
         state[STATUS] = FLAT
@@ -250,7 +250,7 @@ def step_fit(grey, origin, direction, half, near, prior, state):
     state[VAR] = (1.0 / left + q_mean * q_mean / turn_info) * length * length
     state[COUNT] = 2.0 * lanes * run
     state[CHI2] = sum_rr / max(state[COUNT] - 4.0, 1.0)
-    # Scatter of the gradient from lane to lane, expected: noise variance.
+    # Expected scatter of the gradient between lanes: noise variance.
     state[SPREAD] = max(sum_gg - sum_g * sum_g / lanes, 0.0) / (b * b * bump) * lanes / (lanes - 1.0)
     state[BLUR_INFO] = height * height * across / (4.0 * math.sqrt(math.pi) * b)
     state[BLUR_STEP] = -height * sum_blur / (b * b) / state[BLUR_INFO]
@@ -259,21 +259,21 @@ def step_fit(grey, origin, direction, half, near, prior, state):
 
 @kernel(fastmath=True, nogil=True)
 def fraction(value, variance, use, half, mean, spread):
-    """What the neighbours say about each point: local line fit without the point itself.
+    """Prediction of each point from its neighbours: local line fit without the point itself.
 
     Neighbours ``k - half .. k + half`` with ``use``. ``mean`` is the fitted value,
     ``spread`` its variance: the scatter of the neighbours beyond their own
-    ``variance`` (empirical Bayes) plus the variance of the fit; infinite when
-    fewer than four neighbours speak.
+    ``variance`` (empirical Bayes) plus the variance of the fit; infinite if
+    fewer than four neighbours are available.
 
     Parameters
     ----------
     value, variance
-        Of each point, (n,).
+        Value and variance of each point, (n,).
     use
-        Points that count, (n,).
+        Points to use, (n,).
     half
-        Neighbours to either side.
+        Number of neighbours on each side.
     mean, spread
         Filled with the fitted value and its variance, (n,).
     """
@@ -310,7 +310,7 @@ def fraction(value, variance, use, half, mean, spread):
         vx = max(sxx / w - mx * mx, 1e-9)
         b = (sxy / w - mx * my) / vx
         scatter = max(syy / w - my * my - b * b * vx, 0.0) * w / (w - 2.0)
-        # One standard deviation of the estimate is forgiven: without it chance alone costs a fifth.
+        # One standard deviation of the estimate is tolerated: otherwise chance alone costs a fifth.
         excess = max(scatter - sv / w * (1.0 + math.sqrt(2.0 / w)), 0.0)
         mean[k] = my + b * (x - mx)
         spread[k] = excess + max(scatter, sv / w) / w * (1.0 + (x - mx) * (x - mx) / vx)
@@ -320,10 +320,10 @@ def fraction(value, variance, use, half, mean, spread):
 def curvatures(origin, direction, state, trust, noise_var, limit):
     """Curvature of the parabola through each point and its two neighbours, in the frame of its line.
 
-    Shrunk to zero below two standard deviations: what is left uncorrected then is a fifth
-    of the noise of the point, while the correction by pure noise would raise that by 9 %.
-    ``trust`` (n), 0 to 1, is that of each position. A curvature fades out with it, and where it
-    is too sharp for a curve, into that of its neighbours: a threshold would let noise choose between two edges.
+    Shrunk to zero below two standard deviations: the remaining uncorrected error is then a fifth
+    of the noise of the point, while a correction by pure noise would increase the noise by 9 %.
+    ``trust`` (n), 0 to 1, is the weight of each position. The curvature is reduced with it, and, where it
+    is too sharp for a curve, blended into that of its neighbours: a threshold would let noise switch between two edges.
 
     Parameters
     ----------
@@ -332,11 +332,11 @@ def curvatures(origin, direction, state, trust, noise_var, limit):
     state
         Rows of the points; the curvature is written.
     trust
-        Of each position, 0 to 1, (n,).
+        Weight of each position, 0 to 1, (n,).
     noise_var
         Variance of one pixel [grey levels^2].
     limit
-        Largest curvature that is corrected [1/px].
+        Maximum curvature that is corrected [1/px].
     """
     n = origin.shape[0]
     weight = np.zeros(n)
@@ -362,16 +362,16 @@ def curvatures(origin, direction, state, trust, noise_var, limit):
         var = base * base * noise_var
         var *= state[k - 1, VAR] / (s1 * s1) + state[k, VAR] * own * own + state[k + 1, VAR] / (s2 * s2)
         kappa *= max(0.0, 1.0 - 4.0 * var / max(kappa * kappa, 1e-20))
-        # Sharper than that is a jump to something else, not a curve.
+        # Larger curvatures indicate a jump to another edge, not a curve.
         bent = (1.0 + state[k, SLOPE] ** 2) ** 1.5
         sharp = abs(kappa) / (limit * bent)
         weight[k] = fraction * min(max(2.0 - sharp, 0.0), 1.0)
-        # Curvature per arc length keeps its value where the slope changes.
+        # The curvature per arc length is constant where the slope changes.
         arc[k] = min(max(kappa, -limit), limit) / bent
     for k in range(n):
         kappa = weight[k] * arc[k]
         if weight[k] < 1.0:
-            # Ends and neighbours of lost points: the curvature next to them.
+            # Ends and neighbours of lost points: use the adjacent curvature.
             total = 0.0
             sides = 0.0
             for i in range(max(k - 1, 0), min(k + 2, n)):

@@ -1,7 +1,7 @@
-"""Compiled driver of the sub-pixel fit: all points of one contour, sweep by sweep.
+"""Compiled driver of the sub-pixel fit: all points of one contour, in sweeps.
 
-A sweep measures the grey levels beside each point, lets the points share levels,
-shading and blur with their neighbours as far as these agree, and makes one or two
+A sweep measures the grey levels beside each point, combines levels,
+shading and blur with those of the neighbours as far as they agree, and makes one or two
 scoring steps per point.
 """
 
@@ -39,23 +39,23 @@ from ._fit_kernels import (  # fmt: skip
 )
 from ._search_kernels import edge_strength
 
-#: Edge pixels reach this many blurs from the edge; the plateaus begin there.
+#: Edge pixels extend this many blurs from the edge; the plateaus start there.
 NEAR = 3.0
-#: Independent patches of texture along one point (one: the safe end), lever of a slanting level (px).
+#: Independent texture patches along one point (one: conservative), lever arm of a sloping level [px].
 PATCHES, SLANT_PX = 1.0, 3.0
-#: Neighbours on either side that share levels, shading and blur.
+#: Number of neighbours on each side that share levels, shading and blur.
 SHARED = 10
-#: Largest curvature that is corrected (1/px).
+#: Maximum curvature that is corrected [1/px].
 CURVATURE_LIMIT = 0.05
 MIN_BLUR, MAX_BLUR = 0.45, 6.0
-#: A point whose last step was longer than this (blurs) has not arrived: kinks and steep flanks take up to
-#: six sweeps from a whole pixel, and where they are cut short shows the start, not the edge.
+#: A point whose last step was longer than this (in blurs) has not converged: kinks and steep flanks take up to
+#: six sweeps from a whole pixel, and if they are stopped early, the result depends on the start position.
 SETTLED, MORE_SWEEPS = 0.04, 6
-#: A kink leaves a residual of up to this part of the contrast's square; what leaves twice as much is no edge. Far above
-#: what kinks do: the curvature must not come and go with the residual that it makes itself.
+#: A kink leaves a residual of up to this fraction of the squared contrast; twice as much indicates that there is no edge.
+#: Well above the residual of kinks: the curvature must not be switched by the residual that it causes itself.
 KINK = 0.08
-#: The chain has missed the edge where its strength is below this part of the usual one; it lies between the
-#: neighbours' positions, or this far beyond (px).
+#: The chain has missed the edge where its strength is below this fraction of the usual one; the edge lies between the
+#: neighbours' positions, or at most this far outside [px].
 WEAK, BEYOND_PX = 0.5, 2.0
 
 
@@ -63,8 +63,8 @@ WEAK, BEYOND_PX = 0.5, 2.0
 def start_slopes(origin, direction, position, slope):
     """Slope dt/ds at each point from its two neighbours.
 
-    The mean of both sides; the flatter one where they differ by more than a bent
-    foam can: the other side is a jump to something else.
+    The mean of both sides; the smaller slope where they differ by more than bent
+    foam allows: the other side is then a jump to another edge.
 
     Parameters
     ----------
@@ -101,11 +101,11 @@ def start_slopes(origin, direction, position, slope):
 
 @kernel(nogil=True)
 def start_on_edge(grey, origin, direction, found, strength, start, stop, polarity, cap, floor, reach_px):
-    """Move points that the smooth chain left beside the edge onto it; changes ``found``.
+    """Move points that the smooth chain placed beside the edge onto it; changes ``found``.
 
-    Beside a kink the chain cuts the corner: a point comes to lie on plain foam, up to a point spacing from
-    its edge, and a fit that begins there wanders. Such a point starts at the edge between its neighbours'
-    positions if there is exactly one within ``reach_px``; of two, neither is chosen.
+    At a kink, the chain cuts the corner: a point is placed on plain foam, up to a point spacing from
+    its edge, and a fit started there does not converge. Such a point is moved to the edge between its neighbours'
+    positions if there is exactly one within ``reach_px``; if there are two, neither is chosen.
 
     Parameters
     ----------
@@ -114,15 +114,15 @@ def start_on_edge(grey, origin, direction, found, strength, start, stop, polarit
     origin, direction
         Origins (x, y) [px] and unit directions of n lines, (n, 2).
     found, strength
-        (n) positions of the chain (px) and edge strength there.
+        (n) positions of the chain [px] and their edge strength.
     start, stop
         Range of each line [px], (n,).
     polarity
         +1 brighter at larger t, -1 darker, 0 either.
     cap, floor
-        Strength of a usual edge of this contour, and of noise.
+        Edge strength of a usual edge of this contour, and of noise.
     reach_px
-        Distance within which an edge is looked for [px].
+        Search distance for an edge [px].
     """
     n = origin.shape[0]
     chain, first = found.copy(), np.empty(1)
@@ -144,7 +144,7 @@ def start_on_edge(grey, origin, direction, found, strength, start, stop, polarit
             if row[0, j] > row[0, top]:
                 top = j
         level = max(0.5 * row[0, top], 2.0 * floor)
-        # A maximum at the end is the flank of an edge that lies farther away.
+        # A maximum at the end is the flank of an edge farther away.
         if row[0, top] < max(WEAK * cap, 2.0 * floor) or top == 0 or top == count - 1:
             continue
         edges = 0
@@ -179,7 +179,7 @@ def _levels(measured, state, use, noise_var, prior):
         for k in range(n):
             m = measured[k, side]
             if use[k]:
-                # Texture is correlated over a few pixels: its pixels count for a quarter.
+                # Texture is correlated over a few pixels: its pixels count as a quarter.
                 if m[5] > 1.5 * noise_var:
                     texture[k] = 1.0 + 4.0 * (m[5] / noise_var - 1.0)
                 uneven[k] = max(m[5] - noise_var * (1.0 + 3.0 * math.sqrt(2.0 / m[0])), 0.0) / PATCHES
@@ -193,7 +193,7 @@ def _levels(measured, state, use, noise_var, prior):
                         noise_var / (measured[k, side, 0] * measured[k, side, 4])
                     )
                     state[k, TEXTURE] += uneven[k] + SLANT_PX**2 * max(slant, 0.0)
-                # Shading that is not there must not cost accuracy: shrunk to zero below two sigma.
+                # Absent shading must not reduce accuracy: shrunk to zero below two sigma.
                 mean[k] *= max(0.0, 1.0 - 4.0 * spread[k] / max(mean[k] * mean[k], 1e-12))
                 state[k, tilt], tilt_var[k] = _posterior(mean[k], spread[k], value[k], variance[k])
                 if not spread[k] < 1e30:
@@ -206,7 +206,7 @@ def _levels(measured, state, use, noise_var, prior):
         fraction(value, variance, use, SHARED, mean, spread)
         for k in range(n):
             if use[k]:
-                # Texture that the neighbours have too does not average out.
+                # Texture shared with the neighbours does not average out.
                 best, var = _posterior(mean[k], spread[k] + uneven[k], value[k], variance[k])
                 var += measured[k, side, 1] ** 2 * tilt_var[k]
                 prior[k, side] = best
@@ -215,7 +215,7 @@ def _levels(measured, state, use, noise_var, prior):
 
 @kernel
 def _residual_noise(state, use, noise_var, value, work):
-    """Median of the residual variances of the points in use; what it was where three or fewer are left."""
+    """Median of the residual variances of the points in use; the previous value if three or fewer remain."""
     count = 0
     for k in range(state.shape[0]):
         if use[k]:
@@ -228,13 +228,13 @@ def _residual_noise(state, use, noise_var, value, work):
 def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast, plateau_px):
     """Fit all points; ``state`` holds start values of T and BLUR and receives the result.
 
-    Points that have not settled by then go on alone, for up to ``MORE_SWEEPS`` sweeps.
-    Returns the noise variance [grey^2] (estimated when ``noise_var`` <= 0 was given).
+    Points that have not converged are continued separately, for up to ``MORE_SWEEPS`` sweeps.
+    Returns the noise variance [grey^2] (estimated if ``noise_var`` <= 0).
 
     Parameters
     ----------
     grey, origin, direction
-        As of :func:`start_on_edge`.
+        As in :func:`start_on_edge`.
     half
         Half width of each window along the edge [px], (n,).
     state
@@ -242,13 +242,13 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     noise_var
         Variance of one pixel [grey levels^2]; 0: estimated.
     sweeps
-        Passes over all points.
+        Number of passes over all points.
     blur_gain
-        Part of a change of the blur that is taken over in each pass.
+        Fraction of a change of the blur that is applied in each pass.
     min_contrast
         Smallest usable step [grey levels].
     plateau_px
-        Pixels on either side that give the grey levels.
+        Width of the pixels on each side from which the grey levels are estimated [px].
     """
     n = origin.shape[0]
     measured = np.zeros((n, 2, 6))

@@ -1,7 +1,7 @@
-"""Compiled loops of the search: edge strength along the lines, and the exact chain.
+"""Compiled kernels of the search: edge strength along the lines, and exact chain optimisation.
 
 ``lines``: K constraint lines, ``n`` samples of one pixel along each, ``N`` search
-positions per line. Every function has a plain NumPy twin in the tests.
+positions per line. Every function has a plain NumPy reference implementation in the tests.
 """
 
 # mypy: disable-error-code="no-untyped-def, assignment"
@@ -12,9 +12,9 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Cost of a position outside the search range; large beside any energy, small enough for float32.
+#: Cost of a position outside the search range; large compared with any energy, small enough for float32.
 FORBIDDEN = np.float32(1e4)
-#: Samples that the smoothed derivative needs beyond both ends of a profile (px).
+#: Number of samples that the smoothed derivative needs beyond both ends of a profile [px].
 MARGIN = 3
 #: Spacing of the five samples across a line (px).
 ACROSS_PX = 2.0
@@ -25,8 +25,8 @@ def edge_strength(grey, origin, direction, first, count, polarity, strength):
     """|grad G * i| on every line at ``first[k] + j``, j < count; zero where the polarity is wrong.
 
     G is the binomial filter (1 4 6 4 1)/16 along the line and the mean of five
-    samples across it. The gradient has a part along the line and one across it,
-    so that an edge that runs steeply over the lines keeps its strength.
+    samples across it. The gradient has components along and across the line,
+    so that an edge that crosses the lines steeply keeps its strength.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def edge_strength(grey, origin, direction, first, count, polarity, strength):
     first
         First sample on each line [px], (K,).
     count
-        Samples on each line, 1 px apart.
+        Number of samples on each line, 1 px apart.
     polarity
         +1 brighter at larger t, -1 darker, 0 either.
     strength
@@ -94,7 +94,7 @@ def edge_strength(grey, origin, direction, first, count, polarity, strength):
                 + np.float32(6.0) * across[j + 3]
             ) * np.float32(1.0 / (160.0 * ACROSS_PX))
             size = np.sqrt(g * g + h * h)
-            # An edge that runs along the line (a side of an object) is no place for the contour.
+            # An edge along the line (a side of an object) is not part of the contour.
             facing = abs(g) if polarity == 0 else polarity * g
             strength[k, j] = size if facing > np.float32(0.35) * size else np.float32(-1.0) * size
 
@@ -104,20 +104,20 @@ def chain_minimum(cost, first, step, direction, weight, index):
     """Exact minimum of sum cost[k, j_k] + weight |u_{k-1} - 2 u_k + u_{k+1}|^2.
 
     ``u_k = (first[k] + step j_k) direction[k]``. The state is the pair of neighbouring
-    positions. For given u_k and u_{k+1} the smoothness is one square in t_{k-1} plus a
+    positions. For given u_k and u_{k+1}, the smoothness is a single square in t_{k-1} plus a
     constant, so that the innermost loop is one multiply-add and one minimum per state.
     Writes the minimiser to ``index``; returns the minimum.
 
     Parameters
     ----------
     cost
-        Of each position of each point, (K, n).
+        Cost of each position of each point, (K, n).
     first, step
         First position of each point (K,), and the distance between positions [px].
     direction
         Unit directions of the lines, (K, 2).
     weight
-        Of the squared second differences.
+        Weight of the squared second differences.
     index
         Filled with the minimiser, (K,).
     """
@@ -157,7 +157,7 @@ def chain_minimum(cost, first, step, direction, weight, index):
             back = root * np.float32(2.0 * d01) * tb
             low[:] = np.float32(3e38)
             f = best[k - 1, b]
-            # Four positions at once: one pass over the states is a load and a store for four.
+            # Four positions at once: one load and one store of the states for four.
             for a in range(0, padded, 4):
                 f0, f1, f2, f3 = f[a], f[a + 1], f[a + 2], f[a + 3]
                 t0, t1 = behind[a] - back, behind[a + 1] - back
@@ -198,9 +198,9 @@ def chain_minimum(cost, first, step, direction, weight, index):
 def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w_edge, w_jump, cost):
     """Edge and jump term of Eq. (3.6) at every ``stride``-th sample, forbidden outside the range.
 
-    The edge term takes the strongest sample of a cell of ``stride``, so that half the density misses
-    no edge. The jump term is integrated from the reference contour (t = 0), or from
-    the end of the profile next to it: the difference is the same for all positions.
+    The edge term uses the strongest sample in a cell of ``stride``, so that no edge is missed at half the density.
+    The jump term is integrated from the reference contour (t = 0), or from
+    the adjacent end of the profile: the difference is the same for all positions.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w
     stride
         Samples per position.
     cap, floor
-        Limit of the edge strength, and that of noise.
+        Saturation limit of the edge strength, and its noise level.
     jump_scale
         Contrast of a full edge [grey levels].
     w_edge, w_jump
@@ -253,28 +253,28 @@ def search(
     """Global optimum over the search positions ``first[k] + stride j``, j < n.
 
     Returns the positions (at the strongest sample of the chosen cell), their edge
-    strength, the energy, and the limit of the edge strength that was used. A limit
+    strength, the energy, and the limit of the edge strength. A limit
     of zero is replaced by the mean of the strongest samples; the limit is then set
     to the mean over the solution, ``refinements`` times.
 
     Parameters
     ----------
     grey, origin, direction
-        As of :func:`edge_strength`.
+        As in :func:`edge_strength`.
     start, stop
         Allowed range of each line [px], (K,).
     first, n, stride
-        First position of each point (K,), number of positions, and their distance [px].
+        First position of each point (K,), number of positions, and their spacing [px].
     polarity
         +1 brighter at larger t, -1 darker, 0 either.
     cap, floor
-        Limit of the edge strength, 0: from the image, and that of noise.
+        Saturation limit of the edge strength (0: from the image), and its noise level.
     jump_scale
         Contrast of a full edge [grey levels].
     w_edge, w_jump, weight
         Weights of edge, jump and smoothness.
     refinements
-        How often the limit is set to the mean over the solution.
+        How many times the limit is set to the mean over the solution.
     """
     lines = origin.shape[0]
     count = stride * (n - 1) + 1

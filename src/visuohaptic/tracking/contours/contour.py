@@ -24,43 +24,43 @@ from .lines import ConstraintLines
 
 __all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason", "quick_median"]
 
-#: Points to both sides over which the levels beside the edge are fitted together ...
+#: Number of points on each side over which the levels beside the edge are fitted jointly ...
 SHARED_POINTS = 10
-#: ... and the correlation that this leaves between the noises of two of them: the part by which
-#: unknown levels raise the variance of a point (5 % above the bound with known levels).
+#: ... and the resulting correlation between the noise of two of them: the fraction by which
+#: unknown levels increase the variance of a point (5 % above the bound with known levels).
 SHARED_NOISE = 0.05
 
 
 class PointReason(IntEnum):
-    """Why a point is not valid."""
+    """Why a point is invalid."""
 
     OK = 0  #: valid
-    LOST = 1  #: no edge of enough contrast, or the fit ran away from the edge that was found
-    OCCLUDED = 2  #: pixels in front that are not the stripe
-    OUT_OF_RANGE = 3  #: outside the search range, or its pixels leave the image
-    WRONG_POLARITY = 4  #: bright and dark are the wrong way round
-    POOR_FIT = 5  #: the pixels do not look like one blurred step
+    LOST = 1  #: no edge with sufficient contrast, or the fit diverged from the detected edge
+    OCCLUDED = 2  #: pixels in front do not belong to the stripe
+    OUT_OF_RANGE = 3  #: outside the search range, or its pixels are outside the image
+    WRONG_POLARITY = 4  #: bright and dark are reversed
+    POOR_FIT = 5  #: the pixels do not match a blurred step
     JUMP = 6  #: far from both neighbours
 
 
 @dataclass(frozen=True, slots=True)
 class ContourSettings:
-    """What the contour looks like and how it may move.
+    """Appearance and motion model of the contour.
 
-    The three weights multiply the terms of Eq. (3.6), each scaled to span about
+    The three weights multiply the terms of Eq. (3.6), each scaled to a range of about
     [-1, 1]: the edge strength by its limit, the second difference by the point
     spacing (a kink of 45 degrees costs ``weight_smooth``), the jump term by the mean
-    contrast of the contour (one full edge on the way costs ``weight_jump``).
+    contrast of the contour (crossing one full edge costs ``weight_jump``).
     """
 
     weight_edge: float = field(default=1.0, metadata=POSITIVE)  #: w_e
     weight_smooth: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_s
     weight_jump: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_j
     polarity: int = field(default=0, metadata=within(-1, 1))  #: +1 brighter at larger t, -1 darker, 0 either
-    #: Start value of the blur of the optics (Gaussian sigma), without the pixel [px].
+    #: Initial blur of the optics (Gaussian sigma), without the pixel [px].
     blur_px: float = field(default=1.0, metadata=POSITIVE)
-    min_contrast: float = field(default=8.0, metadata=POSITIVE)  #: smallest usable step [grey levels]
-    #: Pixels on either side that give the grey levels; less for a thin stripe [px].
+    min_contrast: float = field(default=8.0, metadata=POSITIVE)  #: minimum usable step [grey levels]
+    #: Width of the pixels on each side from which the grey levels are estimated; smaller for a thin stripe [px].
     plateau_px: float = field(default=8.0, metadata=at_least(2.0))
     #: Standard deviation of one pixel [grey levels]; None: estimated per frame.
     noise_grey: float | None = field(default=None, metadata=POSITIVE)
@@ -83,22 +83,22 @@ class ContourSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contour:
-    """One contour in one frame; a value means nothing where ``valid`` is False."""
+    """One contour in one frame; values are meaningless where ``valid`` is False."""
 
-    lines: ConstraintLines  #: the lines that the points lie on
+    lines: ConstraintLines  #: constraint lines of the points
     position_px: Float[np.ndarray, "k"]  #: t of every point [px]
-    sigma_px: Float[np.ndarray, "k"]  #: its standard deviation [px]: noise, and what texture may shift
-    noise_px: Float[np.ndarray, "k"]  #: the part of it that changes from frame to frame [px]
+    sigma_px: Float[np.ndarray, "k"]  #: standard deviation [px]: noise, and possible shift by texture
+    noise_px: Float[np.ndarray, "k"]  #: the component that changes from frame to frame [px]
     valid: Bool[np.ndarray, "k"]
     reason: UInt8[np.ndarray, "k"]  #: ``PointReason`` of every point
-    contrast: Float[np.ndarray, "k"]  #: grey level behind minus in front of the edge, signed
+    contrast: Float[np.ndarray, "k"]  #: grey level behind minus that in front of the edge, signed
     level: Float[np.ndarray, "k"]  #: grey level behind the edge
     blur_px: Float[np.ndarray, "k"]  #: blur of the optics, pixel size removed [px]
     slope: Float[np.ndarray, "k"]  #: dt/ds, s along the direction (-d_y, d_x) [px/px]
     chi2: Float[np.ndarray, "k"]  #: mean squared residual in noise variances
     noise_grey: float  #: standard deviation of one pixel [grey levels]
     energy: float  #: minimum of Eq. (3.6) over the positions searched
-    searched_all: bool  #: True when the whole range was searched in this frame
+    searched_all: bool  #: whether the whole range was searched in this frame
 
     @property
     def points_px(self) -> Float[np.ndarray, "k 2"]:
@@ -107,15 +107,15 @@ class Contour:
 
 
 class ContourTracker:
-    """Follows one contour from frame to frame.
+    """Tracks one contour from frame to frame.
 
-    The state is what the next frame profits from: positions, blur and noise, the mean
-    edge strength of the previous frame (the limit of e_e) and how many points were good.
+    The state is used for the next frame: positions, blur and noise, the mean
+    edge strength of the previous frame (the limit of e_e) and the number of valid points.
 
     Parameters
     ----------
     settings
-        What the contour looks like and how it may move; the defaults without.
+        Appearance and motion model of the contour; defaults if omitted.
 
     Examples
     --------
@@ -135,7 +135,7 @@ class ContourTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all frames; the next one is searched over the whole range."""
+        """Discard the state; the whole range is searched in the next frame."""
         self._position: Float[np.ndarray, "k"] | None = None
         self._blur: Float[np.ndarray, "k"] | None = None
         self._noise_var = 0.0
@@ -159,12 +159,12 @@ class ContourTracker:
         lines
             One line per point; the number of points may change only after ``reset``.
         predicted_px
-            Expected positions; default: those of the previous frame.
+            Expected positions; by default, those of the previous frame.
 
         Raises
         ------
         InputError
-            The frame is not 8-bit grey, or an array does not fit the lines.
+            The frame is not 8-bit grey, or an array does not match the lines.
         """
         if grey.dtype != np.uint8 or grey.ndim != 2 or min(grey.shape) < 16:
             raise InputError(
@@ -184,7 +184,7 @@ class ContourTracker:
             )
         due = guess is None or self._age >= self.settings.full_search_every
         contour = self._attempt(grey, lines, None if due else guess)
-        # Some points have no edge: the contour, or what covered a part of it, may have jumped out of the window.
+        # Some points have no edge: the contour, or its occluder, may have left the search window.
         if not due and contour.valid.mean() < _FEW_VALID:
             due = True
             contour = self._attempt(grey, lines, None)
@@ -197,7 +197,7 @@ class ContourTracker:
         lines: ConstraintLines,
         guess: Float[np.ndarray, "k"] | None,
     ) -> Contour:
-        """Search around ``guess`` (or everywhere), fit, classify; remember for the next frame."""
+        """Search around ``guess`` (or the whole range), fit, classify; update the state."""
         noise = self.settings.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
         found, strength, energy = self._found(grey, lines, guess, noise)
         state, noise_var = self._fitted(grey, lines, found)
@@ -217,12 +217,12 @@ class ContourTracker:
         guess: Float[np.ndarray, "k"] | None,
         noise: float,
     ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], float]:
-        """Positions of the least energy, Eq. (3.6), moved to the edge; strength there and the energy."""
+        """Positions with minimum energy, Eq. (3.6), moved to the edge; their edge strength and the energy."""
         chosen = self.settings
         start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
         cap, energy = self._cap, 0.0
         strength = found = np.zeros(len(lines)) if guess is None else guess
-        # Everywhere first if need be, then around the guess at half the density.
+        # First the whole range if necessary, then around the guess at half the density.
         for wide in (True, False) if guess is None else (False,):
             if wide:
                 span = float((stop - start).max())
@@ -245,7 +245,7 @@ class ContourTracker:
     def _fitted(
         self, grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines, found: Float[np.ndarray, "k"]
     ) -> tuple[Float[np.ndarray, "k states"], float]:
-        """Blurred step at each point by maximum likelihood, and the variance of one pixel [grey levels^2]."""
+        """Maximum-likelihood fit of a blurred step at each point, and the variance of one pixel [grey levels^2]."""
         chosen, last = self.settings, self._blur
         given = chosen.noise_grey**2 if chosen.noise_grey else 0.0
         best: tuple[float, Float[np.ndarray, "k states"], float] | None = None
@@ -261,7 +261,7 @@ class ContourTracker:
             if best is None or misfit < best[0]:
                 best = misfit, state, noise_var
             height = quick_median(np.abs(state[:, columns.HIGH] - state[:, columns.LOW]))
-            # Another focus or motion: positions would lag behind the blur, and poor fits never reach it.
+            # Changed focus or motion: the update of the blur would be slow, and poor fits would never converge.
             if misfit < 2.0 * noise_var + (_POOR * height) ** 2 and (
                 start is not last
                 or abs(quick_median(state[:, columns.BLUR]) / quick_median(last) - 1.0) < _SAME_BLUR
@@ -270,7 +270,7 @@ class ContourTracker:
         assert best is not None
         _, state, noise_var = best
         if not given and self._noise_var > 0.0:
-            # A dark or changed frame must not wait for the mean: never below half of this frame's value.
+            # React at once to a dark or changed frame: never below half of this frame's value.
             noise_var = max(0.7 * self._noise_var + 0.3 * noise_var, 0.5 * noise_var)
         return state, float(noise_var)
 
@@ -299,33 +299,33 @@ class ContourTracker:
         )  # fmt: skip
 
 
-#: Fraction of valid points below which the whole range is searched: three of eighty may be dirt.
+#: Fraction of valid points below which the whole range is searched: three of eighty may be due to dirt.
 _FEW_VALID = 0.96
-#: A blur that differs by more than this from the last frame's is another one: twice the noise of its median.
+#: A larger difference in blur from the last frame is a change: twice the noise of its median.
 _SAME_BLUR = 0.05
-#: Other blurs that are tried where a fit leaves this part of the contrast [px].
+#: Other blurs that are tried if a fit leaves this fraction of the contrast [px].
 _BLURS_PX, _POOR = (2.0, 3.5), 0.05
-#: Standard deviation of the box of one pixel [px]; adds to the blur in quadrature.
+#: Standard deviation of a pixel's box function [px]; adds to the blur in quadrature.
 PIXEL_PX = float(np.sqrt(1.0 / 12.0))
 
 
 def quick_median(values: Float[np.ndarray, "k"]) -> float:
-    """Median of a few dozen values: a tenth of the time of numpy's, which is made for axes and masks.
+    """Median of a few dozen values: takes a tenth of the time of NumPy's, which supports axes and masks.
 
     Parameters
     ----------
     values
-        One or more, all known.
+        One or more finite values.
     """
     ordered, count = np.sort(values), len(values)
     return 0.5 * float(ordered[(count - 1) // 2] + ordered[count // 2])
 
 
 def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines) -> float:
-    """Noise of one pixel [grey levels] before anything is known: from second differences along rows.
+    """Initial estimate of the noise of one pixel [grey levels]: from second differences along rows.
 
-    Noise that passes for edges makes long ways look blocked, so that the search would stay close
-    to the reference. The median leaves out edges.
+    If noise is mistaken for edges, long distances appear blocked, so that the search stays close
+    to the reference. The median excludes edges.
     """
     reach = np.linspace(np.asarray(lines.start_px), np.asarray(lines.stop_px), 9)[..., None]
     points = (np.asarray(lines.origin_px) + reach * np.asarray(lines.direction_px)).reshape(-1, 2)

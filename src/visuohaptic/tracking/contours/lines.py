@@ -1,4 +1,4 @@
-"""The lines that contour points stay on, term e_c of Alt 2016, Eq. (3.6)."""
+"""Constraint lines of contour points, term e_c of Alt 2016, Eq. (3.6)."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class ConstraintLines:
     Raises
     ------
     InputError
-        Shapes do not fit, a value is not finite, or a direction has no unit length.
+        Shapes do not match, a value is not finite, or a direction is not a unit vector.
     """
 
     origin_px: Float[np.ndarray, "k 2"]  #: point on the reference contour (t = 0) [px]
     direction_px: Float[np.ndarray, "k 2"]  #: unit vector from the reference contour to the front
-    start_px: Float[np.ndarray, "k"]  #: nearest position that is searched [px]
-    stop_px: Float[np.ndarray, "k"]  #: farthest position that is searched [px]
-    half_width_px: Float[np.ndarray, "k"] | float = 8.5  #: half length along the edge that is used [px]
+    start_px: Float[np.ndarray, "k"]  #: nearest search position [px]
+    stop_px: Float[np.ndarray, "k"]  #: farthest search position [px]
+    half_width_px: Float[np.ndarray, "k"] | float = 8.5  #: half length of the window along the edge [px]
     #: Mean distance of neighbouring origins [px]; twice the half width for a single line.
     spacing_px: float = field(init=False)
 

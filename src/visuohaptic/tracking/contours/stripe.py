@@ -1,10 +1,10 @@
-"""The colour stripe on the foam, Alt 2016, Sec. 3.3.1: a constant edge, and a test for occlusion.
+"""The colour stripe on the foam, Alt 2016, Sec. 3.3.1: an edge of constant appearance, and an occlusion test.
 
-A Gaussian mixture learns the colours of the stripe and of the rest once. Afterwards
-there is a look-up table for the class of a pixel, and one linear combination of the
-colours in which stripe and foam differ most. The tracker runs on the latter: a
-mixture of two colours stays a linear mixture, so a blurred edge keeps its place,
-which it does not in an image of class probabilities.
+A Gaussian mixture of the colours of the stripe and of the rest is trained once. The results are
+a look-up table for the class of a pixel, and the linear combination of the
+colours with the largest difference between stripe and foam. The tracker uses the latter: a
+mixture of two colours remains a linear mixture, so that a blurred edge keeps its position,
+unlike in an image of class probabilities.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ __all__ = ["StripeModel"]
 #: Cells of the table per colour channel, and their width in grey levels.
 CELLS, CELL = 32, 8
 FORMAT = 1
-#: Training pixels per class that are used at most.
+#: Maximum number of training pixels per class.
 MAX_TRAINING = 20_000
-#: Gaussians per class of colours.
+#: Number of Gaussians per class of colours.
 COMPONENTS = 3
-#: Border around the lines that an edge image is filled in [px].
+#: Border around the lines that is filled in an edge image [px].
 MARGIN_PX = 24
-#: A point is clear where behind a gap for the blur [px], in a patch this deep [px], this part of the pixels is the stripe.
+#: A point is clear if, beyond a gap for the blur [px], in a patch of this depth [px], this fraction of the pixels is stripe.
 GAP_PX, DEPTH_PX, CLEAR_FRACTION = 3.0, 3.0, 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripeModel:
-    """What the stripe's colours are; made by ``train`` or ``load``."""
+    """Colour model of the stripe; created by ``train`` or ``load``."""
 
     table: UInt8[np.ndarray, "32 32 32"]  #: probability of the stripe x 255 for blue, green, red cells
     axis: Float[np.ndarray, "3"]  #: weights of blue, green, red of the edge image
@@ -51,17 +51,17 @@ class StripeModel:
         *,
         rng: np.random.Generator,
     ) -> StripeModel:
-        """Learn from one image.
+        """Train the model from one image.
 
         Parameters
         ----------
         image_bgr
             The undeformed sensor, well lit.
         stripe, rest
-            Pixels of the stripe and of everything else; ``rest`` defaults to all others. Leave out a pixel or
+            Pixels of the stripe and of everything else; ``rest`` defaults to all others. Exclude a pixel or
             two along the edge, where the colours mix.
         rng
-            Of the sampling and of the dither.
+            Random generator for sampling and dither.
 
         Raises
         ------
@@ -106,7 +106,7 @@ class StripeModel:
         image_bgr: UInt8[np.ndarray, "rows columns 3"],
         lines: ConstraintLines,
     ) -> UInt8[np.ndarray, "rows columns"]:
-        """Image for ``ContourTracker``, filled around the lines only; the stripe is bright.
+        """Image for ``ContourTracker``, computed only around the lines; the stripe is bright.
 
         Parameters
         ----------
@@ -146,15 +146,15 @@ class StripeModel:
         lines: ConstraintLines,
         position_px: Float[np.ndarray, "k"],
     ) -> Bool[np.ndarray, "k"]:
-        """True where the pixels directly in front of the points have the stripe's colour.
+        """Whether the pixels directly in front of the points have the stripe's colour.
 
-        Looks at a patch of ``DEPTH_PX`` behind a ``GAP_PX`` that the blur needs, over
-        half of the point's width; ``CLEAR_FRACTION`` of the pixels must be the stripe.
+        Tests a patch of ``DEPTH_PX`` beyond a ``GAP_PX`` for the blur, over
+        half of the point's width; ``CLEAR_FRACTION`` of the pixels must be stripe.
 
         Parameters
         ----------
         image_bgr, lines
-            As of :meth:`edge_image`.
+            As in :meth:`edge_image`.
         position_px
             Position of the points along the lines [px].
         """
@@ -178,12 +178,12 @@ class StripeModel:
         return np.asarray(is_stripe.mean(axis=(1, 2)) >= CLEAR_FRACTION)
 
     def save(self, path: Path | str) -> None:
-        """Write an NPZ file, whole or not at all.
+        """Write an NPZ file, atomically.
 
         Parameters
         ----------
         path
-            Where to write.
+            Output file.
         """
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(
@@ -196,7 +196,7 @@ class StripeModel:
 
     @classmethod
     def load(cls, path: Path | str) -> StripeModel:
-        """Read a file of ``save``; arrays only, nothing in it is executed.
+        """Read a file written by ``save``; arrays only, no code in it is executed.
 
         Parameters
         ----------
@@ -206,7 +206,7 @@ class StripeModel:
         Raises
         ------
         InputError
-            The file is missing, damaged, or of another kind.
+            The file is missing, damaged, or of another type.
         """
         names = ("format", "table", "axis", "offset")
         stored = read_npz(path, "a stripe model", names=names, remedy="train it again")
@@ -229,7 +229,7 @@ class StripeModel:
 def _training_colours(
     name: str, colours: UInt8[np.ndarray, "n 3"], min_pixels: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "m 3"]:
-    """At most ``MAX_TRAINING`` colours of one class, with the spread that rounding hides given back by a dither."""
+    """At most ``MAX_TRAINING`` colours of one class, with a dither that compensates for rounding."""
     if len(colours) < min_pixels:
         raise CalibrationError(
             "StripeModel.train", f"found {len(colours)} pixels, expected at least {min_pixels}", field=name
@@ -257,7 +257,7 @@ def _trained_table(
         mixture = GaussianMixture(COMPONENTS, reg_covar=4.0, random_state=int(rng.integers(2**31)))
         mixture.fit(colours)
         log_density.append([mixture.score_samples(where) for where in (grid, *samples)])
-    # Colours that neither class has seen are not the stripe: a thin uniform density joins the rest.
+    # Unseen colours are not the stripe: a thin uniform density is added to the rest.
     unknown = np.log(0.05 / 256.0**3)
     probability, own, rest = (
         _odds(stripe, np.logaddexp(other, unknown)) for stripe, other in zip(*log_density, strict=True)

@@ -1,12 +1,12 @@
-"""Points that are followed from frame to frame (Alt 2016, Sec. 3.5: KLT on floor and object).
+"""Point tracking from frame to frame (Alt 2016, Sec. 3.5: KLT on floor and object).
 
-The structure tensor G = sum of grad I grad I^T over a window bounds how well a point can be located:
-with noise of standard deviation s in both images its variance along an eigenvector
-is at least 2 s^2 / lambda. Points are chosen by the smaller eigenvalue [Shi, Tomasi 1994]
-and carry this bound; a point is kept while it returns to its start when it is tracked back, its
-window still looks alike, and it stays in the image.
+The structure tensor G = sum of grad I grad I^T over a window bounds how accurately a point can be located:
+with noise of standard deviation s in both images, its variance along an eigenvector
+is at least 2 s^2 / lambda. Points are selected by the smaller eigenvalue [Shi, Tomasi 1994]
+and store this bound. A point is kept while backward tracking returns to its start, its
+window remains similar, and it is inside the image.
 
-The pyramidal Lucas-Kanade step itself is OpenCV's.
+The pyramidal Lucas-Kanade step itself is from OpenCV.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ from ...core.ranges import at_least, check_ranges, within
 
 __all__ = ["FlowSettings", "FlowStep", "PointTracker", "location_sigma_px"]
 
-#: An image of labels, or a function that makes it.
+#: A label image, or a function that returns one.
 Regions = UInt8[np.ndarray, "rows columns"] | Callable[[], UInt8[np.ndarray, "rows columns"]]
 
-#: Start of the way back beside the point, in both directions [bins]: a few times the distance that is allowed.
+#: Offset of the start of backward tracking, in both directions [bins]: a few times the allowed distance.
 _ASIDE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class FlowSettings:
-    """How points are chosen and followed."""
+    """Selection and tracking of points."""
 
-    #: edge of the squares of pixels that are averaged first; all else is in these bins
+    #: edge of the pixel squares that are averaged first; all other lengths are in these bins
     binning: int = field(default=1, metadata=within(1, 8))
     window_px: int = field(default=21, metadata=at_least(5))  #: edge of the window around a point, odd
-    levels: int = field(default=3, metadata=within(0, 6))  #: of the pyramid above the image itself
-    points: int = field(default=120, metadata=at_least(4))  #: per region, at most
-    spacing_px: float = field(default=12.0, metadata=at_least(1.0))  #: between points, at least
-    #: smallest eigenvalue, as part of the region's largest
+    levels: int = field(default=3, metadata=within(0, 6))  #: pyramid levels above the image itself
+    points: int = field(default=120, metadata=at_least(4))  #: maximum number per region
+    spacing_px: float = field(default=12.0, metadata=at_least(1.0))  #: minimum distance between points
+    #: smallest eigenvalue, as a fraction of the region's largest
     quality: float = field(default=0.005, metadata=within(0.0, 1.0))
     noise_grey: float = 2.0  #: standard deviation of the image noise
-    max_sigma_px: float = 0.3  #: points that are located worse are not stable
-    forward_backward_px: float = 0.4  #: largest distance after tracking there and back
-    max_residual_grey: float = 25.0  #: mean absolute difference of a window that is still the same
-    refill_fraction: float = 0.7  #: new points are chosen when fewer than this part is left
-    retry_frames: int = 4  #: a region that had no more points to offer is searched again after so many frames
+    max_sigma_px: float = 0.3  #: points with a larger uncertainty are not stable
+    forward_backward_px: float = 0.4  #: maximum distance after forward and backward tracking
+    max_residual_grey: float = 25.0  #: maximum mean absolute difference of a matching window
+    refill_fraction: float = 0.7  #: new points are selected below this remaining fraction
+    retry_frames: int = 4  #: a region without further points is searched again after this number of frames
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -59,17 +59,17 @@ class FlowSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlowStep:
-    """Points from one frame to the next; n were followed."""
+    """Tracked points between two frames; n were tracked successfully."""
 
-    ids: Int[np.ndarray, "n"]  #: stay the same along a track
-    label: Int[np.ndarray, "n"]  #: region in which the track began
+    ids: Int[np.ndarray, "n"]  #: constant along a track
+    label: Int[np.ndarray, "n"]  #: region in which the track started
     before_px: Float[np.ndarray, "n 2"]
     after_px: Float[np.ndarray, "n 2"]
-    sigma_px: Float[np.ndarray, "n"]  #: standard deviation of a location per axis, lower bound
-    tried: dict[int, int] = field(default_factory=dict)  #: points by label that were there before
+    sigma_px: Float[np.ndarray, "n"]  #: lower bound of the standard deviation per axis
+    tried: dict[int, int] = field(default_factory=dict)  #: number of points before tracking, by label
 
     def of(self, label: int) -> FlowStep:
-        """Only the points of one region.
+        """The points of one region.
 
         Parameters
         ----------
@@ -87,12 +87,12 @@ class FlowStep:
         )
 
     def without(self, wrong: Bool[np.ndarray, "n"]) -> FlowStep:
-        """The points that are not ``wrong``.
+        """All points except those that are ``wrong``.
 
         Parameters
         ----------
         wrong
-            Points to leave out.
+            Points to exclude.
         """
         keep = ~wrong
         return FlowStep(
@@ -107,14 +107,14 @@ def location_sigma_px(
     window_px: int,
     noise_grey: float,
 ) -> Float[np.ndarray, "n"]:
-    """Bound of the standard deviation with which points can be found again, in the worse direction.
+    """Lower bound of the standard deviation of re-located points, in the less accurate direction.
 
     Parameters
     ----------
     image
         Grey image.
     points_px
-        Rounded to pixels; windows are cut at the border.
+        Points, rounded to pixels; windows are cropped at the border.
     window_px
         Edge of the window around a point [px].
     noise_grey
@@ -122,7 +122,7 @@ def location_sigma_px(
     """
     half = window_px // 2
     padded = np.pad(image, half + 1, mode="edge").astype(np.float32)
-    # So much of the padding is left of the window and its neighbours.
+    # Required padding around the window and its neighbours.
     at = np.rint(points_px).astype(int)
     offsets = np.arange(window_px + 2)
     rows = at[:, 1, None] + offsets
@@ -132,20 +132,20 @@ def location_sigma_px(
     dy = 0.5 * (patches[:, 2:, 1:-1] - patches[:, :-2, 1:-1])
     xx, yy, xy = ((a * b).sum(axis=(1, 2)) for a, b in ((dx, dx), (dy, dy), (dx, dy)))
     smaller = 0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4 * xy**2))
-    # Noise alone has gradients: each pixel adds s^2 / 2 to the eigenvalues.
+    # Noise alone causes gradients: each pixel adds s^2 / 2 to the eigenvalues.
     smaller = np.maximum(smaller - 0.5 * noise_grey**2 * window_px**2, 1e-9)
     return np.sqrt(2.0 / smaller) * noise_grey
 
 
 class PointTracker:
-    """Follows points in regions of an image and chooses new ones there.
+    """Tracks points in regions of an image and selects new ones.
 
     Parameters
     ----------
     settings
-        How points are chosen and followed.
+        Selection and tracking of points.
     rows
-        First and last row (exclusive) that matter: nothing outside is looked at. None: all.
+        First and last row (exclusive) to process. None: all.
 
     Examples
     --------
@@ -167,7 +167,7 @@ class PointTracker:
         self._band: UInt8[np.ndarray, "rows columns"] | None = None
         self._shape: tuple[int, ...] = ()
         self._next_id = 0
-        #: By label: points after the last choice, and frames since then.
+        #: By label: number of points after the last selection, and frames since then.
         self._chosen: dict[int, tuple[int, int]] = {}
         self._clear()
 
@@ -179,14 +179,14 @@ class PointTracker:
         self._sigma = np.zeros(0)
 
     def forget(self, label: int, *, outside: UInt8[np.ndarray, "rows columns"] | None = None) -> None:
-        """Drop the points of a region.
+        """Discard the points of a region.
 
         Parameters
         ----------
         label
             Label of the region.
         outside
-            Labels of the pixels: only points that are not in the region there are dropped.
+            Label image: only points that are not inside the region in it are discarded.
         """
         keep = self._label != label
         if outside is not None and len(self._points):
@@ -197,12 +197,12 @@ class PointTracker:
         self._chosen.pop(label, None)
 
     def choose(self, regions: UInt8[np.ndarray, "rows columns"]) -> None:
-        """Choose points in the newest image where regions have become poor.
+        """Select points in the latest image in regions that have too few.
 
         Parameters
         ----------
         regions
-            Labels of the pixels, 0 = nowhere.
+            Label image, 0 = no region.
         """
         if self._band is not None:
             self._chosen = {}
@@ -210,12 +210,12 @@ class PointTracker:
             self._refill(self._band, self._binned(regions[rows], nearest=True))
 
     def drop(self, ids: Int[np.ndarray, "k"]) -> None:
-        """Forget some points.
+        """Discard selected points.
 
         Parameters
         ----------
         ids
-            Numbers of the tracks; others are ignored.
+            Ids of the tracks; unknown ones are ignored.
         """
         self._keep(~np.isin(self._ids, ids))
 
@@ -227,25 +227,25 @@ class PointTracker:
         labels: Sequence[int] | None = None,
         shift_px: dict[int, Float[np.ndarray, "2"]] | None = None,
     ) -> FlowStep:
-        """Follow all points into a new image, then choose new ones where they have become few.
+        """Track all points into a new image, then select new ones where too few remain.
 
         Parameters
         ----------
         image
-            Grey image of the size of the first.
+            Grey image of the same size as the first.
         regions
-            Where to choose points: 0 nowhere, else a region's label. Points that leave their region are
-            followed on. Or a function that gives them; it is called only when one of the ``labels`` needs
+            Where to select points: 0 = none, otherwise a region's label. Points that leave their region are
+            still tracked. May be a function that returns this; it is called only if one of the ``labels`` needs
             points.
         labels
-            Regions that are needed; all without.
+            Required regions; all if omitted.
         shift_px
-            Expected motion of a region's points; by default they move on as they did.
+            Expected motion of a region's points; by default their last motion.
 
         Raises
         ------
         InputError
-            An image of another size than before, or not grey.
+            The image has another size than before, or is not grey.
         """
         if image.ndim != 2 or image.dtype != np.uint8:
             raise InputError(
@@ -279,7 +279,7 @@ class PointTracker:
             )
 
     def _is_poor(self, label: int) -> bool:
-        """Whether a region has too few points and may have others to offer."""
+        """Whether a region has too few points and may contain others."""
         have, s = int(np.count_nonzero(self._label == label)), self.settings
         if have >= s.refill_fraction * s.points:
             return False
@@ -324,7 +324,7 @@ class PointTracker:
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         }
         after, found, residual = cv2.calcOpticalFlowPyrLK(self._band, band, before, before + guess, **options)
-        # The way back needs no pyramid. It starts beside where it should end: what holds no place would stay there.
+        # Backward tracking needs no pyramid. It starts with an offset: points without texture would stay there.
         options |= {"maxLevel": 0, "criteria": (criteria[0], 15, 0.05 * s.forward_backward_px)}
         aside = before + np.float32(_ASIDE)
         back, returned, _ = cv2.calcOpticalFlowPyrLK(band, self._band, after, aside, **options)
@@ -347,7 +347,7 @@ class PointTracker:
         self._points, self._moved = self._points[good], self._moved[good]
 
     def _refill(self, band: np.ndarray, regions: np.ndarray) -> None:
-        """Choose points where a region has too few: the best corners at a distance from those there are."""
+        """Select points where a region has too few: the best corners with a minimum distance from existing ones."""
         import cv2
 
         s = self.settings
@@ -384,5 +384,5 @@ class PointTracker:
             self._label = np.concatenate([self._label, np.full(len(new), label)])
             self._ids = np.concatenate([self._ids, self._next_id + np.arange(len(new))])
             self._next_id += len(new)
-            # What could offer some is searched again at once.
+            # A region that may contain further points is searched again at once.
             self._chosen[label] = (have + len(new), s.retry_frames if len(new) else 0)

@@ -5,11 +5,11 @@ Conventions, tested by round trips through random poses:
 - ``H_target_source`` maps homogeneous source points to target points, up to scale.
 - A plane in the source camera's frame is given by its unit normal ``n``, which points
   from the plane *towards* the camera, and its distance ``d > 0``: points of the plane
-  fulfil ``n . X = -d``.
+    satisfy ``n . X = -d``.
 - A rigid motion maps source to target coordinates, ``X' = R X + T``.
 
 With these, Alt 2016, Eq. (2.14) holds as printed: ``X' = R X - T (n . X) / d``, so
-``H = R - T n^T / d``. A normal that points away from the camera would turn the sign.
+``H = R - T n^T / d``. A normal that points away from the camera would flip the sign.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ __all__ = [
     "facing_motions",
 ]
 
-#: Relative difference of singular values below which a motion counts as degenerate.
+#: Relative difference of singular values below which a motion is degenerate.
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneMotion:
-    """A rigid motion and the plane that together give a homography."""
+    """A rigid motion and a plane that together define a homography."""
 
     rotation: Float[np.ndarray, "3 3"]  #: R, source to target
-    translation_over_distance: Float[np.ndarray, "3"]  #: T / d, no unit: the scale is not observable
+    translation_over_distance: Float[np.ndarray, "3"]  #: T / d, dimensionless: the scale is not observable
     normal: Float[np.ndarray, "3"]  #: unit normal in the source frame, towards the camera
 
     @property
@@ -52,20 +52,20 @@ class PlaneMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobustHomography:
-    """A homography from correspondences of which some are wrong."""
+    """A homography from correspondences with outliers."""
 
-    matrix: Float[np.ndarray, "3 3"]  #: ``H_target_source``; NaN when none was found
-    inliers: Bool[np.ndarray, "n"]  #: correspondences that agree
+    matrix: Float[np.ndarray, "3 3"]  #: ``H_target_source``; NaN if none was found
+    inliers: Bool[np.ndarray, "n"]  #: inlier correspondences
     valid: bool
-    reason: str = ""  #: why it is not valid
+    reason: str = ""  #: why it is invalid
 
 
 def apply_homography(
     homography: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "*batch 2"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Map points; those on or behind the horizon (third coordinate <= 0) give NaN.
+    """Map points; those on or beyond the horizon (third coordinate <= 0) give NaN.
 
-    The sign is taken with ``H[2, 2] > 0`` or, where that is not so, as given.
+    The sign is normalised to ``H[2, 2] > 0`` or, if that is zero, taken as given.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def apply_homography(
 
 
 def _normaliser(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
-    """Similarity that brings the centroid to 0 and the mean distance to sqrt 2 (Hartley)."""
+    """Similarity that moves the centroid to 0 and scales the mean distance to sqrt 2 (Hartley)."""
     centre = points.mean(axis=0)
     distance = float(np.linalg.norm(points - centre, axis=1).mean())
     scale = np.sqrt(2.0) / max(distance, 1e-12)
@@ -109,7 +109,7 @@ def estimate_homography(
     Parameters
     ----------
     source, target
-        At least four corresponding points, no three of four on a line.
+        At least four corresponding points, no three of four collinear.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def estimate_homography(
     Raises
     ------
     InputError
-        The points do not determine a homography (e.g. they lie on a line).
+        The points do not determine a homography (e.g. they are collinear).
     """
     a, b = _checked(source, target)
     normal_a, normal_b = _normaliser(a), _normaliser(b)
@@ -133,7 +133,7 @@ def estimate_homography(
             np.hstack([zeros, -homogeneous, u[:, 1:] * homogeneous]),
         ]
     )
-    # With four points the null space is one right-singular vector short of a square matrix.
+    # With four points, the null space is one right-singular vector short of a square matrix.
     _, singular, rows = np.linalg.svd(design, full_matrices=True)
     if not singular[7] > 1e-10 * singular[0]:
         raise InputError(
@@ -142,7 +142,7 @@ def estimate_homography(
             remedy="use points that are spread over the plane",
         )
     normalised = rows[-1].reshape(3, 3)
-    # In normalised coordinates the entries are of order 1, so that the bound means the same everywhere.
+    # In normalised coordinates the entries are of order 1, so that the bound is scale-independent.
     if not abs(np.linalg.det(normalised)) > 1e-9:
         raise InputError("homography", "the points give a singular matrix (the target lies on a line)")
     result = np.linalg.inv(normal_b) @ normalised @ normal_a
@@ -160,21 +160,21 @@ def estimate_homography_robust(
     minimum: int = 8,
     seed: int = 0,
 ) -> RobustHomography:
-    """Homography from correspondences with outliers: RANSAC with local optimisation, then the DLT.
+    """Homography from correspondences with outliers: RANSAC with local optimisation, followed by the DLT.
 
     Alt 2016, Sec. 2.3.3. The sampling is OpenCV's USAC (MAGSAC scoring); the
-    result is the normalised DLT on the consensus set, which is then chosen once more.
+    result is the normalised DLT on the consensus set, which is then reselected once.
 
     Parameters
     ----------
     source, target
         Corresponding points.
     threshold
-        Largest distance in the target at which a correspondence agrees.
+        Maximum distance of an inlier in the target.
     minimum
-        Fewest agreeing correspondences that are accepted.
+        Minimum number of inliers.
     seed
-        Of the sampling: the same seed gives the same result.
+        Seed of the sampling: the same seed gives the same result.
     """
     import cv2
 
@@ -209,7 +209,7 @@ def estimate_homography_robust(
         except InputError as error:
             return RobustHomography(missing, inliers, False, error.problem)
         distance = np.linalg.norm(apply_homography(matrix, a) - b, axis=1)
-        inliers = distance < threshold  # NaN (behind the horizon) is not smaller
+        inliers = distance < threshold  # NaN (beyond the horizon) compares as false
     valid = bool(np.count_nonzero(inliers) >= max(4, minimum))
     return RobustHomography(matrix, inliers, valid, "" if valid else "the consensus fell apart")
 
@@ -240,16 +240,16 @@ def compose_homography(
 
 
 def decompose_homography(homography: Float[np.ndarray, "3 3"]) -> tuple[PlaneMotion, ...]:
-    """All motions and planes that give a homography between unit planes.
+    """All motions and planes that are consistent with a homography between unit planes.
 
-    Four in general, in pairs that differ by the sign of T and n; two when T is
-    along n, one (with T = 0 and an arbitrary normal) for a pure rotation.
+    Four in general, in pairs that differ by the sign of T and n; two if T is
+    parallel to n, one (with T = 0 and an arbitrary normal) for a pure rotation.
 
     The SVD gives ``H^T H = V diag(s1^2, 1, s3^2) V^T`` once the middle singular value
-    is scaled to 1. H keeps the length of vectors of the plane orthogonal to ``n``; the
+    is scaled to 1. H preserves the length of vectors in the plane orthogonal to ``n``; the
     two planes of such vectors contain ``v2`` and ``u = (a v1 +- b v3)`` with
-    ``a^2 = (1 - s3^2) / (s1^2 - s3^2)``, ``b^2 = (s1^2 - 1) / (s1^2 - s3^2)``, which fixes
-    R on each of them (Ma, Soatto, Kosecka, Sastry, An Invitation to 3-D Vision, 5.3).
+    ``a^2 = (1 - s3^2) / (s1^2 - s3^2)``, ``b^2 = (s1^2 - 1) / (s1^2 - s3^2)``, which determines
+    R for each of them (Ma, Soatto, Kosecka, Sastry, An Invitation to 3-D Vision, 5.3).
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def decompose_homography(homography: Float[np.ndarray, "3 3"]) -> tuple[PlaneMot
     across = np.sqrt(max(s1**2 - 1.0, 0.0) / spread)
     signs: tuple[float, ...] = (1.0, -1.0)
     if min(along, across) < np.sqrt(_SAME):
-        # T along n: both planes are the same one; rounding under the root is removed.
+        # T parallel to n: both planes coincide; remove rounding under the root.
         signs, along, across = (1.0,), round(along), round(across)
     motions: list[PlaneMotion] = []
     for sign in signs:
@@ -288,7 +288,7 @@ def decompose_homography(homography: Float[np.ndarray, "3 3"]) -> tuple[PlaneMot
         first, second = matrix @ v2, matrix @ kept
         after = np.column_stack([first, second, np.cross(first, second)])
         rotation = after @ before.T
-        # The columns are orthonormal up to rounding; make it exact.
+        # The columns are orthonormal up to rounding; make them exactly so.
         u, _, vt = np.linalg.svd(rotation)
         rotation = u @ vt
         shift = (rotation - matrix) @ normal
@@ -300,12 +300,12 @@ def decompose_homography(homography: Float[np.ndarray, "3 3"]) -> tuple[PlaneMot
 def facing_motions(
     motions: tuple[PlaneMotion, ...], rays_source: Float[np.ndarray, "n 3"]
 ) -> tuple[PlaneMotion, ...]:
-    """Those whose plane lies in front of both cameras: the positive depth constraint.
+    """Motions whose plane lies in front of both cameras: the positive depth constraint.
 
     ``rays_source`` are points of the plane as seen by the source camera, scaled to
-    z = 1. Their depth ``-d / (n . ray)`` must be positive, and so must it be after
-    the motion. At most two solutions remain in general; knowledge of the normal, or a
-    third view, decides between them.
+    z = 1. Their depth ``-d / (n . ray)`` must be positive, also after
+    the motion. In general, at most two solutions remain; prior knowledge of the normal, or a
+    third view, resolves the ambiguity.
 
     Parameters
     ----------

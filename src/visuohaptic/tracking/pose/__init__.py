@@ -1,4 +1,4 @@
-"""Poses of planar points with covariance."""
+"""Pose of planar points, with covariance."""
 
 from ...core.front_door import attach
 

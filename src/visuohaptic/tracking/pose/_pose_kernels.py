@@ -1,7 +1,7 @@
-"""Compiled loops of pose refinement: projection through a lens, and Levenberg-Marquardt on six parameters.
+"""Compiled kernels of pose refinement: projection through a lens, and Levenberg-Marquardt on six parameters.
 
-Arrays of four points and six unknowns cost NumPy a hundred times what they cost a loop. A small motion is
-(x, y, z, rx, ry, rz): translation added, rotation turned about the axes of the camera, R' = exp([r]) R.
+For arrays of four points and six unknowns, NumPy takes a hundred times as long as a compiled loop. A small motion is
+(x, y, z, rx, ry, rz): translation added, rotation about the axes of the camera, R' = exp([r]) R.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -20,7 +20,7 @@ _JIT = {"error_model": "numpy", "nogil": True}
 
 @kernel(**_JIT)
 def project_point(x, y, z, lens, pixel, derivative):
-    """Pixel (2,) of one point in the camera frame, and its derivative (2, 3) by the point [px/m].
+    """Pixel (2,) of one point in the camera frame, and its derivative (2, 3) with respect to the point [px/m].
 
     ``lens`` (12,): fx, fy, cx, cy, then OpenCV's k1, k2, p1, p2, k3, k4, k5, k6. False behind the camera.
 
@@ -64,7 +64,7 @@ def _column_product(matrix, j, k):
 
 @kernel(**_JIT)
 def turn(rotation, rx, ry, rz):
-    """``exp([r]) R``, made orthonormal again: many small steps must not leave the group.
+    """``exp([r]) R``, re-orthonormalised: many small steps must not leave the group.
 
     Parameters
     ----------
@@ -152,17 +152,17 @@ def _normal_equations(error, jacobian, gradient, normal):
 
 @kernel(**_JIT)
 def refine_pose(points, corners, whiten, lens, rotation, translation, normal):
-    """Pose of points (n, 3) seen at ``corners`` (n, 2), in place on ``rotation`` and ``translation``.
+    """Refine the pose of points (n, 3) seen at ``corners`` (n, 2); updates ``rotation`` and ``translation`` in place.
 
     ``whiten`` (2n, 2n) makes the residuals independent with variance 1. Fills ``normal`` (6, 6), the
-    information of the pose. Returns chi^2, infinite when the points come to lie behind the camera.
+    information of the pose. Returns chi^2, infinite if the points end up behind the camera.
 
     Parameters
     ----------
     points
-        Points of the body [m], (n, 3).
+        Points in the body frame [m], (n, 3).
     corners
-        Where they are seen [px], (n, 2).
+        Their observed pixels [px], (n, 2).
     whiten
         Makes the residuals independent with variance 1, (2n, 2n).
     lens
@@ -204,7 +204,7 @@ def refine_pose(points, corners, whiten, lens, rotation, translation, normal):
         for i in range(6):
             for j in range(6):
                 length += step[i] * normal[i, j] * step[j]
-        # In units of the standard deviations of the parameters: a thousandth of a sigma is enough.
+        # In units of the parameters' standard deviations: a thousandth of a sigma is sufficient.
         if done or length < 1e-6:
             break
     _normal_equations(error, jacobian, gradient, normal)

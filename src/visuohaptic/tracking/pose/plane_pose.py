@@ -1,12 +1,12 @@
 """Pose of a planar template from its aligned corners, by homography decomposition and refinement.
 
-Alt 2016, Sec. 2.3.3. The decomposed homography is the one between a virtual camera that
+Alt 2016, Sec. 2.3.3. The decomposed homography is that between a virtual camera that
 faces the template at distance d and the real camera, so that d is known and the pose
-comes in metres. A nearly flat view has a second pose, tilted the other way about the
+is metric. A view with little perspective has a second pose, with the opposite tilt about the
 line of sight, that explains it almost as well: both are refined and returned.
 
-The refinement weighs the four corners with the full 8 x 8 covariance of the alignment,
-which is the inverse of the photometric Hessian. To first order that is the minimum of the
+The refinement weights the four corners with the full 8 x 8 covariance of the alignment,
+the inverse of the photometric Hessian. To first order, this minimises the
 image difference over the six parameters of the pose itself.
 """
 
@@ -28,7 +28,7 @@ __all__ = ["PlanePose", "estimate_plane_poses", "lens_numbers", "pose_difference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanePose:
-    """One pose that explains a view of a plane."""
+    """One pose that is consistent with a view of a plane."""
 
     T_camera_template: Pose
     #: of (x, y, z, rx, ry, rz) [m, rad]: translation and a small rotation about the camera's axes,
@@ -45,31 +45,31 @@ def estimate_plane_poses(
     *,
     starts: tuple[Pose, ...] = (),
 ) -> tuple[PlanePose, ...]:
-    """Poses that explain where four points of a plane are seen, the best first; one or two.
+    """Poses consistent with the observed positions of four points of a plane, the best first; one or two.
 
     Parameters
     ----------
     camera
-        With its lens distortion.
+        Intrinsics and distortion.
     points_template_m
-        Four points with z = 0, no three on a line.
+        Four points with z = 0, no three collinear.
     corners_px
-        Their pixels.
+        Their observed pixels.
     corner_covariance
-        Of (x0, y0, x1, ...) [px^2].
+        Covariance of (x0, y0, x1, ...) [px^2].
     starts
-        Poses to refine instead of those from the decomposition, e.g. of the last frame.
+        Initial poses instead of those from the decomposition, e.g. of the last frame.
 
     Returns
     -------
     tuple of PlanePose
-        Empty when no pose has the plane in front of the camera.
+        Empty if no pose has the plane in front of the camera.
     """
     points = np.ascontiguousarray(points_template_m, dtype=np.float64)
     if points.shape != (4, 3) or not np.allclose(points[:, 2], 0):
         raise InputError("estimate_plane_poses", "expected four points (4, 3) with z = 0", field="points")
     # A floor of a thousandth of a pixel keeps a noise-free covariance invertible.
-    # Inverted once: calls of triangular solvers on 8 x 8 may wait for the threads of the linear algebra.
+    # Inverted once: triangular solvers on 8 x 8 may wait for threads of the linear algebra library.
     whiten = np.linalg.inv(np.linalg.cholesky(np.asarray(corner_covariance) + 1e-6 * np.eye(8)))
     if not starts:
         start = _from_decomposition(camera, points, corners_px)
@@ -114,14 +114,14 @@ def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarr
     motions = facing_motions(motions, virtual)
     if not motions:
         return None
-    # The virtual camera looks along the normal, which decides between the two that remain.
+    # The virtual camera looks along the normal, which selects one of the two remaining solutions.
     motion = min(motions, key=lambda found: found.normal[2])
     shift = distance * motion.translation_over_distance + motion.rotation @ np.array([0, 0, distance])
     return Pose(motion.rotation, shift) if shift[2] > 0 else None
 
 
 def tilted_back(pose: Pose) -> Pose:
-    """The pose with its tilt mirrored about the line of sight: the same image without perspective.
+    """The pose with its tilt mirrored about the line of sight: the same image without perspective effects.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def tilted_back(pose: Pose) -> Pose:
         ``T_camera_plane``.
     """
     sight = pose.translation_m / np.linalg.norm(pose.translation_m)
-    # Mirrored in the plane across the line of sight, and the template's own axis turned back.
+    # Mirrored in the plane perpendicular to the line of sight, with the template's own axis restored.
     rotation = pose.rotation - 2.0 * np.outer(sight, sight @ pose.rotation)
     rotation[:, 2] *= -1.0
     return Pose(rotation, pose.translation_m)
@@ -153,7 +153,7 @@ def _refine(
 
 
 def lens_numbers(camera: Camera) -> Float[np.ndarray, "12"]:
-    """What the kernels know of a camera: fx, fy, cx, cy, and eight coefficients of distortion.
+    """Camera parameters for the kernels: fx, fy, cx, cy, and eight distortion coefficients.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Printed templates and AprilTags: detection and efficient second-order tracking (ESM)."""
+"""Printed templates and AprilTags: detection and efficient second-order minimisation (ESM) tracking."""
 
 from ...core.front_door import attach
 

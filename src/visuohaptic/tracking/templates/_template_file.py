@@ -1,4 +1,4 @@
-"""``tags.yaml`` in a folder of templates."""
+"""The file ``tags.yaml`` in a folder of templates."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class TemplateFolderFile(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> TemplateFolderFile:
-        """The file's content; empty when there is no such file.
+        """Contents of the file; empty if it does not exist.
 
         Parameters
         ----------

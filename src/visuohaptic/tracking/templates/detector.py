@@ -1,8 +1,8 @@
-"""Finding templates anywhere in an image: tags by their code, images by SIFT features.
+"""Detection of templates anywhere in an image: tags by their code, images by SIFT features.
 
-Alt 2016, Sec. 2.3.1 and 2.3.3. A match is kept when its descriptor is nearer than 0.8
-times the second nearest (Lowe; the text prints the opposite inequality). What is
-found here is a start: the tracker refines it on all pixels.
+Alt 2016, Sec. 2.3.1 and 2.3.3. A match is accepted if its descriptor distance is below 0.8
+times that of the second nearest (Lowe; the text prints the opposite inequality). A detection
+is an initial estimate: the tracker refines it on all pixels.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ __all__ = ["Detection", "DetectorSettings", "detect_templates"]
 
 @dataclass(frozen=True, slots=True)
 class DetectorSettings:
-    """Effort and thresholds of the detection."""
+    """Effort and acceptance thresholds of the detection."""
 
     ratio: float = 0.8  #: nearest over second-nearest descriptor distance of a good match
-    threshold_px: float = 4.0  #: distance at which a match agrees with a homography
-    min_matches: int = 8  #: agreeing matches that are accepted
-    max_features: int = 4000  #: in a whole image
-    max_side_px: int = 1280  #: larger images are shrunk for the search of features
-    max_region_features: int = 600  #: in a region, where the template fills a good part
-    max_region_side_px: int = 240  #: of a region; the tracker refines on all its pixels anyway
-    ncc_nearby: float = 0.75  #: correlation at which an image that has only been shifted is accepted
+    threshold_px: float = 4.0  #: maximum error of an inlier of a homography
+    min_matches: int = 8  #: minimum number of inliers
+    max_features: int = 4000  #: maximum number in a whole image
+    max_side_px: int = 1280  #: larger images are downscaled for feature detection
+    max_region_features: int = 600  #: maximum number in a region, where the template fills a large part
+    max_region_side_px: int = 240  #: maximum side of a region; the tracker uses all its pixels anyway
+    ncc_nearby: float = 0.75  #: minimum correlation of a purely translated image
     #: the same for a tag; any two of the 587 tags, in any direction, stay below 0.76
     ncc_nearby_tag: float = 0.85
 
@@ -44,8 +44,8 @@ class Detection:
     """A template found in an image."""
 
     name: str
-    homography: Float[np.ndarray, "3 3"]  #: template pixels to image pixels, good to about a pixel
-    support: int  #: agreeing matches; 4 for a tag, 0 where it was found by correlation
+    homography: Float[np.ndarray, "3 3"]  #: template pixels to image pixels, accurate to about a pixel
+    support: int  #: number of inliers; 4 for a tag, 0 if found by correlation
 
 
 def detect_templates(
@@ -57,23 +57,23 @@ def detect_templates(
     last_seen: Mapping[str, Float[np.ndarray, "3 3"]] | None = None,
     seed: int = 0,
 ) -> dict[str, Detection]:
-    """Find templates; those that are not seen are missing from the result.
+    """Detect templates; the result contains only those found.
 
     Parameters
     ----------
     templates
-        What to look for.
+        Templates to detect.
     image
         Grey image.
     settings
         Effort and thresholds.
     region
-        x0, y0, x1, y1: look only there.
+        x0, y0, x1, y1: search only there.
     last_seen
-        Homographies from before the templates were lost. With a region, each is first looked for
-        as it was, only shifted: that takes a tenth of the time of the features.
+        Homographies from before the templates were lost. With a region, each is first searched as a
+        translated copy: that takes a tenth of the time of feature detection.
     seed
-        Of the random sampling.
+        Seed of the random sampling.
     """
     settings = settings or DetectorSettings()
     image = np.asarray(image)
@@ -111,11 +111,11 @@ def detect_templates(
 
 
 def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detection]:
-    """Tags by their code; the corners are only a start."""
+    """Detect tags by their code; the corners are only an initial estimate."""
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()
-    # The search over window sizes is the cost; two cover tags from 20 px up.
+    # The search over window sizes dominates the cost; two sizes cover tags from 20 px upwards.
     parameters.adaptiveThreshWinSizeMin = 7
     parameters.adaptiveThreshWinSizeMax = 27
     parameters.adaptiveThreshWinSizeStep = 20
@@ -127,7 +127,7 @@ def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detec
     if ids is None:
         return result
     numbers = [int(number) for number in ids.ravel()]
-    # A number that is seen twice says nothing about which of the two is meant.
+    # A number that is seen twice is ambiguous.
     seen = {
         number: quad.reshape(4, 2).astype(np.float64)
         for number, quad in zip(numbers, corners, strict=True)
@@ -147,11 +147,11 @@ def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detec
 def _shifted(
     template: Template, image: np.ndarray, start: np.ndarray, settings: DetectorSettings
 ) -> dict[str, Detection]:
-    """A template of about the size and direction of before, anywhere in the image, by correlation."""
+    """Find a template with about the previous size and orientation anywhere in the image, by correlation."""
     corners = apply_homography(start, template.esm.corners)
     height, width = image.shape
     low, high = corners.min(axis=0), corners.max(axis=0)
-    # How far it can have gone without leaving the image by half.
+    # Maximum displacement at which at least half of it is inside the image.
     reach = float(
         np.max([*(0.5 * (low + high)), width - 0.5 * (low[0] + high[0]), height - 0.5 * (low[1] + high[1])])
     )
@@ -171,7 +171,7 @@ def _tagless(
     side: int,
     features: int,
 ) -> dict[str, Detection]:
-    """Images by SIFT, ratio test and robust homography."""
+    """Detect images by SIFT, ratio test and robust homography."""
     import cv2
 
     scale = min(1.0, side / max(image.shape))
@@ -182,7 +182,7 @@ def _tagless(
     result: dict[str, Detection] = {}
     if descriptors is None or len(descriptors) < 2:
         return result
-    # Pixel centres: the middle of the first small pixel is at (1/scale - 1)/2 of the large image.
+    # Pixel centres: the centre of the first small pixel is at (1/scale - 1)/2 of the large image.
     place = (np.array([point.pt for point in points]) + 0.5) / scale - 0.5
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     for template in templates:
@@ -204,7 +204,7 @@ def _tagless(
         )
         if not robust.valid or not is_proper(robust.matrix, template.esm.corners):
             continue
-        # Agreeing matches must come from different places: repeated ones prove nothing.
+        # Inliers must be at different positions: repeated ones are no evidence.
         different = len(np.unique(np.round(source[robust.inliers] / 4), axis=0))
         if different >= settings.min_matches and _is_sane(robust.matrix, template):
             result[template.name] = Detection(template.name, robust.matrix, int(robust.inliers.sum()))
@@ -212,7 +212,7 @@ def _tagless(
 
 
 def _is_sane(homography: np.ndarray, template: Template) -> bool:
-    """The quadrilateral has a size that can be tracked, and no side is ten times another."""
+    """Whether the quadrilateral has a trackable size, and no side is ten times another."""
     corners = apply_homography(homography, template.esm.corners)
     sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     reference = np.linalg.norm(np.roll(template.esm.corners, -1, axis=0) - template.esm.corners, axis=1)

@@ -1,4 +1,4 @@
-"""A flat template as a lens bends it: what distortion adds to the homography through its corners."""
+"""Lens distortion of a flat template: displacement beyond the homography through its corners."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["lens_offset", "lens_samples"]
 
 
 def lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.ndarray, "17 17 2"]:
-    """What projection with the lens adds to the homography through the four corners [px], at 17 x 17 points.
+    """Displacement by the lens beyond the homography through the four corners [px], at 17 x 17 points.
 
     Parameters
     ----------
@@ -35,21 +35,21 @@ def lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.n
 
 
 def lens_offset(samples: Float32[np.ndarray, "17 17 2"], template: Template) -> Float32[np.ndarray, "2 R C"]:
-    """The same at every pixel of the template.
+    """Lens displacement at every pixel of the template.
 
-    It is smooth: 17 x 17 exact points and a cubic interpolation leave less than 1e-3 px.
+    It is smooth: 17 x 17 exact points and cubic interpolation have an error below 1e-3 px.
 
     Parameters
     ----------
     samples
-        Of :func:`lens_samples` [px].
+        Result of :func:`lens_samples` [px].
     template
         The same template, of R x C pixels.
     """
     import cv2
 
     rows, columns = template.image.shape
-    # The first and last sample lie on the first and last pixel: scale by samples - 1, not by size.
+    # The first and last sample are on the first and last pixel: scale by samples - 1, not by size.
     sample_x = np.tile(np.linspace(0, 16, columns, dtype=np.float32), (rows, 1))
     sample_y = np.repeat(np.linspace(0, 16, rows, dtype=np.float32)[:, None], columns, axis=1)
     spread = cv2.remap(samples, sample_x, sample_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)

@@ -1,4 +1,4 @@
-"""The search for lost templates: at once, or in a thread of its own so that no frame waits (Alt 2016, Sec. 2.3.4)."""
+"""Search for lost templates: synchronous, or in a separate thread so that no frame waits (Alt 2016, Sec. 2.3.4)."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ __all__ = ["LostPlace", "LostSearch"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LostPlace:
-    """A lost template and where to look for it."""
+    """A lost template and its search area."""
 
     template: Template
-    last_seen: Float[np.ndarray, "3 3"] | None  #: homography of before it was lost
-    near: bool  #: look only around that place; otherwise in the whole image
+    last_seen: Float[np.ndarray, "3 3"] | None  #: homography before it was lost
+    near: bool  #: search only around that position; otherwise in the whole image
 
     @property
     def region(self) -> tuple[int, int, int, int] | None:
-        """Box x0, y0, x1, y1 around the last place, half its size larger on every side [px]; None: everywhere."""
+        """Box x0, y0, x1, y1 around the last position, extended by half its size on every side [px]; None: whole image."""
         if not self.near or self.last_seen is None:
             return None
         corners = apply_homography(self.last_seen, self.template.esm.corners)
@@ -37,14 +37,14 @@ class LostPlace:
 
 
 class LostSearch:
-    """Looks for lost templates, one search at a time.
+    """Searches for lost templates, one search at a time.
 
     Parameters
     ----------
     settings
         Effort and thresholds of the detection.
     threaded
-        Search in a thread; what it finds is collected in a later frame.
+        Search in a thread; the result is collected in a later frame.
     """
 
     def __init__(self, settings: DetectorSettings, *, threaded: bool) -> None:
@@ -54,7 +54,7 @@ class LostSearch:
 
     @property
     def busy(self) -> bool:
-        """Whether a search is under way in the thread."""
+        """Whether a search is running in the thread."""
         return self._pending is not None
 
     def search(
@@ -65,36 +65,36 @@ class LostSearch:
         Parameters
         ----------
         places
-            What to look for, and where.
+            Templates to search for, and where.
         grey
             The image.
 
         Returns
         -------
         dict of str to Detection
-            What was found, by name; empty with a thread, whose result :meth:`collected` gives later.
+            Detections by name; empty with a thread, whose result :meth:`collected` returns later.
         """
         if self._worker is None:
             return _detect(places, grey, self.settings)
-        # The thread gets copies only: nothing that it reads changes meanwhile.
+        # The thread gets only copies: its input does not change meanwhile.
         self._pending = self._worker.submit(_detect, tuple(places), grey.copy(), self.settings)
         return {}
 
     def collected(self) -> dict[str, Detection]:
-        """What the thread has found since the last call."""
+        """Detections of the thread since the last call."""
         if self._pending is None or not self._pending.done():
             return {}
         found, self._pending = self._pending.result(), None
         return found
 
     def forget(self) -> None:
-        """Drop the search that is under way."""
+        """Discard the running search."""
         if self._pending is not None:
             self._pending.cancel()
             self._pending = None
 
     def close(self) -> None:
-        """End the thread; harmless when repeated."""
+        """End the thread; may be called repeatedly."""
         if self._worker is not None:
             self._worker.shutdown(wait=True, cancel_futures=True)
             self._worker = None
@@ -103,7 +103,7 @@ class LostSearch:
 def _detect(
     places: Sequence[LostPlace], grey: UInt8[np.ndarray, "height width"], settings: DetectorSettings
 ) -> dict[str, Detection]:
-    """Templates with a region are looked for there, the others in the whole image, all in one go."""
+    """Search for templates with a region there, for the others in the whole image, in one call."""
     found: dict[str, Detection] = {}
     for place in places:
         if place.region is not None:

@@ -1,6 +1,6 @@
-"""Sheets to print: images and tags at their exact size, with a bar to check the printer's scale.
+"""Print sheets: images and tags at their exact size, with a bar to check the printer's scale.
 
-A PDF places every image at its size in units of length, whatever its pixels; a PNG rounds it to
+A PDF places every image at its physical size, regardless of its pixels; a PNG rounds to
 whole dots, and the resulting size is reported.
 """
 
@@ -21,7 +21,7 @@ from .template import TAG_CELLS
 
 __all__ = ["PAPERS_M", "PlacedItem", "SheetItem", "lay_out", "save_sheet", "tag_item"]
 
-#: Width and height of known papers [m].
+#: Width and height of supported papers [m].
 PAPERS_M = {"A4": (0.210, 0.297), "A3": (0.297, 0.420), "letter": (0.2159, 0.2794)}
 
 _MARGIN_M = 0.010
@@ -42,11 +42,11 @@ class SheetItem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedItem:
-    """An image with its place on the paper."""
+    """An image with its position on the paper."""
 
     item: SheetItem
     left_m: float  #: from the left edge of the paper
-    top_m: float  #: from its upper edge
+    top_m: float  #: from the upper edge of the paper
 
     @property
     def height_m(self) -> float:
@@ -81,7 +81,7 @@ def lay_out(items: Sequence[SheetItem], paper: str = "A4") -> tuple[PlacedItem, 
     Parameters
     ----------
     items
-        Images with their sizes.
+        Images with their printed widths.
     paper
         Name of the paper, of ``PAPERS_M``.
 
@@ -125,7 +125,7 @@ def save_sheet(
     path
         Ends with ``.pdf`` or ``.png``.
     items
-        What to print.
+        Images to print.
     paper
         ``A4``, ``A3`` or ``letter``.
     dpi
@@ -158,7 +158,7 @@ def _png(
     for place in placed:
         image = place.item.image
         size = (max(1, round(place.item.width_m * dots)), max(1, round(place.height_m * dots)))
-        # Enlarged pixels keep their edges; reduced ones are averaged.
+        # Enlarged pixels keep sharp edges; downscaled ones are averaged.
         kind = cv2.INTER_AREA if size[0] < image.shape[1] else cv2.INTER_NEAREST_EXACT
         x, y = round(place.left_m * dots), round(place.top_m * dots)
         page[y : y + size[1], x : x + size[0]] = cv2.resize(image, size, interpolation=kind)
@@ -172,7 +172,7 @@ def _png(
     per_metre = round(dots)
     body = b"pHYs" + struct.pack(">IIB", per_metre, per_metre, 1)
     chunk = struct.pack(">I", 9) + body + struct.pack(">I", zlib.crc32(body))
-    # The resolution goes right behind the header: 8 bytes of signature, 25 of the IHDR chunk.
+    # The resolution follows the header: 8 bytes of signature, 25 of the IHDR chunk.
     return encoded[:33] + chunk + encoded[33:], widths
 
 

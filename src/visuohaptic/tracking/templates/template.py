@@ -1,4 +1,4 @@
-"""Templates: images of a known size that are found and tracked, and how good they are at it.
+"""Templates: images of known size that are detected and tracked, and a prediction of their quality.
 
 Frame of a template: origin in the centre of the image, x to its right, y down, z into
 the paper. A template that faces the camera upright has the identity rotation.
@@ -22,13 +22,13 @@ __all__ = ["TAG_CELLS", "Template", "TemplateQuality", "load_templates", "templa
 
 _log = logging.getLogger(__name__)
 
-#: The longer side of the image that is tracked [px]; more costs time and gains little.
+#: Maximum length of the longer side of the tracked image [px]; more costs time and gains little.
 MAX_SIDE_PX = 400
 
-#: Features of an image that are kept: the strongest.
+#: Maximum number of features of an image: the strongest are kept.
 _MAX_FEATURES = 800
 
-#: An image tilted by 60 degrees is half as wide; it is looked at from so many directions.
+#: An image tilted by 60 degrees is half as wide; simulated tilts are about this number of directions.
 _NARROWED, _DIRECTIONS = 2, 4
 
 #: Cells across an AprilTag 36h11 with its black border.
@@ -46,7 +46,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Template:
-    """A planar image of known size, ready to be found and tracked.
+    """A planar image of known size, ready for detection and tracking.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class Template:
         return columns * self.pixel_m, rows * self.pixel_m
 
     def points_m(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Points in the frame of the template [m] of its pixels (column, row).
+        """Convert template pixels (column, row) to points in the template's frame [m].
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class Template:
 
     @classmethod
     def from_image(cls, name: str, image: UInt8[np.ndarray, "R C"], *, width_m: float) -> Template:
-        """Template from a grey image whose printed width is known [m].
+        """Create a template from a grey image of known printed width [m].
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Template:
         pixel_m = width_m / image.shape[1]
         shrink = max(image.shape) / MAX_SIDE_PX
         if shrink > 1:
-            # Whole pixels on both sides; the rounding changes the aspect by less than 1/800.
+            # Integer pixels on both sides; the rounding changes the aspect ratio by less than 1/800.
             size = (round(image.shape[1] / shrink), round(image.shape[0] / shrink))
             if min(size) < MIN_SIDE_PX:
                 raise InputError(f"template {name}", f"found {image.shape}, which is too narrow a strip")
@@ -130,19 +130,19 @@ class Template:
 
     @classmethod
     def from_file(cls, path: Path | str, *, width_m: float | None = None) -> Template:
-        """Template from an image file; its size from ``width_m`` or the file's resolution (dpi).
+        """Create a template from an image file; its size from ``width_m`` or the file's resolution (dpi).
 
         Parameters
         ----------
         path
-            Image file; its name without ending is that of the template.
+            Image file; its name without suffix becomes the template's name.
         width_m
-            Printed width [m]; from the file's resolution without.
+            Printed width [m]; by default from the file's resolution.
 
         Raises
         ------
         InputError
-            Not an image, no resolution in the file and no width given, or no contrast.
+            Not an image, no contrast, or neither a resolution in the file nor a given width.
         """
         path = Path(path)
         data = read_bytes(path, MAX_IMAGE_BYTES)
@@ -169,14 +169,14 @@ class Template:
     def from_tag(cls, tag_id: int, *, size_m: float, name: str | None = None) -> Template:
         """An AprilTag 36h11 as a template.
 
-        The image has half a cell of white around it, which must be there in print.
+        The image has half a cell of white around it, which must be present in print.
 
         Parameters
         ----------
         tag_id, size_m
             Number of the tag, 0 to 586, and the side of its black border [m].
         name
-            Name of the template; made from the number without.
+            Name of the template; by default derived from the number.
         """
         import cv2
 
@@ -189,7 +189,7 @@ class Template:
         tag = cv2.aruco.generateImageMarker(family, tag_id, side)
         margin = round(_TAG_MARGIN_CELLS * _TAG_CELL_PX)
         image = cv2.copyMakeBorder(tag, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=255)
-        # A camera never sees a step between two pixels; nor do gradients of the tracker like one.
+        # A camera never sees a step between two pixels, and steps are unfavourable for the tracker's gradients.
         image = cv2.GaussianBlur(image, (0, 0), 0.8)
         return cls(
             name if name is not None else f"tag_{tag_id}",
@@ -244,17 +244,17 @@ def load_templates(folder: Path | str) -> tuple[Template, ...]:
 
 @dataclass(frozen=True, slots=True)
 class TemplateQuality:
-    """How well a template can be expected to be found and tracked."""
+    """Expected detection and tracking performance of a template."""
 
-    score: float  #: 0 (useless) .. 1 (as good as it gets), the weakest of the three below
+    score: float  #: 0 (unusable) .. 1 (best), the minimum of the three criteria below
     corner_sigma_px: float  #: Cramer-Rao bound of the corners at noise 5, seen at 200 px on the longer side
-    ambiguity: float  #: correlation of its quarters with other places in it, 0 (unique) .. 1 (repeats)
-    features: int  #: SIFT features that the detector can use; for a tag its code counts
-    problems: tuple[str, ...]  #: what to change, in words
+    ambiguity: float  #: correlation of its quarters with other positions in it, 0 (unique) .. 1 (repeats)
+    features: int  #: number of usable SIFT features; a tag is detected by its code instead
+    problems: tuple[str, ...]  #: descriptions of what to change
 
 
 def template_quality(template: Template) -> TemplateQuality:
-    """Predict tracking noise, risk of a wrong lock, and chance of detection from the image alone.
+    """Predict tracking noise, risk of a false lock, and detectability from the image alone.
 
     The noise is the Cramer-Rao bound of the eight parameters of a homography from all
     pixels; the risk is the autocorrelation of the image away from zero shift.
@@ -293,7 +293,7 @@ def template_quality(template: Template) -> TemplateQuality:
 
     features = 0 if template.tag_id is not None else len(_features(template.image)[0])
     parts = {
-        # 0.02 px is an ordinary photo; ten times that is hardly trackable.
+        # 0.02 px is a typical photo; ten times that is hardly trackable.
         "noise": 1.0 / (1.0 + (sigma / 0.1) ** 2),
         "ambiguity": float(np.clip((1.0 - ambiguity) / 0.3, 0, 1)),
         "features": 1.0 if template.tag_id is not None else float(np.clip(features / 60.0, 0, 1)),
@@ -313,7 +313,7 @@ def template_quality(template: Template) -> TemplateQuality:
 
 
 def _resemblance(image: Float32[np.ndarray, "R C"]) -> float:
-    """How well the four quarters of an image fit elsewhere in it: mean of the best correlations, 0..1."""
+    """How well the four quarters of an image match other positions in it: mean of the best correlations, 0..1."""
     import cv2
 
     rows, columns = image.shape[0] // 2, image.shape[1] // 2
@@ -326,7 +326,7 @@ def _resemblance(image: Float32[np.ndarray, "R C"]) -> float:
             match = cv2.matchTemplate(image, part, cv2.TM_CCOEFF_NORMED)
             v, u = np.mgrid[: match.shape[0], : match.shape[1]]
             away = np.hypot(u - left, v - top) >= max(3.0, 0.16 * max(rows, columns))
-            # Only peaks: the flank of the own place is no second place.
+            # Only peaks: the flank of the true position is not a second match.
             peaks = match >= cv2.dilate(match, np.ones((3, 3), np.uint8))
             best.append(float(np.clip(match[away & peaks].max(initial=0.0), 0, 1)))
     return float(np.mean(best)) if best else 1.0
@@ -343,10 +343,10 @@ def _features(image: UInt8[np.ndarray, "R C"]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _features_of_views(image: UInt8[np.ndarray, "R C"]) -> tuple[np.ndarray, np.ndarray]:
-    """Features of an image as it is, and as it looks when tilted; all in its own pixels.
+    """Features of an image and of its simulated tilted views; all in the pixels of the image.
 
-    SIFT follows a tilt to some 40 degrees. Here too, as in Morel and Yu (SIAM J. Imaging Sciences 2, 2009), the image
-    is turned, blurred as much as it is narrowed (0.8 px at each pixel that is kept), and narrowed.
+    SIFT tolerates tilts up to about 40 degrees. As in Morel and Yu (SIAM J. Imaging Sciences 2, 2009), the image
+    is rotated, blurred according to the compression (0.8 px at each remaining pixel), and compressed.
     """
     import cv2
 

@@ -1,8 +1,8 @@
-"""Many templates in a stream of frames: found, tracked at frame rate, lost, and found again.
+"""Detection and tracking of several templates in a stream of frames, including recovery after loss.
 
 Alt 2016, Sec. 2.3.4. Tracking runs on every frame, with the original template, so that
-nothing drifts. Detection runs beside it in a thread of its own and only while a template is
-lost: first where the template was seen last, then everywhere.
+there is no drift. Detection runs concurrently in a separate thread and only while a template is
+lost: first near the last position, then in the whole image.
 """
 
 from __future__ import annotations
@@ -38,52 +38,54 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
-    """Settings of the parts, and when a lost template is looked for everywhere."""
+    """Settings of tracking and recovery."""
 
     esm: EsmSettings = field(default_factory=EsmSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
-    ncc_found: float = 0.7  #: a template is taken as found again only above this correlation
-    region_tries: int = 3  #: detections near the last place before the whole image is searched
-    blur_frames: int = 30  #: after so many frames it is measured again how soft the image is
-    flip_chi2: float = 10.0  #: accumulated difference of chi^2 at which the other tilt is taken
+    ncc_found: float = 0.7  #: minimum correlation to accept a recovered template
+    region_tries: int = 3  #: detections near the last position before the whole image is searched
+    blur_frames: int = 30  #: interval between measurements of the blur, in frames
+    flip_chi2: float = 10.0  #: accumulated difference of chi^2 at which the tilt is switched
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TemplatePose:
-    """Where one template is in one frame."""
+    """Pose of one template in one frame."""
 
     name: str
     t_s: float
     valid: bool
     reason: Reason
-    detail: str  #: why it is not valid, in words; empty when valid
-    T_camera_template: Pose | None  #: None when not valid
-    #: of (x, y, z, rx, ry, rz) [m, rad], rotation about the camera's axes; NaN when not valid
+    detail: str  #: description of why it is invalid; empty if valid
+    T_camera_template: Pose | None  #: None if invalid
+    #: of (x, y, z, rx, ry, rz) [m, rad], rotation about the camera's axes; NaN if invalid
     covariance: Float[np.ndarray, "6 6"]
-    ambiguous: bool  #: a second tilt explains the view as well; the covariance spans both
-    #: chi^2 of the pose with 2 degrees of freedom; a large one says that the calibration of the
-    #: camera or the flatness of the print is worse than the noise of the image
+    ambiguous: bool  #: a second tilt explains the view equally well; the covariance includes both
+    #: chi^2 of the pose with 2 degrees of freedom; a large value indicates that camera
+    #: calibration or flatness of the print is worse than the image noise
     chi2: float
-    alignment: Alignment | None  #: homography, correlation, noise; None when there was nothing to align
+    alignment: Alignment | None  #: homography, correlation, noise; None if nothing was aligned
 
 
 @dataclass(slots=True)
 class _Track:
-    """What is known of one template between frames."""
+    """State of one template between frames."""
 
     template: Template
-    homography: np.ndarray | None = None  #: newest estimate; None while lost
+    homography: np.ndarray | None = None  #: latest estimate; None while lost
     before: np.ndarray | None = None  #: corners one frame earlier, for the prediction
-    last_seen: np.ndarray | None = None  #: homography when it was seen last
+    last_seen: np.ndarray | None = None  #: last valid homography
     pose: Pose | None = None
-    advantage: float = 0.0  #: accumulated chi^2 by which this tilt is better than the other
-    min_chi2: float = 0.0  #: chi^2 that the best start left when the last pose was no start
-    lens: Float32[np.ndarray, "17 17 2"] | None = None  #: what the lens adds to the homography [px]
+    advantage: float = 0.0  #: accumulated chi^2 advantage of this tilt over the other
+    min_chi2: float = 0.0  #: chi^2 of the best initial pose when the last pose could not be used
+    lens: Float32[np.ndarray, "17 17 2"] | None = None  #: lens displacement beyond the homography [px]
     offset: Float32[np.ndarray, "2 R C"] | None = None  #: the same at every pixel
-    tries: int = 0  #: detections since it was lost
-    blur: float | None = None  #: how much softer the image shows it [template px^2]; None: not measured yet
-    blur_age: int = 0  #: frames since that was measured
-    blur_scale: float = 0.0  #: size in the image when that was measured [px]
+    tries: int = 0  #: number of detections since it was lost
+    blur: float | None = (
+        None  #: blur of the image relative to the template [template px^2]; None: not measured yet
+    )
+    blur_age: int = 0  #: frames since the blur was measured
+    blur_scale: float = 0.0  #: size in the image when the blur was measured [px]
 
 
 class TemplateTracker(Closing):
@@ -92,14 +94,14 @@ class TemplateTracker(Closing):
     Parameters
     ----------
     templates
-        With different names.
+        Templates with unique names.
     camera
         Intrinsics and distortion.
     settings
         Thresholds and effort.
     threaded
-        Detect in a thread of its own, so that a frame never waits for it (live use). Without
-        it every frame with a lost template is searched at once: slower, and repeatable.
+        Detect in a separate thread, so that a frame never waits for it (live use). Otherwise,
+        every frame with a lost template is searched synchronously: slower, but reproducible.
 
     Examples
     --------
@@ -135,24 +137,24 @@ class TemplateTracker(Closing):
         self._last_t_s = -np.inf
 
     def close(self) -> None:
-        """End the detector's thread; harmless when repeated."""
+        """End the detector's thread; may be called repeatedly."""
         self._search.close()
 
     def reset(self) -> None:
-        """Forget all frames; every template is looked for again."""
+        """Discard all state; every template is searched again."""
         self._search.forget()
         self._tracks = {name: _Track(track.template) for name, track in self._tracks.items()}
         self._last_t_s = -np.inf
 
     def update(self, frame: Frame) -> tuple[TemplatePose, ...]:
-        """Poses of all templates in a frame, in the order in which they were given.
+        """Poses of all templates in a frame, in the given order.
 
-        Frames that are not newer than the one before give ``Reason.STALE``.
+        Frames that are not newer than the previous one give ``Reason.STALE``.
 
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in temporal order.
         """
         if not frame.t_s > self._last_t_s:
             return tuple(
@@ -180,7 +182,7 @@ class TemplateTracker(Closing):
         return tuple(results.values())
 
     def _place(self, track: _Track) -> LostPlace:
-        """Where to look for a lost template: first where it was seen last, then everywhere."""
+        """Search area of a lost template: first near its last position, then the whole image."""
         track.tries += 1
         near = track.last_seen is not None and track.tries <= self.settings.region_tries
         return LostPlace(track.template, track.last_seen, near)
@@ -188,7 +190,7 @@ class TemplateTracker(Closing):
     # -- tracking ----------------------------------------------------------------------
 
     def _follow(self, track: _Track, grey: UInt8[np.ndarray, "height width"], t_s: float) -> TemplatePose:
-        """Align one template with a frame, from its prediction or from where it was seen last."""
+        """Align one template with a frame, from its prediction or from its last position."""
         name = track.template.name
         was_lost = track.pose is None
         start = self._prediction(track)
@@ -196,7 +198,7 @@ class TemplateTracker(Closing):
             return _no_pose(name, t_s, Reason.LOST, "not found yet", None)
         alignment = self._align(track, grey, start)
         if not alignment.valid and track.homography is not None and start is not track.homography:
-            # The motion was not continued: try without it.
+            # The motion did not continue: retry without it.
             alignment = self._align(track, grey, track.homography)
         if alignment.valid and was_lost and alignment.ncc < self.settings.ncc_found:
             return self._loose(
@@ -234,13 +236,13 @@ class TemplateTracker(Closing):
     def _with_blur(
         self, track: _Track, grey: UInt8[np.ndarray, "height width"], alignment: Alignment
     ) -> Alignment:
-        """Look now and then how soft the image is, and align once more if that changed."""
+        """Measure the blur of the image periodically, and repeat the alignment if it changed."""
         size = float(np.linalg.norm(alignment.corners[2] - alignment.corners[0]))
         track.blur_age += 1
         if abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames:
             return alignment
         track.blur_age, track.blur_scale = 0, size
-        # A template of the wrong blur is aligned badly, which in turn misleads the next look.
+        # A template with the wrong blur is aligned inaccurately, which biases the next measurement.
         for _ in range(3):
             blur = matching_blur(
                 track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
@@ -254,14 +256,14 @@ class TemplateTracker(Closing):
         return alignment
 
     def _prediction(self, track: _Track) -> np.ndarray | None:
-        """Corners continued with their last motion; the last place while lost."""
+        """Corners extrapolated with their last motion; the last position while lost."""
         if track.homography is None:
             return track.last_seen
         if track.before is None:
             return track.homography
         now = _corners(track, track.homography)
         step = now - track.before
-        if np.abs(step).max() < 2.0:  # the tracker bridges that without a prediction
+        if np.abs(step).max() < 2.0:  # small enough to track without a prediction
             return track.homography
         try:
             predicted = estimate_homography(track.template.esm.corners, now + step)
@@ -289,10 +291,10 @@ class TemplateTracker(Closing):
             self.camera, points, alignment.corners, alignment.corner_covariance, starts=starts
         )
         if starts and (not found or found[0].chi2 > max(100.0, 2.0 * track.min_chi2)):
-            # The last pose was no start: begin with the decomposition.
+            # The last pose could not be used: start with the decomposition.
             found += estimate_plane_poses(self.camera, points, alignment.corners, alignment.corner_covariance)
             found = tuple(sorted(found, key=lambda pose: pose.chi2))[:2]
-            # What is left then (a print that is not flat, a bad calibration) is left in the next frame, too.
+            # The remaining error (a print that is not flat, an inaccurate calibration) persists in the next frame.
             track.min_chi2 = found[0].chi2 if found else 0.0
         return found
 
@@ -303,10 +305,10 @@ class TemplateTracker(Closing):
         alignment: Alignment,
         poses: tuple[PlanePose, ...],
     ) -> tuple[Alignment, tuple[PlanePose, ...]]:
-        """Bend the template as the lens does, and align once more if that changed."""
+        """Apply the lens displacement to the template, and repeat the alignment if it changed."""
         samples = lens_samples(self.camera, track.template, poses[0].T_camera_template)
         old = np.zeros_like(samples) if track.lens is None else track.lens
-        # Below a two-hundredth of a pixel the change is far inside the noise.
+        # Changes below a two-hundredth of a pixel are far below the noise.
         if np.abs(samples - old).max() < 0.005:
             return alignment, poses
         track.lens, track.offset = samples, lens_offset(samples, track.template)
@@ -318,7 +320,7 @@ class TemplateTracker(Closing):
     def _choose(
         self, track: _Track, poses: tuple[PlanePose, ...]
     ) -> tuple[PlanePose, bool, Float[np.ndarray, "6 6"]]:
-        """Keep one of two tilts; evidence is added up over frames, so that a noisy frame cannot flip it."""
+        """Choose between two tilts; evidence is accumulated over frames, so that a noisy frame cannot switch it."""
         if len(poses) == 1:
             return poses[0], False, poses[0].covariance
         current, other = poses
@@ -329,10 +331,10 @@ class TemplateTracker(Closing):
                 current, other = other, current
         apart = pose_difference(current.T_camera_template, other.T_camera_template)
         if apart @ np.linalg.solve(current.covariance, apart) < 25.0:
-            # Seen straight on, the two meet: what was known of them before no longer counts.
+            # In a frontal view, both coincide: previous evidence is no longer valid.
             track.advantage *= 0.5
             return current, False, current.covariance
-        # One frame says little where the model is not exact; its say is bounded.
+        # A single frame has little evidence if the model is inexact; its contribution is bounded.
         gain = float(np.clip(other.chi2 - current.chi2, -20.0, 20.0))
         track.advantage = float(np.clip(track.advantage + gain, -100.0, 100.0))
         if track.advantage < -self.settings.flip_chi2:
@@ -342,25 +344,25 @@ class TemplateTracker(Closing):
         ambiguous = track.advantage < self.settings.flip_chi2
         if not ambiguous:
             return current, False, current.covariance
-        # Mixture of both: the weight of the other is its likelihood ratio.
+        # Mixture of both: the other is weighted by its likelihood ratio.
         weight = 1.0 / (1.0 + np.exp(min(0.5 * track.advantage, 50.0)))
         apart = pose_difference(current.T_camera_template, other.T_camera_template)
         return current, True, current.covariance + weight * np.outer(apart, apart)
 
 
 def template_outlines(poses: Iterable[TemplatePose]) -> list[Float[np.ndarray, "6 2"]]:
-    """Closed outline in pixels of every template that is seen, with a tick at its first corner.
+    """Closed outline in pixels of every visible template, with a tick at its first corner.
 
     Parameters
     ----------
     poses
-        Poses of one frame; those that are not valid are left out.
+        Poses of one frame; invalid ones are skipped.
     """
     found = []
     for pose in poses:
         if pose.valid and pose.alignment is not None:
             corners = pose.alignment.corners
-            # The tick shows which way is up.
+            # The tick marks the upright direction.
             tick = corners[0] + 0.25 * (corners.mean(axis=0) - corners[0])
             found.append(np.vstack([corners, corners[:1], tick]))
     return found

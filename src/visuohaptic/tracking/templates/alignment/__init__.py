@@ -1,4 +1,4 @@
-"""Alignment of a template with an image: second-order minimisation, blur, and the fit by blocks."""
+"""Alignment of a template with an image: second-order minimisation, blur estimation, and block-wise fit."""
 
 from ....core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""Compiled loops of the fit by blocks: sums over each block of a template, and the robust step of all of them."""
+"""Compiled kernels of the block-wise fit: sums over each block of a template, and a robust step from all blocks."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 
@@ -15,13 +15,13 @@ from ._esm_row_kernels import row_bilinear, row_cubic, row_positions
 __all__ = ["block_step", "block_sums"]
 
 _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
-#: Places of the diagonal in an upper triangle of seven rows.
+#: Indices of the diagonal in an upper triangle of seven rows.
 _DIAGONAL = np.array([0, 7, 13, 18, 22, 25, 27], dtype=np.int64)
 
 
 @kernel(**_JIT)
 def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, border, sums):
-    """Sums over the pixels of every block of a template of what a fit of light and motion needs.
+    """Sums over the pixels of every block of a template, needed to fit illumination and motion.
 
     Parameters
     ----------
@@ -34,14 +34,14 @@ def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, 
     h
         Column, row, 1 to the image, (3, 3).
     cubic
-        Interpolate by a cubic spline.
+        Use cubic-spline interpolation.
     side
-        Of a block [px of the template]; the last ones of a row or column are up to twice as large.
+        Side of a block [px of the template]; the last ones of a row or column are up to twice as large.
     border
-        Pixels along the sides of the template that are left out.
+        Pixels along the sides of the template that are excluded.
     sums
         Filled with the products of 1, xT, yT, T, gradient x, gradient y and the image, where x and y are
-        measured from the middle of the block in its sides; upper triangle, row by row, (rows, columns, 28).
+        relative to the centre of the block, in units of its side; upper triangle, row by row, (rows, columns, 28).
     """
     height, width = image.shape
     rows, columns = template.shape
@@ -149,7 +149,7 @@ def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, 
 
 @kernel(**_JIT)
 def _block_fit(s, m, fit):
-    """Motion of one block beside its own light, gain and its slopes and bias.
+    """Motion of one block, estimated jointly with its gain, its slopes and its bias.
 
     Parameters
     ----------
@@ -159,8 +159,8 @@ def _block_fit(s, m, fit):
         Scratch, (7, 7).
     fit
         Filled with the products of the gradients xx, xy, yy times the squared gain, the motion x, y, the squared
-        correlation beside bias and slopes, the variance of a pixel, the gain, and the sum that tells it; all 0
-        where nothing is known, (9,).
+        correlation after removal of bias and slopes, the variance of a pixel, the gain, and the sum that determines it; all 0
+        if the block is uninformative, (9,).
     """
     k = 0
     for i in range(9):
@@ -183,12 +183,12 @@ def _block_fit(s, m, fit):
             factor = m[i, k] / m[k, k]
             for j in range(k + 1, 7):
                 m[i, j] -= factor * m[k, j]
-    # A hundred-thousandth keeps a block with edges in one direction solvable; it tells nothing across them.
+    # A hundred-thousandth keeps a block with edges in one direction solvable; no information across them.
     damp = 1e-5 * (m[4, 4] + m[5, 5]) + 1e-9
     p, q, r = m[4, 4] + damp, m[4, 5], m[5, 5] + damp
     det = p * r - q * q
     x, y = (r * m[4, 6] - q * m[5, 6]) / det, (p * m[5, 6] - q * m[4, 6]) / det
-    # Grey levels are whole: a variance of 1 / 12.
+    # Grey levels are integers: a variance of 1 / 12.
     fit[6] = max((m[6, 6] - x * m[4, 6] - y * m[5, 6]) / max(s[0] - 6.0, 1.0), 1.0 / 12.0)
     factor = gain * gain
     fit[0], fit[1], fit[2] = factor * p, factor * q, factor * r
@@ -197,7 +197,7 @@ def _block_fit(s, m, fit):
 
 @kernel(**_JIT)
 def _fields(x, y, softened, field):
-    """The eight velocity fields at one point, and what three blurs seem to move there, (11, 2)."""
+    """The eight velocity fields at one point, and the apparent motion of three blurs there, (11, 2)."""
     field[0, 0], field[1, 0], field[2, 0] = 1.0, x, y
     field[3, 1], field[4, 1], field[5, 1] = 1.0, x, y
     field[6, 0], field[6, 1] = -x * x, -x * y
@@ -208,9 +208,9 @@ def _fields(x, y, softened, field):
 
 @kernel(**_JIT)
 def block_step(sums, x, y, softened, independent, full, noise, blur, passes, step, matrix, probability, fits):
-    """Robust step of the homography from all blocks: expectation and maximisation over template or something else.
+    """Robust step of the homography from all blocks: expectation-maximisation over template or other content.
 
-    Returns the log-odds that the template is there at all, and the variance of the pixels of the blocks that show it.
+    Returns the log-odds that the template is present, and the pixel variance of the blocks that show it.
 
     Parameters
     ----------
@@ -219,25 +219,25 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
     x, y
         Centred coordinates of the blocks' middles, (columns,) and (rows,).
     softened
-        Motion of each block that a blur of 1 px^2 feigns, along x, across, along y, (rows, columns, 2, 3).
+        Apparent motion of each block due to a blur of 1 px^2, along x, across, along y, (rows, columns, 2, 3).
     independent
         Number of independent values in a block, (rows, columns).
     full
-        Pixels of a block that must count for it to count [px].
+        Minimum number of valid pixels of a block [px].
     noise
         Variance of a sum over pixels, relative to that of independent ones.
     blur
-        Standard deviation of the blur beside that of the template [px^2].
+        Standard deviation of the blur relative to the template [px^2].
     passes
-        Of expectation and maximisation.
+        Number of expectation-maximisation passes.
     step
         Filled with the eight parameters of the small homography and three of the blur [px^2], (11,).
     matrix
         Filled with the information on them, (11, 11).
     probability
-        Filled: that a block shows the template, (rows, columns).
+        Filled with the probability that a block shows the template, (rows, columns).
     fits
-        Filled with the fit of each block as :func:`_block_fit` says, (rows, columns, 9).
+        Filled with the fit of each block as described in :func:`_block_fit`, (rows, columns, 9).
     """
     down, across = sums.shape[0], sums.shape[1]
     scratch = np.zeros((7, 7))
@@ -255,7 +255,7 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 continue
             _block_fit(sums[j, i], scratch, fit)
             m = max(independent[j, i] - 2.0, 3.0)
-            # Density of a correlation by chance; of one by the template, of unknown noise and blur, it is 1.
+            # Density of a chance correlation; for the template, with unknown noise and blur, it is 1.
             beta = math.lgamma(0.5) + math.lgamma(0.5 * (m - 2.0)) - math.lgamma(0.5 * (m - 1.0))
             chance[j, i] = beta - 0.5 * (m - 4.0) * np.log(1.0 - fit[5]) if fit[5] > 0.0 else -5.0
             probability[j, i] = 1.0 / (1.0 + np.exp(-chance[j, i]))
@@ -300,7 +300,7 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 chi2 /= noise * scatter * max(fit[6], variance)
                 total += probability[j, i] * chi2
                 motions += probability[j, i]
-                # By chance the motion is that of few independent values instead of many pixels.
+                # The motion of a chance match is that of few independent values instead of many pixels.
                 wider = sums[j, i, 0] / max(independent[j, i], 3.0)
                 ratio = chance[j, i] + np.log(wider) + 0.5 * chi2 * (1.0 / wider - 1.0)
                 ratio = min(max(ratio, -30.0), 30.0)
@@ -309,6 +309,6 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 rest += probability[j, i] * sums[j, i, 0] * fit[6]
                 count += probability[j, i] * sums[j, i, 0]
         variance = rest / max(count, 1e-9)
-        # What else than noise scatters the motions: compression, aliasing, paper that is not flat.
+        # Scatter of the motions beyond noise: compression, aliasing, paper that is not flat.
         scatter = max(scatter * total / max(2.0 * motions - 11.0, 1.0), 1.0)
     return odds, variance

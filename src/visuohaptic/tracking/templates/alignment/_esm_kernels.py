@@ -1,8 +1,8 @@
-"""Compiled loops of the planar tracker: sub-pixel sampling and the Gauss-Newton sums.
+"""Compiled kernels of the planar tracker: sub-pixel sampling and the Gauss-Newton sums.
 
 A template has R rows and C columns. ``x``, ``y`` are its centred coordinates in
 units of half its longer side, so that both lie in about [-1, 1] and the eight
-unknowns of a small homography have the same size. The eight velocity fields are
+unknowns of a small homography have similar magnitudes. The eight velocity fields are
 
 ====  =========  ====  =========  ====  ==============
 0     (1, 0)     3     (0, 1)     6     (-x^2, -x y)
@@ -11,9 +11,9 @@ unknowns of a small homography have the same size. The eight velocity fields are
 ====  =========  ====  =========  ====  ==============
 
 so that every product of two columns of the Jacobian is gx gx, gx gy or gy gy times
-a monomial of degree four at most. A row therefore needs only sums over powers of
-x (which the compiler turns into vector instructions); powers of y are applied once
-per row, and the 10 x 10 system is put together once per pass.
+a monomial of degree at most four. A row therefore needs only sums over powers of
+x (vectorised by the compiler); powers of y are applied once
+per row, and the 10 x 10 system is assembled once per pass.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -40,7 +40,7 @@ __all__ = ["exponential", "gauss_newton_sums", "refine_level"]
 
 _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
-# Field k: coefficient and powers of x and y that go with gx, then those with gy.
+# Field k: coefficient and powers of x and y that multiply gx, then those that multiply gy.
 _FIELDS = np.array(
     [
         [1, 0, 0, 0, 0, 0],
@@ -75,7 +75,7 @@ def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
             if s == 0:
                 vector[k] = total
             else:
-                # The model is gain T + bias, so their columns carry a minus.
+                # The model is gain T + bias, so their columns have a minus sign.
                 matrix[k, 7 + s] = -total
                 matrix[7 + s, k] = -total
     matrix[8, 8] = light[2]
@@ -91,7 +91,7 @@ def gauss_newton_sums(
     image, template, gradient_x, gradient_y, x, y, rows, offset, h, gain, bias, cut, margin, fraction, unit,
     cubic, matrix, vector, stats, histogram,
 ):  # fmt: skip
-    """One pass over the chosen rows of a template: everything a Gauss-Newton step needs.
+    """One pass over the selected rows of a template: all sums of a Gauss-Newton step.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ def gauss_newton_sums(
     cut, margin
         Weights of the pixels, see :func:`row_residual`.
     fraction
-        Part of the gradient that is taken from the warped image (0.5: ESM, 0: template only).
+        Fraction of the gradient taken from the warped image (0.5: ESM, 0: template only).
     unit
         Length of one unit of x in columns.
     cubic
-        Interpolate by a cubic spline.
+        Use cubic-spline interpolation.
     matrix, vector
         Filled, (10, 10) and (10,).
     stats
@@ -153,7 +153,7 @@ def gauss_newton_sums(
         if fraction > 0.0:
             if v == 0 or v == last:
                 continue
-            # Three rows of the warped image are kept; of the next row's, one or two are there already.
+            # Three rows of the warped image are kept; one or two of the next row's are already available.
             for k in (-1, 0, 1):
                 if v + k <= newest:
                     for i in range(columns):
@@ -258,7 +258,7 @@ def _product(a, b, scale, out):
 
 @kernel(**_JIT)
 def _spread(histogram, fraction, sigmas):
-    """Standard deviation of a normal law of which ``fraction`` lies within ``sigmas``, from the |residual| histogram."""
+    """Standard deviation of a normal distribution with ``fraction`` within ``sigmas``, from the |residual| histogram."""
     total = 0
     for k in range(256):
         total += histogram[k]
@@ -300,7 +300,7 @@ def refine_level(
     """Gauss-Newton passes on one level of the pyramid, in place on ``h`` and ``light``.
 
     Returns the last motion of the corners [px], infinite
-    when the system was singular or the template turned inside out.
+    if the system was singular or the template was turned inside out.
 
     Parameters
     ----------
@@ -309,16 +309,16 @@ def refine_level(
     h
         Centred coordinates to image pixels of the level, changed in place, (3, 3).
     light
-        Gain, bias, spread of the residual, its spread where nothing but noise is in it, and the part of the
-        squared residual that the last step leaves; changed in place, (5,).
+        Gain, bias, standard deviation of the residual, that of noise alone, and the fraction of the
+        squared residual that remains after the last step; changed in place, (5,).
     cut_factor
-        Residuals beyond this many standard deviations lose their weight.
+        Residuals beyond this number of standard deviations are down-weighted.
     damping
         Relative to the diagonal.
     passes
-        At most.
+        Maximum number of passes.
     tolerance
-        A pass that moves the corners less is the last [px].
+        Iteration stops when a pass moves the corners by less [px].
     """
     vector = np.zeros(10)
     step = np.zeros(10)
@@ -357,11 +357,11 @@ def refine_level(
             histogram,
         )
         light[2] = _spread(histogram, 0.5, 0.67449)
-        # Residuals sit on edges: the calmest quarter of the pixels gives the noise alone.
+        # Residuals are concentrated at edges: the smoothest quarter of the pixels gives the noise alone.
         light[3] = _spread(histogram, 0.25, 0.31864)
         if not solve_step(matrix, vector, active, damping, step):
             return np.inf
-        # What the step takes from the residual, light and all, is no noise (linear, as the step itself).
+        # The reduction of the residual by the step, including illumination, is not noise (linear, as the step itself).
         taken = 0.0
         for k in range(10):
             taken -= vector[k] * step[k]

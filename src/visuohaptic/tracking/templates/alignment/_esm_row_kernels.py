@@ -1,7 +1,7 @@
-"""Compiled loops over one row of a template: sub-pixel sampling, weights, and sums over powers of x.
+"""Compiled kernels for one row of a template: sub-pixel sampling, weights, and sums over powers of x.
 
-Each loop is simple enough for the compiler to use vector instructions. Unsigned indices
-are on purpose: signed ones would be checked for wrap-around, which prevents that.
+Each loop is simple enough for the compiler to vectorise. Unsigned indices
+are intentional: signed ones would be checked for wrap-around, which prevents vectorisation.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -29,7 +29,7 @@ _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 @kernel(**_JIT)
 def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, fy, inside):
-    """Where one template row falls in the image: cell index, fractions, and 1 inside / 0 outside.
+    """Image positions of one template row: cell index, fractions, and 1 inside / 0 outside.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energ
         d += two * (r2 * (a0 * a2 + a1 * a3) + r3 * a0 * a3)
         wy[0, i], wy[1, i], wy[2, i], wy[3, i] = a0, a1, a2, a3
         energy[i] = e * d
-    # A loop of its own: four neighbours of a row are one load, four rows four products.
+    # A separate loop: the four neighbours in a row are one load, four rows are four products.
     for i in range(columns):
         k = np.uint32(index[i]) - down - u1
         m = k + down
@@ -168,7 +168,7 @@ def row_correlation(columns, value, template, inside, sums):
     ----------
     columns
         Number of columns.
-    value, template, inside
+    Samples of the image, the template, and the validity mask, (C,).
         Samples of the image, the template, and which count, (C,).
     sums
         Added to, (6,).
@@ -195,21 +195,21 @@ def row_correlation(columns, value, template, inside, sums):
 def row_residual(columns, value, template, inside, gain, bias, cut, margin, residual, weight):
     """Residual I - (gain T + bias) and its robust weight: 1 up to ``cut``, then (cut/r)^4.
 
-    Pixels that the model puts within ``margin`` of 0 or 255 weigh nothing: their noise is
-    cut off on one side. The choice depends on the model alone, so it does not bias.
+    Pixels whose predicted value is within ``margin`` of 0 or 255 have zero weight: their noise is
+    clipped on one side. The selection depends on the model alone, so it causes no bias.
 
     Parameters
     ----------
     columns
         Number of columns.
     value, template, inside
-        Samples of the image, the template, and which count, (C,).
+        Samples of the image, the template, and the validity mask, (C,).
     gain, bias
         Image = gain template + bias.
     cut
-        Residual up to which a pixel has its full weight [grey levels].
+        Residual up to which a pixel has full weight [grey levels].
     margin
-        Distance from 0 and 255 within which a pixel weighs nothing [grey levels].
+        Distance from 0 and 255 within which a pixel has zero weight [grey levels].
     residual, weight
         Filled, (C,).
     """
@@ -236,13 +236,13 @@ def row_gradient(columns, gain, fraction, before, here, after, tx, ty, scale, gx
     gain
         Image = gain template + bias.
     fraction
-        Part that is taken from the warped image.
+        Fraction taken from the warped image.
     before, here, after
-        Samples of the image in the rows before, here and after, (C,).
+        Samples of the image in the previous, current and next row, (C,).
     tx, ty
         Gradients of the template, (C,).
     scale
-        From differences of samples to the unit of the gradients.
+        Conversion factor from sample differences to the unit of the gradients.
     gx, gy
         Filled, (C,).
     """

@@ -1,15 +1,15 @@
-"""Whether a template is where an alignment put it, how sure that is, and where it is when parts of it are covered.
+"""Probability and accuracy of an alignment, and re-alignment of partly covered templates.
 
-The template is cut into blocks. Each has its own light (gain, its slope in two directions, bias) and its own small
-motion with the covariance that its residual gives. A block shows the template or something else:
+The template is divided into blocks. Each has its own illumination (gain, its slope in two directions, bias) and a small
+motion whose covariance follows from its residual. A block shows either the template or other content:
 
-- the correlation of something else is one of chance, of as many values as are independent in the block; that of the
-  template may be anything, because noise and blur are not known;
-- the motion of the template's blocks is one homography, and where the image is softer than the template the motion
-  that this feigns in each block; scatter beyond the noise is measured. That of something else scatters as widely as
-  its texture allows.
+- the correlation of other content is due to chance, for the number of independent values in the block; that of the
+  template is arbitrary, because noise and blur are unknown;
+- the motions of the template's blocks follow one homography plus, where the image is blurrier than the template, the
+  apparent motion that this causes in each block; scatter beyond noise is estimated. Motions of other content scatter as
+  widely as its texture allows.
 
-Expectation and maximisation give the homography, its covariance and the probability of each block (Dempster, Laird
+Expectation-maximisation gives the homography, its covariance and the probability of each block (Dempster, Laird
 and Rubin, J. R. Stat. Soc. B 39 (1977)).
 """
 
@@ -32,21 +32,21 @@ __all__ = ["BlockFit", "fit_blocks", "recover"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockFit:
-    """A homography from all blocks of the finest level."""
+    """A homography estimated from all blocks of the finest level."""
 
     homography: Float[np.ndarray, "3 3"]  #: template pixels to pixels of the finest image that is used
     covariance: Float[np.ndarray, "8 8"]  #: of the corners (x0, y0, x1, ...) [px^2 of the image]
-    seen: float  #: fraction of the blocks that show the template, each as much as it can tell, 0..1
-    log_odds: float  #: of the template against something else
-    variance: float  #: of a sample of the image beside the blocks' own light [grey levels^2]
-    converged: bool  #: the last step moved no corner any more
-    softer: float  #: variance of the blur beside that of the template [px^2 of the finest level]
+    seen: float  #: fraction of the blocks that show the template, weighted by information, 0..1
+    log_odds: float  #: log-odds of the template against other content
+    variance: float  #: variance of an image sample after removal of the blocks' illumination [grey levels^2]
+    converged: bool  #: whether the last step moved no corner
+    softer: float  #: variance of the blur relative to the template [px^2 of the finest level]
     shade: Float[
         np.ndarray, "6"
-    ]  #: light by 1, x, y, x^2, x y, y^2 of the centred coordinates, 1 at the middle
+    ]  #: illumination as a polynomial in 1, x, y, x^2, x y, y^2 of the centred coordinates, 1 at the middle
 
     def probability(self, within_px: float) -> float:
-        """That the template is there and none of its corners is further off than ``within_px``.
+        """Probability that the template is present and all its corners are accurate to ``within_px``.
 
         Parameters
         ----------
@@ -57,29 +57,29 @@ class BlockFit:
             float(np.linalg.eigvalsh(self.covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])[1])
             for k in range(4)
         ]
-        # A corner whose larger variance is v is beyond r with at most exp(-r^2 / 2 v).
+        # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
         beyond = sum(np.exp(-0.5 * within_px**2 / max(variance, 1e-12)) for variance in larger)
         return float(max(0.0, 1.0 - beyond) / (1.0 + np.exp(-np.clip(self.log_odds, -50, 50))))
 
 
 def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
-    """Steps of the homography on one level, each from the blocks that show the template.
+    """Iterate the homography on one level, each step from the blocks that show the template.
 
     Parameters
     ----------
     work
-        Its homography is changed.
+        State of the alignment; its homography is changed.
     k
         Level of the pyramid, 0 = finest.
     passes
-        Looks at the image, at most.
+        Maximum number of image evaluations.
     turns
-        Of expectation and maximisation for each.
+        Expectation-maximisation iterations for each.
 
     Returns
     -------
     BlockFit or None
-        None when the blocks do not decide on a homography.
+        None if the blocks do not determine a homography.
     """
     from ._block_kernels import block_step, block_sums
     from ._esm_kernels import exponential
@@ -109,8 +109,8 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
         )  # fmt: skip
         if not np.isfinite(log_odds):
             return None
-        # Steps are too short by one factor where the image is softer than the template, too long where it is sharper:
-        # what one leaves of the next tells it.
+        # Steps are too short by a constant factor if the image is blurrier than the template, too long if it is sharper:
+        # the ratio of successive steps gives this factor.
         length = float(before @ matrix @ before)
         if length > 0.0:
             factor = np.clip(factor / (1.0 - min(float(before @ matrix @ step) / length, 0.9)), 0.5, 4.0)
@@ -130,7 +130,7 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     corners = work.template.corners @ level.from_template[:2, :2].T + level.from_template[:2, 2]
     jacobian = motion_jacobian(h, corners).reshape(8, 8) * 2.0 ** (work.image_base + k)
     covariance = jacobian @ np.linalg.inv(matrix)[:8, :8] @ jacobian.T
-    # The squared correlation that is expected of each block: blank paper tells nothing.
+    # Expected squared correlation of each block: blank paper contains no information.
     telling = 1.0 / (1.0 + variance / np.maximum(work.light[0] ** 2 * level.contrast, 1e-9))
     seen = float((telling * probability).sum() / telling.sum())
     softer = -0.5 * float(step[8] + step[10]) / factor
@@ -139,40 +139,40 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
 
 
 def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:
-    """Align by blocks alone, from the prediction: light that changes and what covers the template do not mislead them.
+    """Align by blocks alone, starting from the prediction: robust to illumination changes and occlusion.
 
     Parameters
     ----------
     work
-        Its homography is changed.
+        State of the alignment; its homography is changed.
     start
         Prediction: template pixels to pixels of the finest image that is used.
 
     Returns
     -------
     BlockFit or None
-        Of the finest level whose blocks decide on a homography; None without one.
+        Result on the finest level whose blocks determine a homography; None without one.
     """
     work.homography, found = start, None
     for k in range(min(2, work.count - 1), -1, -1):
         finer = fit_blocks(work, k, 12, 8)
         if finer is None:
-            break  # a template that is finer than the image has blocks in which nothing is seen
+            break  # the blocks of a template finer than the image may be uninformative
         found = finer
     return found
 
 
 def _middles(places: np.ndarray, side: int) -> Float[np.ndarray, "blocks"]:
-    """Middles of the blocks along one axis; the last one takes what is left."""
+    """Centres of the blocks along one axis; the last block contains the remainder."""
     count = len(places) // side
     ends = [*range(0, count * side, side), len(places)]
     return np.array([0.5 * (places[i] + places[j - 1]) for i, j in pairwise(ends)], float)
 
 
 def _shade(x: np.ndarray, y: np.ndarray, fits: np.ndarray, probability: np.ndarray) -> Float[np.ndarray, "6"]:
-    """The light of a lamp and a lens over the template: a polynomial through the gains of the blocks.
+    """Illumination over the template from lamp and lens: a polynomial through the gains of the blocks.
 
-    Even light where that explains the gains as well, by the criterion of Hannan and Quinn.
+    Uniform illumination if it explains the gains as well, by the criterion of Hannan and Quinn.
     """
     x, y = (part.ravel() for part in np.meshgrid(x, y))
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)

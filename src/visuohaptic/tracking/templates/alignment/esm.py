@@ -1,23 +1,23 @@
 """Planar tracking by efficient second-order minimisation (ESM) on the homography group.
 
 Alt 2016, Sec. 2.3.2, Eq. (2.10)-(2.12); Benhimane and Malis, Int. J. Robotics
-Research 26 (2007). What differs from the text, and why:
+Research 26 (2007). Differences from the text, and their reasons:
 
-- The image is modelled as ``I(w(u)) = gain T(u) + bias``; both are solved for together
+- The image is modelled as ``I(w(u)) = gain T(u) + bias``; both are estimated jointly
   with the motion, so that the sum of squares is the (negative) squared correlation.
 - The Jacobian is the mean of the template's and the warped image's gradient (ESM) on
-  the coarse levels, where it doubles the reach; on the finest level it is the
-  template's alone. That has the same fixed point but is free of image noise: a noisy
+  the coarse levels, where it doubles the convergence range; on the finest level it is the
+  template's alone. The fixed point is the same, but free of image noise: a noisy
   gradient correlates with the noise of the residual and would bias the scale.
-- Residuals beyond three standard deviations lose their weight.
-- Pixels whose expected value is so close to black or white that the noise is cut off there
-  are left out at the end: they pull the scale by 20 ppm at a noise of 5 grey levels.
-- On the way, half of the rows are used (those with most gradient); the last passes use
-  every pixel, and a cubic spline: a bilinear kernel damps the high frequencies by an amount
+- Residuals beyond three standard deviations are down-weighted.
+- Pixels whose expected value is so close to black or white that the noise is clipped
+  are excluded at the end: they bias the scale by 20 ppm at a noise of 5 grey levels.
+- Intermediate passes use half of the rows (those with the largest gradients); the last passes use
+  every pixel and a cubic spline: a bilinear kernel attenuates high frequencies by an amount
   that depends on the sub-pixel position, which shifts the result by up to 0.02 px.
-- Where the coarse alignment correlates badly, the translation is searched for.
+- If the coarse alignment has a low correlation, the translation is searched for.
 
-Every frame is compared with the original template: nothing drifts.
+Every frame is compared with the original template: there is no drift.
 """
 
 # mypy: allow-untyped-calls
@@ -41,14 +41,14 @@ __all__ = ["Alignment", "align"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Where a template is in an image, how sure that is, and whether to trust it."""
+    """Position of a template in an image, its accuracy, and its validity."""
 
     homography: Float[np.ndarray, "3 3"]  #: maps template pixels to image pixels, H[2, 2] = 1
     valid: bool
-    reason: str  #: empty when valid
+    reason: str  #: empty if valid
     ncc: float  #: normalised cross-correlation with the template, -1..1
     inside: float  #: fraction of the template that is inside the image, 0..1
-    weight: float  #: mean weight of the pixels inside, 0..1: not covered, not saturated
+    weight: float  #: mean weight of the pixels inside, 0..1: neither occluded nor saturated
     noise: float  #: standard deviation of one image pixel as estimated from the residual [grey levels]
     gain: float  #: image = gain * template + bias
     bias: float
@@ -75,24 +75,25 @@ def align(
     Parameters
     ----------
     template
-        What to look for.
+        Template to align.
     image
         Grey image.
     homography
         Prediction: template pixels (column, row) to image pixels.
     settings
-        Reach and thresholds.
+        Search range and thresholds.
     offset
         Added to the warped position of every template pixel on the finest level [px]:
-        what lens distortion does beyond the homography.
+        lens distortion beyond the homography.
     blur
-        How much softer than the template the image is, as the variance of a Gaussian [template px^2]
-        (a usual camera's for sharp prints, none for images); see :func:`visuohaptic.tracking.templates.alignment.esm_blur.matching_blur`.
+        Blur of the image relative to the template, as the variance of a Gaussian [template px^2]
+        (default: a typical camera's for sharp prints, none for images); see
+        :func:`visuohaptic.tracking.templates.alignment.esm_blur.matching_blur`.
 
     Returns
     -------
     Alignment
-        Not valid, with the reason, when the template is lost.
+        Invalid, with the reason, if the template is lost.
     """
     settings = settings or EsmSettings()
     image = np.asarray(image)
@@ -115,7 +116,7 @@ def align(
         even, again = False, recover(work, start)
         if fit is None or (again is not None and again.log_odds > fit.log_odds):
             fit = again
-    # Two neighbours of the list of blurs may each point at the other: no more than three looks.
+    # Two neighbouring blurs may each point to the other: at most three evaluations.
     for _ in range(3 if blur is None else 0):
         if fit is None or _doubt(fit, settings) or not work.soften(fit.softer):
             break
@@ -129,7 +130,7 @@ def align(
 
 
 def _descend(work: Work) -> bool:
-    """Gauss-Newton from the coarsest level to the finest; whether it ends somewhere."""
+    """Gauss-Newton from the coarsest level to the finest; returns whether it converged."""
     settings, template = work.settings, work.template
     top = work.count - 1
     if top > 0:
@@ -142,28 +143,28 @@ def _descend(work: Work) -> bool:
         work.refine(0, GaussNewton(6, subset=True, cut=settings.cut_sigmas, tolerance=0.25))
     else:
         work.refine(0, GaussNewton(12, fraction=0.5, cut=settings.cut_sigmas, tolerance=0.05))
-    # The spline does not damp the noise as the bilinear kernel did (to 4/9 of its variance): with
-    # the old spread the cut would fall on good pixels and shorten the step.
+    # The spline does not attenuate the noise as the bilinear kernel did (to 4/9 of its variance): with
+    # the old standard deviation, valid pixels would be cut and the step shortened.
     work.light[2:4] *= 1.5
     if work.clipped:
-        # At 2.5 sigma what is cut off shifts the mean by 0.002 sigma.
+        # At 2.5 sigma, the cut-off part shifts the mean by 0.002 sigma.
         work.margin = min(2.5 * work.light[3], 30.0)
     return _refined(work)
 
 
 def _refined(work: Work) -> bool:
-    """The last passes, over every pixel of the finest level; whether they end somewhere."""
+    """Final passes over every pixel of the finest level; returns whether they converged."""
     settings = work.settings
     how = GaussNewton(3, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px)
     return bool(np.isfinite(work.refine(0, how))) and is_proper(work.homography, work.template.corners)
 
 
 def _coarse(work: Work, top: int) -> None:
-    """Align on the coarsest level; search for the translation where that fails.
+    """Align on the coarsest level; search for the translation if that fails.
 
     The candidates are the highest peaks of the normalised cross-correlation of the
-    predicted view; each is refined, and that one is kept which correlates best on
-    the next finer level.
+    predicted view; each is refined, and the one with the highest correlation on
+    the next finer level is kept.
     """
     predicted = work.homography
     work.refine(top, GaussNewton(12, fraction=0.5, damping=1e-3, tolerance=0.1))
@@ -193,7 +194,7 @@ def _peaks(work: Work, k: int, homography: np.ndarray, count: int = 6) -> list[n
     work.homography = homography
     level, image, _ = work.pair(k)
     a = 2.0**k
-    # Pixels of the finest level of the image per one of the template.
+    # Pixels of the image's finest level per template pixel.
     relative = max(work.relative, 1e-3)
     reach = int(np.ceil(work.settings.search_px / 2.0**work.image_base / (relative * a))) + 1
     rows, columns = level.image.shape
@@ -221,7 +222,7 @@ def _peaks(work: Work, k: int, homography: np.ndarray, count: int = 6) -> list[n
 
 
 def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignment:
-    """An alignment that says that there is none."""
+    """An invalid alignment with a reason."""
     nothing = np.full((8, 8), np.nan)
     return Alignment(
         homography, False, reason, 0.0, 0.0, 0.0, np.nan, np.nan, np.nan, np.full((4, 2), np.nan), nothing
@@ -229,7 +230,7 @@ def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignme
 
 
 def _doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
-    """Why a fit is not good enough to be trusted; empty when it is."""
+    """Why a fit is rejected; empty if it is accepted."""
     if fit is None or not fit.converged:
         return "no convergence"
     if fit.seen < settings.min_seen:
@@ -248,7 +249,7 @@ def _judged(work: Work, fit: BlockFit | None, start: Float[np.ndarray, "3 3"]) -
     if fit is not None and not reason:
         before, after = (apply_homography(h, work.template.corners) for h in (start, fit.homography))
         moved = float(np.linalg.norm(after - before, axis=1).max()) * 2.0**work.image_base
-        # Beyond it the image was not looked at: a template that is folded to a strip, say.
+        # The image was not evaluated beyond this, for example if the template is folded to a strip.
         if moved > work.settings.search_px + MARGIN_PX:
             reason = f"moved by {moved:.0f} px, looked for within {work.settings.search_px:g} px"
     if reason or fit is None:
@@ -271,10 +272,10 @@ def _judged(work: Work, fit: BlockFit | None, start: Float[np.ndarray, "3 3"]) -
 
 
 def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
-    """The fit by all pixels at once, where one smooth light explains the residual as well as a light for every block.
+    """The fit by all pixels at once, if a smooth illumination explains the residual as well as one per block.
 
-    By the criterion of Hannan and Quinn; and where both say the same of the motion, with an error rate of a hundredth
-    (Hausman, Econometrica 46 (1978)). ``even``: the last passes were in the right blur and in even light.
+    By the criterion of Hannan and Quinn, and if both give the same motion, with an error rate of one per cent
+    (Hausman, Econometrica 46 (1978)). ``even``: the last passes had the right blur and uniform illumination.
     """
     if not even or fit.shade[1:].any():
         work.homography = fit.homography
@@ -286,7 +287,7 @@ def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
     samples = work.stats[0] * min(1.0, work.relative**2)
     variance = work.stats[5] * work.light[4] / max(work.stats[0], 1.0)
     blocks = work.pair(0)[0].independent.size
-    # Four parameters of light and two of motion for every block.
+    # Four parameters of illumination and two of motion for every block.
     limit = 2 * 6 * blocks * np.log(np.log(max(samples, 16.0)))
     mine, other = (apply_homography(h, work.template.corners) for h in (homography, fit.homography))
     off = (mine - other).ravel() * 2.0**work.image_base
@@ -299,18 +300,18 @@ def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
 
 
 def _noise_variance(work: Work) -> float:
-    """Variance of one image pixel [grey levels^2]; what blur and light leave on the edges is no noise."""
+    """Variance of one image pixel [grey levels^2]; residuals of blur and illumination at edges are not noise."""
     samples, squares, energy = work.stats[0], work.stats[5], work.stats[6]
     return float(min(squares * work.light[4], samples * work.light[3] ** 2) / max(energy, 1e-9))
 
 
 def _covariance(work: Work, centred: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "8 8"]:
-    """Of the corners [px^2] where nothing but the noise of independent pixels is in the residual."""
+    """Covariance of the corners [px^2] if the residual contains only the noise of independent pixels."""
     to_centred = work.pair(0)[0].from_template
     corners = work.template.corners @ to_centred[:2, :2].T + to_centred[:2, 2]
     jacobian = motion_jacobian(centred, corners).reshape(8, 8) * 2.0**work.image_base
-    # Where the template is the finer of the two, neighbouring samples share image pixels: a sum has 1 / relative^2
-    # times the variance. Where it is the coarser one, samples only have less noise each, by what the kernel averages.
+    # If the template is the finer of the two, neighbouring samples share image pixels: a sum has 1 / relative^2
+    # times the variance. If it is the coarser one, each sample only has less noise, due to averaging by the kernel.
     kept = max(work.stats[6] / max(work.stats[0], 1e-9), 1.0 / work.relative**2)
     covariance = _noise_variance(work) * kept * np.linalg.inv(work.matrix)[:8, :8]
     return np.asarray(jacobian @ covariance @ jacobian.T)

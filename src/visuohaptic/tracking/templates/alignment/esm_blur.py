@@ -1,10 +1,10 @@
-"""How much softer than the template a camera shows it.
+"""Blur of a camera's image relative to the template.
 
-Lens, pixels, distance and focus decide that, so that it is constant or changes slowly. A
-template that is sharper than the image promises gradients that are not there: its residual
-is not noise, and its declared covariance too small; a template with sharp print (a tag) leaves
-large residuals along its edges, and declares one too large. The blur with the smallest
-residual mends both.
+It depends on lens, pixels, distance and focus, so that it is constant or changes slowly. A
+template that is sharper than the image has gradients that the image lacks: its residual
+is not noise, and its declared covariance is too small; a template with sharp print (a tag) leaves
+large residuals along its edges, and its declared covariance is too large. The blur with the smallest
+residual corrects both.
 """
 
 # mypy: allow-untyped-calls
@@ -30,23 +30,23 @@ def matching_blur(
     offset: Float32[np.ndarray, "2 R C"] | None = None,
     start: float | None = None,
 ) -> float:
-    """Variance of the Gaussian [template px^2] with which the template explains an aligned image best.
+    """Variance of the Gaussian [template px^2] with which the template best matches an aligned image.
 
     Parameters
     ----------
     template, image, alignment
         A valid alignment of both.
     settings, offset
-        As given to :func:`visuohaptic.tracking.templates.alignment.esm.align`.
+        As for :func:`visuohaptic.tracking.templates.alignment.esm.align`.
     start
-        Where to begin; from there it goes downhill.
+        Initial blur; the search descends from there.
     """
     settings = settings or EsmSettings()
     work = Work(template, image, alignment.homography, settings, offset, start)
     if not work.enough:
         return 0.0 if start is None else start
-    # Nothing is cut: where the blur is wrong, the residual sits on the edges, which would be taken for
-    # outliers. What covers the template fits no blur, so that it changes nothing.
+    # No outlier rejection: with a wrong blur, the residual is concentrated at edges, which would be rejected as
+    # outliers. Occluded pixels match no blur, so that they have no effect.
     light = np.array([alignment.gain, alignment.bias, 1e6, 1e6, 1.0])
     spline: np.ndarray | None = None
     misfits: dict[int, float] = {}
@@ -65,7 +65,7 @@ def matching_blur(
             s1, t, tt, r, tr, rr = work.stats[:6]
             if s1 <= 0:
                 return np.inf
-            # Regression of the residual on the template: gain and bias are not those of this blur.
+            # Regression of the residual on the template: gain and bias belong to another blur.
             spread = max(tt - t * t / s1, 1e-9)
             misfits[blur] = float((rr - r * r / s1 - (tr - t * r / s1) ** 2 / spread) / s1)
         return misfits[blur]

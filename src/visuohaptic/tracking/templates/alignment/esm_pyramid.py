@@ -1,4 +1,4 @@
-"""The running state of one alignment: the image around the template, its pyramid, and the estimate."""
+"""State of one alignment: the image around the template, its pyramid, and the estimate."""
 
 # mypy: allow-untyped-calls
 
@@ -16,30 +16,30 @@ __all__ = ["MARGIN_PX", "NO_OFFSET", "EsmSettings", "GaussNewton", "Work"]
 
 @dataclass(frozen=True, slots=True)
 class EsmSettings:
-    """How hard the tracker tries and when it gives up."""
+    """Effort and acceptance thresholds of the tracker."""
 
-    levels: int = 4  #: of the pyramid, each half the size of the one before
-    search_px: float = 40.0  #: motion of the corners that must be bridged [px of the image]
-    cut_sigmas: float = 3.0  #: residuals beyond this many standard deviations lose their weight
-    right_px: float = (
-        2.0  #: a pose whose corners are all nearer than this to the truth is right [px of the image]
+    levels: int = 4  #: pyramid levels, each half the size of the previous one
+    search_px: float = 40.0  #: maximum motion of the corners [px of the image]
+    cut_sigmas: float = 3.0  #: residuals beyond this many standard deviations are down-weighted
+    right_px: float = 2.0  #: error of the corners up to which a pose is correct [px of the image]
+    min_probability: float = (
+        0.99  #: minimum probability that the pose is correct; below it, the template is lost
     )
-    min_probability: float = 0.99  #: that the pose is right; below it the template counts as lost
-    ncc_search: float = 0.8  #: below this correlation another place is searched for
+    ncc_search: float = 0.8  #: correlation below which the translation is searched for
     min_seen: float = (
-        0.5  #: fraction of the blocks that must show the template: no two poses can both have more
+        0.5  #: minimum fraction of blocks that show the template: no two poses can both exceed it
     )
-    tolerance_px: float = 0.06  #: a last pass that moves the corners less is not repeated
-    cubic: bool = True  #: interpolate by a cubic spline in the last passes
+    tolerance_px: float = 0.06  #: final passes stop when the corners move by less
+    cubic: bool = True  #: use cubic-spline interpolation in the final passes
 
 
-#: Largest pixel of the template's chain in pixels of the image, where a finer chain is there.
+#: Maximum pixel size of the template's chain in image pixels, if a finer chain exists.
 _COARSER = 1.0
 #: All ten unknowns: eight of the homography, gain and bias.
 #: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
 _PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
 _PREFILTER /= _PREFILTER.sum()
-#: Of the image that is kept around what is searched [px]: the reach of interpolation on the coarsest level.
+#: Margin of the image around the search area [px]: the range of interpolation on the coarsest level.
 MARGIN_PX = 8.0
 #: An offset of this shape means none.
 NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
@@ -47,39 +47,39 @@ NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
 
 @dataclass(frozen=True, slots=True)
 class GaussNewton:
-    """How Gauss-Newton runs on one level of the pyramid."""
+    """Gauss-Newton settings for one level of the pyramid."""
 
-    passes: int  #: at most
-    fraction: float = 0.0  #: of the rows that may be left out, those with the least gradient
+    passes: int  #: maximum number of passes
+    fraction: float = 0.0  #: fraction of rows that may be omitted, those with the smallest gradients
     subset: bool = False  #: only the rows that the template marks as informative
-    cubic: bool = False  #: interpolate by a cubic spline
-    cut: float = 6.0  #: residuals beyond this many standard deviations lose their weight
-    damping: float = 0.0  #: of Levenberg and Marquardt, relative to the diagonal
-    tolerance: float = 0.02  #: a pass that moves the corners less is the last [px of the level]
+    cubic: bool = False  #: use cubic-spline interpolation
+    cut: float = 6.0  #: residuals beyond this many standard deviations are down-weighted
+    damping: float = 0.0  #: Levenberg-Marquardt damping, relative to the diagonal
+    tolerance: float = 0.02  #: iteration stops when the corners move by less [px of the level]
 
 
-#: One look at the residuals that moves nothing.
+#: One evaluation of the residuals without a step.
 _LOOK = GaussNewton(1, cut=100.0, tolerance=0.0)
 
 
 class Work:
-    """One alignment: the region of the image, its pyramid, and the running estimate.
+    """State of one alignment: image region, its pyramid, and the current estimate.
 
     Parameters
     ----------
     template
-        What is aligned.
+        Template to align.
     image
         Grey image, (rows, columns) uint8.
     homography
         Prediction: template pixels to image pixels, (3, 3).
     settings
-        Levels, reach and thresholds.
+        Levels, search range and thresholds.
     offset
-        Added to the warped position of every template pixel on the finest level, (2, R, C) [px]; None: nothing.
+        Added to the warped position of every template pixel on the finest level, (2, R, C) [px]; None: zero.
     blur
-        Variance of the Gaussian by which the image is softer than the template [template px^2]; None: a usual
-        camera's.
+        Variance of the Gaussian blur of the image relative to the template [template px^2]; None: that of a typical
+        camera.
     """
 
     def __init__(
@@ -101,20 +101,20 @@ class Work:
         self.offset = offset
         self.margin = -np.inf
         self.clipped = image.dtype == np.uint8
-        #: Whether enough of the image is left for the coarsest level.
+        #: Whether the image region is large enough for the coarsest level.
         self.enough = self._build_pyramid(image, corners)
         if self.enough and offset is not None:
             self.bent = self._bend(offset)
 
     def _choose_chain(self, corners: np.ndarray, blur: float | None) -> None:
-        """The template's chain of levels whose pixels are nearest to the image's, and how soft it is."""
+        """Select the template's chain of levels whose pixel size is closest to the image's, and its blur."""
         template = self.template
         # Pixels of the image per pixel of the template: root of the ratio of areas, from the diagonals.
         (ax, ay), (bx, by) = (corners[2] - corners[0]).tolist(), (corners[3] - corners[1]).tolist()
         width, height = (template.corners[2] - template.corners[0]).tolist()
         self.scale = float(np.sqrt(abs(ax * by - ay * bx) / (2.0 * width * height)))
-        # Not larger than the image's: where the template is the coarser one, image pixels between its samples
-        # show nothing.
+        # Not larger than the image's: if the template is the coarser one, image pixels between its samples
+        # are not used.
         halves = np.log2(max(self.scale, 1e-6))
         chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
         self.chain = min(max(chain, 0), len(template.chains) - 1)
@@ -126,7 +126,7 @@ class Work:
         self.count = min(self.settings.levels, len(self.levels))
 
     def _build_pyramid(self, image: np.ndarray, corners: np.ndarray) -> bool:
-        """Levels of the image around the predicted corners; False where the image ends too near to them."""
+        """Image levels around the predicted corners; False if the image border is too close."""
         import cv2
 
         step, block = 2 ** (self.image_base + self.count - 1), 2**self.image_base
@@ -140,7 +140,7 @@ class Work:
             return False
         level = image[self.y0 : y1, self.x0 : x1].astype(np.float32)
         if block > 1:
-            # Means of blocks keep the noise of different pixels independent.
+            # Block averages keep the noise of different pixels independent.
             size = (level.shape[1] // block, level.shape[0] // block)
             level = level[: size[1] * block, : size[0] * block]
             level = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
@@ -149,7 +149,7 @@ class Work:
             level = cv2.pyrDown(level)
             self.images.append(level)
         centre_x, centre_y = self.x0 + (block - 1) / 2, self.y0 + (block - 1) / 2
-        #: From the finest level that is used to the whole image.
+        #: From the finest used level to the whole image.
         self.to_image = np.array([[block, 0, centre_x], [0, block, centre_y], [0, 0, 1.0]])
         back = np.array([[1, 0, -centre_x], [0, 1, -centre_y], [0, 0, block]]) / block
         self.homography = back @ self.homography
@@ -165,12 +165,12 @@ class Work:
         return np.ascontiguousarray(np.stack(parts)[:, 1:-1, 1:-1])
 
     def soften(self, more: float) -> bool:
-        """Take the finest level behind another blur; whether that changes anything.
+        """Recompute the finest level with another blur; returns whether that changes anything.
 
         Parameters
         ----------
         more
-            Variance beside the present one [px^2 of the finest level].
+            Variance relative to the current one [px^2 of the finest level].
         """
         area = self.block[0] * self.block[1]
         blur = self.template.blur_index(
@@ -182,7 +182,7 @@ class Work:
 
     @property
     def border(self) -> int:
-        """Pixels along the sides of a level into which light from beside the template is blurred.
+        """Width of the border of a level that is affected by blur from outside the template [px].
 
         Beyond three standard deviations of the blur it is less than 0.15 %.
         """
@@ -190,7 +190,7 @@ class Work:
         return min(self.finest.side // 3, reach)
 
     def shade(self, light: np.ndarray) -> None:
-        """Put the finest level into an uneven light, and leave out its border.
+        """Apply uneven illumination to the finest level, and exclude its border.
 
         Parameters
         ----------
@@ -213,7 +213,7 @@ class Work:
         a, b, c, d, e, f = (np.float32(part) for part in light)
         x, y = level.x, level.y.astype(np.float32)[:, None]
         shade = (a + y * (c + f * y)) + x * (b + e * y) + x * x * d
-        # Light falls on black ink, too: on what the template calls -bias / gain.
+        # Light is also reflected by black ink: the template value -bias / gain is dark.
         dark = np.float32(self.light[1] / self.light[0])
         self.finest = replace(
             level,
@@ -245,7 +245,7 @@ class Work:
         how
             Passes, rows, interpolation and robust weights.
         homography
-            Where to start instead of the running estimate, (3, 3).
+            Initial homography instead of the current estimate, (3, 3).
 
         Returns
         -------
@@ -257,7 +257,7 @@ class Work:
         level, image, h = self.pair(k)
         h = np.ascontiguousarray(h / h[2, 2])
         if self.light[2] <= 0.0:
-            # Nothing is known of the light yet: one look, with no step, for gain and bias.
+            # The illumination is unknown: one evaluation without a step, for gain and bias.
             self.light[:] = (1.0, 0.0, 1e3, 1e3, 1.0)
             self.run(k, level, image, h.copy(), level.rows, _LOOK)
             self._light_from_moments()
@@ -272,7 +272,7 @@ class Work:
         return shift
 
     def spline(self, image: np.ndarray, h: np.ndarray, level: Level) -> np.ndarray:
-        """Cubic B-spline coefficients of the finest image where the template is, 0 elsewhere.
+        """Cubic B-spline coefficients of the finest image in the area of the template, 0 elsewhere.
 
         Parameters
         ----------
@@ -304,7 +304,7 @@ class Work:
     def run(
         self, k: int, level: Level, image: np.ndarray, h: np.ndarray, rows: np.ndarray, how: GaussNewton
     ) -> float:
-        """Call the kernel, which changes ``h``, gain and bias, and the moments of the residual.
+        """Call the kernel, which changes ``h``, gain, bias, and the moments of the residual.
 
         Parameters
         ----------
@@ -313,11 +313,11 @@ class Work:
         level
             Level of the template.
         image
-            Level of the image, or its spline coefficients where ``how.cubic``, (rows, columns) float32.
+            Level of the image, or its spline coefficients if ``how.cubic``, (rows, columns) float32.
         h
             Centred coordinates of the template to pixels of that level, (3, 3).
         rows
-            Rows of the template that are used.
+            Rows of the template to use.
         how
             Passes, interpolation and robust weights.
 
@@ -343,7 +343,7 @@ class Work:
             return
         spread_t = max(tt / n - (t / n) ** 2, 1e-6)
         spread_i = max(ii / n - (i / n) ** 2, 1e-6)
-        # The ratio of contrasts, which does not depend on how well the two are aligned.
+        # The ratio of contrasts, which is independent of the alignment.
         gain = float(np.sqrt(spread_i / spread_t))
         spread = float(np.sqrt(spread_i))
         self.light[:] = (gain, (i - gain * t) / n, spread, spread, 1.0)

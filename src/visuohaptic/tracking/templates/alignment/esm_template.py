@@ -1,4 +1,4 @@
-"""What the planar tracker precomputes from a template: pyramid, gradients, informative rows."""
+"""Data that the planar tracker precomputes from a template: pyramid, gradients, informative rows."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ....core.errors import InputError
 
 __all__ = ["BLUR_VARIANCES", "LENS", "MIN_SIDE_PX", "EsmTemplate", "Level"]
 
-#: Templates smaller than this on a side have too few pixels for eight unknowns.
+#: Templates with a smaller side have too few pixels for eight unknowns.
 MIN_SIDE_PX = 16
 
-#: Blurs that a template can be given to look like the camera's image: variances of a Gaussian
-#: [px^2 of the level]. Steps of about 15 % of the variance that pixel and lens have together.
+#: Blurs that can be applied to a template to match the camera's image: variances of a Gaussian
+#: [px^2 of the level]. Steps of about 15 % of the combined variance of pixel and lens.
 BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
-#: Blur of a usual lens [px^2].
+#: Blur of a typical lens [px^2].
 LENS = 0.45
 
 
@@ -31,14 +31,16 @@ class Level:
     x: Float32[np.ndarray, "C"]  #: centred coordinates
     y: Float[np.ndarray, "R"]
     rows: Int[np.ndarray, "R"]
-    informative: Int[np.ndarray, "k"]  #: the half of the rows with most gradient, spread over the height
+    informative: Int[
+        np.ndarray, "k"
+    ]  #: the half of the rows with the largest gradients, distributed over the height
     unit: float  #: columns per unit of x
     to_template: Float[np.ndarray, "3 3"]  #: centred coordinates to pixels of the whole template
-    from_template: Float[np.ndarray, "3 3"]  #: its inverse
-    side: int  #: of the blocks whose motion is compared at the end [px of the level]
+    from_template: Float[np.ndarray, "3 3"]  #: inverse of ``to_template``
+    side: int  #: side of the blocks whose motion is compared at the end [px of the level]
     independent: Float[np.ndarray, "down across"]  #: number of independent values in each block
     contrast: Float[np.ndarray, "down across"]  #: variance of each block [grey levels^2]
-    #: motion of each block that a blur of 1 px^2 along x, across, and along y feigns, in centred coordinates
+    #: apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, in centred coordinates
     softened: Float[np.ndarray, "down across 2 3"]
 
 
@@ -58,9 +60,9 @@ def _level(
     every: int,
     block: tuple[float, float],
 ) -> Level:
-    """Precompute one level; the outermost pixels are left out, their neighbours in print are unknown.
+    """Precompute one level; the outermost pixels are excluded, because their neighbours in print are unknown.
 
-    ``every`` pixels of the chain's first level, each the mean of ``block`` (x, y), make one here.
+    One pixel here is every ``every``-th pixel of the chain's first level, each the mean of ``block`` (x, y).
     """
     rows, columns = image.shape
     unit = 0.5 * max(rows, columns)
@@ -111,10 +113,10 @@ def _softened(
     unit: float,
     side: int,
 ) -> Float[np.ndarray, "down across 2 3"]:
-    """Motion of each block, beside its own light, that a blur of 1 px^2 along x, across, and along y feigns.
+    """Apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, beyond its illumination.
 
-    A blur of variance v adds v / 2 times the second derivative. An edge that the border of a block cuts off is then
-    taken for one that has moved.
+    A blur of variance v adds v / 2 times the second derivative. An edge cut off by the border of a block then
+    appears to have moved.
     """
     from ._block_kernels import block_sums
 
@@ -128,7 +130,7 @@ def _softened(
         bend = bend.astype(np.float32)
         block_sums(bend, image, gradient_x, gradient_y, none, np.eye(3), False, side, 0, sums)
         products[..., upper[0], upper[1]] = products[..., upper[1], upper[0]] = sums
-        # A ridge of a millionth where a block is blank.
+        # A ridge of a millionth for blank blocks.
         light = products[..., :4, :4] + np.eye(4) * (
             1e-6 + 1e-6 * np.einsum("...ii", products[..., :4, :4])[..., None, None]
         )
@@ -140,7 +142,7 @@ def _softened(
 
 
 def _block_side(rows: int, columns: int) -> int:
-    """Side of the blocks of a level: 12 px, in which light is even and motion seen; 6 to 16 of them along a side."""
+    """Block size of a level: 12 px, in which light is uniform and motion observable; 6 to 16 blocks along a side."""
     shorter, longer = sorted((rows, columns))
     return max(min(max(shorter // 6, 4), 12), longer // 16)
 
@@ -148,8 +150,8 @@ def _block_side(rows: int, columns: int) -> int:
 def _blocks(image: Float32[np.ndarray, "R C"], side: int) -> tuple[np.ndarray, np.ndarray]:
     """Number of independent values in each block, and its variance.
 
-    n independent values correlate by chance with a mean square of 1 / (n - 1); what chance is, the other blocks of
-    the template tell.
+    Chance correlations of n independent values have a mean square of 1 / (n - 1); their actual size is measured on the
+    other blocks of the template.
     """
     down, across = (size // side for size in image.shape)
     tiles = image[: down * side, : across * side].astype(np.float64).reshape(down, side, across, side)
@@ -166,19 +168,19 @@ def _blocks(image: Float32[np.ndarray, "R C"], side: int) -> tuple[np.ndarray, n
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EsmTemplate:
-    """A template with what the tracker precomputes from it.
+    """A template and the data precomputed from it for tracking.
 
-    ``chains[k]`` is a pyramid that begins at 1 / sqrt(2)^k of the size, for templates that are
-    seen from afar: one of them is hardly finer than the image, so that neither work nor
-    information is lost. Its beginning is made of means of blocks, as a camera's pixels are;
-    further levels are smoothed, and the pixels of level k+1 lie on every second of level k.
+    ``chains[k]`` is a pyramid that starts at 1 / sqrt(2)^k of the size, for templates
+    seen from a distance: one of them is hardly finer than the image, so that neither computation nor
+    information is wasted. Its first level consists of block averages, like a camera's pixels;
+    further levels are smoothed, and the pixels of level k+1 are every second pixel of level k.
     """
 
     chains: tuple[tuple[Level, ...], ...]
-    blocks: tuple[tuple[float, float], ...]  #: template pixels per pixel of each chain's beginning, x and y
-    starts: tuple[Float32[np.ndarray, "rows columns"], ...]  #: the beginnings, with their border
+    blocks: tuple[tuple[float, float], ...]  #: template pixels per pixel of each chain's first level, x and y
+    starts: tuple[Float32[np.ndarray, "rows columns"], ...]  #: first levels, including their border
     corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
-    sharp: bool = False  #: made of steps, as tags are: any camera shows it softer
+    sharp: bool = False  #: consists of steps, like a tag: blurrier in any camera
     _blurred: dict[tuple[int, int], Level] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -192,7 +194,7 @@ class EsmTemplate:
         image
             The template.
         sharp
-            Made of steps, as tags are.
+            Whether it consists of steps, like a tag.
 
         Raises
         ------
@@ -225,9 +227,9 @@ class EsmTemplate:
         return cls(tuple(chains), tuple(blocks), tuple(starts), corners, sharp)
 
     def variance(self, chain: int, blur: int) -> float:
-        """Blur of a chain with an index of ``BLUR_VARIANCES`` against the whole template [template px^2].
+        """Blur of a chain with an index of ``BLUR_VARIANCES`` relative to the whole template [template px^2].
 
-        Means of blocks of b pixels blur by (b^2 - 1) / 12 already.
+        Averages over blocks of b pixels contribute a blur of (b^2 - 1) / 12.
 
         Parameters
         ----------
@@ -240,20 +242,20 @@ class EsmTemplate:
         return BLUR_VARIANCES[blur] * bx * by + (bx * by - 1) / 12
 
     def blur_index(self, chain: int, variance: float) -> int:
-        """The index of ``BLUR_VARIANCES`` that comes closest to a blur [template px^2].
+        """The index of ``BLUR_VARIANCES`` closest to a blur [template px^2].
 
         Parameters
         ----------
         chain
-            As of :meth:`variance`.
+            As in :meth:`variance`.
         variance
-            Blur against the whole template [template px^2].
+            Blur relative to the whole template [template px^2].
         """
         off = [abs(self.variance(chain, blur) - variance) for blur in range(len(BLUR_VARIANCES))]
         return int(np.argmin(off))
 
     def first_blur(self, chain: int) -> int:
-        """Index of the blur to start with: that of a usual lens, half a pixel of variance, for sharp prints.
+        """Index of the initial blur: for sharp prints that of a typical lens, half a pixel of variance.
 
         Parameters
         ----------
@@ -263,12 +265,12 @@ class EsmTemplate:
         return BLUR_VARIANCES.index(LENS) if self.sharp else 0
 
     def finest(self, chain: int, blur: int) -> Level:
-        """First level of a chain as a camera with a given blur sees it.
+        """First level of a chain as seen by a camera with a given blur.
 
         Parameters
         ----------
         chain, blur
-            As of :meth:`variance`.
+            As in :meth:`variance`.
         """
         if blur <= 0:
             return self.chains[chain][0]
@@ -286,10 +288,10 @@ def _sampled(
     block: tuple[float, float],
     variance: float,
 ) -> Level:
-    """A level whose pixels and gradients are samples of the whole template behind a blur [px^2].
+    """A level whose pixels and gradients are samples of the whole template with a blur [px^2].
 
-    Both are taken where the template is finest: pixels as large as those of a camera do not resolve
-    its edges, and gradients made of them would bias the scale by 100 ppm.
+    Both are sampled at the full resolution: pixels as large as those of a camera do not resolve
+    its edges, and gradients computed from them would bias the scale by 100 ppm.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -308,7 +310,7 @@ def _sampled(
 
 
 def _chain(image: Float32[np.ndarray, "rows columns"], block: tuple[float, float]) -> tuple[Level, ...]:
-    """Pyramid of an image, as long as its levels are large enough."""
+    """Pyramid of an image, up to the smallest usable level."""
     import cv2
 
     levels: list[Level] = []

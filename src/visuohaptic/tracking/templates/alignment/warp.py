@@ -1,4 +1,4 @@
-"""The group of homographies near the identity: velocity fields, their images, and sanity."""
+"""Homographies near the identity: velocity fields, their images, and plausibility."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def velocity_fields(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 
 
 
 def motion_jacobian(h: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """Derivative of the image points by the eight parameters A of ``h exp(A)``, (n, 2, 8).
+    """Derivative of the image points with respect to the eight parameters A of ``h exp(A)``, (n, 2, 8).
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def motion_jacobian(h: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"
     mapped = points @ h[:, :2].T + h[:, 2]
     depth = mapped[:, 2:]
     image = mapped[:, :2] / depth
-    # d pi(h x) / dx, with pi the division by the third coordinate.
+    # d pi(h x) / dx, where pi divides by the third coordinate.
     local = (h[None, :2, :2] - image[:, :, None] * h[None, 2:, :2]) / depth[:, :, None]
     return np.asarray(local @ velocity_fields(points))
 
@@ -48,7 +48,7 @@ def motion_jacobian(h: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"
 def is_proper(homography: Float[np.ndarray, "3 3"], corners: Float[np.ndarray, "4 2"]) -> bool:
     """Whether the image of a quadrilateral is convex, keeps its orientation and stays in front of the horizon.
 
-    Plain numbers: this runs several times per frame, and arrays of four cost ten times more.
+    Plain numbers: this runs several times per frame, and arrays of four would take ten times as long.
 
     Parameters
     ----------
