@@ -1,8 +1,8 @@
 """A room mapped by touch (Fig. 3.11).
 
-Fixed obstacles in red, free space in green, movable objects in blue; stronger colours are more confident.
-Thin black lines are the truth, movable objects as they stood at the begin; crosses are the contacts
-(simulated room, foam and odometry that drifts).
+Fixed obstacles in red, free space in green, movable objects in blue; stronger colours mean higher confidence.
+Thin black lines are ground truth, with the movable objects at their initial poses; crosses are the contacts
+(simulated room, foam and drifting odometry).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ CONTACTS = 22
 
 
 def run(out: Output) -> None:
-    """Map one room as in the figure, then a few others for the numbers.
+    """Map one room as in the figure, then several others for the statistics.
 
     Parameters
     ----------

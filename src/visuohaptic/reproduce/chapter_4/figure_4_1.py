@@ -1,7 +1,7 @@
 """Skeleton, distance map and navigation graph (Fig. 4.1).
 
 Several rooms and a hallway: (a) distance from obstacles with the skeleton, (b) navigation graph, regions in
-pale colours (a floor drawn here; the dissertation used the map of a real building).
+pale colours (synthetic floor plan; the dissertation used the map of a real building).
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ __all__ = ["run"]
 
 
 def run(out: Output) -> None:
-    """One scene of each kind, by the published detector and by ours.
+    """One scene of each kind, with the published detector and with this library's.
 
     Parameters
     ----------

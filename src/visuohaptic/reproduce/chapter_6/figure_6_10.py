@@ -23,7 +23,7 @@ PLACES = ("y+5", "x+4")
 
 
 def run(out: Output) -> None:
-    """Features of the middle bottle; four curves with noise.
+    """Features of the nominal bottle; four curves with noise.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ NAMES = ("elliptic", "cleaner", "cien", "bottle", "cup", "cup-rim")
 
 
 def run(out: Output) -> None:
-    """Map six classes' middle objects.
+    """Stiffness maps of the nominal objects of six classes.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Correlation between feature vectors of different classes (Fig. 6.6).
 
-Mean normalised cross-correlation of simulated features; 1 is the same shape of stiffness.
+Mean normalised cross-correlation of simulated features; 1 means the same stiffness profile.
 """
 
 from __future__ import annotations
