@@ -24,7 +24,7 @@ class GripperApproach:
     """Pose of the closing gripper: x from the first finger to the second, z the approach direction."""
 
     T_object_gripper: Float[np.ndarray, "4 4"]  #: origin midway between the contacts
-    elevation_rad: float  #: elevation of the approach above the horizontal: 0 from the side, pi / 2 from above
+    elevation_rad: float  #: elevation of the approach: 0 horizontal, from the side; pi / 2 from above
     open_width_m: float  #: between the fingers during the approach
 
 

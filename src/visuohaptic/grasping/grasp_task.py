@@ -65,7 +65,7 @@ class Grasp:
     width_m: float  #: distance of the fingers
     steadiness: float  #: smallest S_G within the neighbourhood, for a misaligned arm
     success: float  #: probability that it neither slips nor deforms too much; NaN if no load is known
-    work_J: float  #: minimum work of both fingers that holds the load (Xu et al. 2020), by the linear stiffness
+    work_J: float  #: minimum work of both fingers to hold the load (Xu et al. 2020), by the linear stiffness
     rim: bool = False  #: the wall itself is pinched at the mouth, one finger inside
     arm_cost: float = 0.0
     approach: GripperApproach | None = None  #: collision-free approach

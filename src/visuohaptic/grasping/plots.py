@@ -25,7 +25,7 @@ def score_colours(score: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
     Parameters
     ----------
     score
-        Of each vertex, 0 to 1.
+        Score of each vertex, 0 to 1.
     """
     place = np.clip(np.nan_to_num(score), 0, 1) * (len(_COLOURS) - 1)
     out = np.stack([np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)], axis=1)

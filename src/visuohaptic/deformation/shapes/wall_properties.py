@@ -39,7 +39,7 @@ class WallProperties:
     """Wall properties given by the user; None keeps that of the description or the mesh."""
 
     material: str | None = (
-        None  #: of the library, or a YAML file of plies; PET by default for a mesh
+        None  #: name of a material of the library, or a YAML file of plies; PET by default for a mesh
     )
     thickness_m: float | None = field(default=None, metadata=POSITIVE)  #: of the whole wall
     #: relative standard deviation
