@@ -42,7 +42,7 @@ SURE = 0.9
 #: Prior of an object that was never observed here, among the same number of hypotheses.
 NEW = 0.2
 #: Standard deviation of laser points from their outline [m]: 7 mm in random houses, for a laser of 10 mm. Errors of points of one
-#: scan are correlated: maximum number of points of a group that count as independent. Iterations of the fit.
+#: scan are correlated: a group counts as this many independent points. Iterations of the fit.
 POINT_M, INDEPENDENT, FIT_ROUNDS = 0.008, 10, 4
 #: Excess over the full width that noise may cause, and part of it that may be hidden [m].
 WIDTH_M, HIDDEN_M = 0.015, 0.04
