@@ -62,7 +62,7 @@ class BeamSensorConfig(Section):
     model: Literal["auto", "linear", "exact"] = "auto"  #: of the rod; auto: exact for large deflections
     zero: str = "zero.yaml"  #: written by ``visuohaptic sense beam --zero``
     drift: _DriftSection = _DriftSection()  #: adaptation of the zero to slow changes at rest
-    stress_limit: Annotated[float, Field(gt=0, le=1)] = 0.9  #: fraction of the yield stress; beyond it: saturated
+    stress_limit: Annotated[float, Field(gt=0, le=1)] = 0.9  #: of the yield stress; beyond it: saturated
     max_age_s: Positive = 0.2  #: an older frame is stale
 
     @classmethod

@@ -50,7 +50,7 @@ class BeamZero:
     t_s: float  #: time of the last frame used
     frames: int
     rest: RelativePoses  #: mean poses in the reference template, and the covariance of the means
-    noise: float = 1.0  #: ratio of measured to declared variance of the poses of a frame, from scatter at rest
+    noise: float = 1.0  #: measured over declared variance of the poses of a frame, from the scatter at rest
 
     @classmethod
     def from_frames(
