@@ -101,7 +101,7 @@ def contained(
     stiffer
         Factor of the modulus.
     filling
-        What it is filled with.
+        Filling.
     """
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])

@@ -102,7 +102,7 @@ def run_mission(
         One of ``PARTS``, or names of chapters; all chapters by default. The results of omitted earlier chapters
         are then filled in from the simulated world and marked as such.
     seed
-        Of all random numbers: order of the objects, noise, bottle, state.
+        Seed of all random numbers: order of the objects, noise, bottle, state.
     on_message
         Called with each line of the log.
     page

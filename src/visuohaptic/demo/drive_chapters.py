@@ -86,7 +86,7 @@ def place_objects(mission: Mission, world: FloorWorld) -> None:
     mission
         Receives the poses.
     world
-        In which the objects were moved.
+        World in which the objects were moved.
     """
     for one in mission.house.obstacles:
         x, y, turned = (float(value) for value in world.item_pose_m(one.name))
@@ -99,7 +99,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        With map, pose and tagged objects.
+        Mission with map, pose and tagged objects.
     """
     known = mission.known
     fraction = fit_fraction(mission, known.map, mission.platform.pose, known.pose)

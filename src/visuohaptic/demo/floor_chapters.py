@@ -50,7 +50,7 @@ def world_map(mission: Mission) -> OccupancyMap:
     Parameters
     ----------
     mission
-        With the house, and the true poses of its objects.
+        Mission with the house, and the true poses of its objects.
     """
     outlines = [outline_m(mission, one) for one in mission.house.obstacles]
     return map_with_footprints(mission.house.fine_grid(), outlines)
@@ -64,11 +64,11 @@ def outline_m(
     Parameters
     ----------
     mission
-        With the poses of all obstacles.
+        Mission with the poses of all obstacles.
     obstacle
         One of the house.
     step_rad
-        Of a round outline.
+        Angular step of a round outline.
     """
     return obstacle.outlines[0].moved(*mission.placed[obstacle.name]).polygon_m(step_rad)
 
@@ -173,7 +173,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        With the map of the tour; receives the laser points of each object.
+        Mission with the map of the tour; receives the laser points of each object.
     """
     known, grid = mission.known, mission.known.map
     mission.platform.see(world_map(mission))
@@ -311,9 +311,9 @@ def nearest_obstacle(mission: Mission, point_m: Float[np.ndarray, "2"]) -> Simul
     Parameters
     ----------
     mission
-        With the poses of all obstacles.
+        Mission with the poses of all obstacles.
     point_m
-        Of the observation [m].
+        Observed point [m].
     """
     return min(
         mission.house.obstacles, key=lambda one: math.dist(mission.placed[one.name][:2], tuple(point_m))

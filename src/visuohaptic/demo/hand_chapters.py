@@ -109,7 +109,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        With the completed outline; receives class, squeezes, wall, lid, fill and mass.
+        Mission with the completed outline; receives class, squeezes, wall, lid, fill and mass.
     """
     known, bottle = mission.known, set_the_table(mission)
     _, hand = the_hand(mission)
@@ -248,7 +248,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        With outline, class, squeezes and contents.
+        Mission with outline, class, squeezes and contents.
     """
     kitchen, hand = the_hand(mission)
     plan, scale = _planned(mission.known)

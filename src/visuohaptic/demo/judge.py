@@ -127,7 +127,7 @@ class RunOutcome(StrEnum):
         Parameters
         ----------
         claims
-            Of all completed chapters.
+            Claims of all completed chapters.
         complete
             Whether no chapter failed.
         """

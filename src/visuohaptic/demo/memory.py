@@ -135,7 +135,7 @@ class MissionMemory(Closing):
         Parameters
         ----------
         found
-            Of the tour.
+            Map of the tour.
         """
         import cv2
 
@@ -176,7 +176,7 @@ class MissionMemory(Closing):
         Parameters
         ----------
         name
-            Of the object in this memory.
+            Name of the object in this memory.
         place_m
             x, y of the centroid of its outline, map frame [m].
         """
@@ -292,7 +292,7 @@ def recognise(
     groups
         Points of each object that is currently there [m].
     known
-        With outlines.
+        Known objects with outlines.
     heading_rad
         Direction of observation of the groups [rad].
 

@@ -219,7 +219,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        With the reconstruction and the beam sensor's noise; receives the outline.
+        Mission with the reconstruction and the beam sensor's noise; receives the outline.
     """
     known, bottle = mission.known, set_the_table(mission)
     completion = _visible(mission)

@@ -102,7 +102,7 @@ def run_demo(
     scene
         A map and the obstacles in it, or a map_server YAML in which three are placed.
     seed
-        Of all random numbers.
+        Seed of all random numbers.
     on_message
         Called with the lines of the live table.
     page

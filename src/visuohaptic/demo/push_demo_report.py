@@ -47,7 +47,7 @@ def annotated_push(result: DemoResult, one: DemoObject) -> UInt8[np.ndarray, "ro
     Parameters
     ----------
     result
-        With the sensor's setup.
+        Result with the sensor's setup.
     one
         The push.
     """

@@ -40,7 +40,7 @@ def write_story(story: Story, path: Path | str) -> Path:
     story
         The run.
     path
-        Of the HTML file.
+        Path of the HTML file.
     """
     whole = len(story.chapters) > 4
     report = Report(
@@ -111,7 +111,7 @@ def measure_texts(measure: Measure) -> tuple[str, str, str]:
     Parameters
     ----------
     measure
-        With its unit in square brackets at the end of its name.
+        Measure with its unit in square brackets at the end of its name.
     """
     name, values = measure.what, [measure.ours, measure.truth]
     what, _, unit = name.removesuffix("]").rpartition(" [")

@@ -276,7 +276,7 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
     mission
         Settings and simulated world; receives the results.
     chapters
-        In their order.
+        Chapters in their order.
     given
         Omitted chapters: their results are filled in from the simulated world.
 

@@ -46,7 +46,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     Parameters
     ----------
     mission
-        With the laser points of each object; receives tags and footprints.
+        Mission with the laser points of each object; receives tags and footprints.
     """
     known = mission.known
     grid = known.map_now
@@ -109,7 +109,7 @@ def touch_in_map(
     map_path
         A map_server YAML.
     seed
-        Of all random numbers.
+        Seed of all random numbers.
     on_message
         Called with each line of the log.
     page

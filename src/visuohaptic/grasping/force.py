@@ -232,9 +232,9 @@ def success_probability(
     slant_rad
         Angle between force and inward normal.
     load, gripper
-        With the relative standard deviations of mass and friction.
+        Load and gripper with the relative standard deviations of mass and friction.
     handling
-        With the safety factor, which is removed again.
+        Handling with the safety factor, which is removed again.
 
     Notes
     -----

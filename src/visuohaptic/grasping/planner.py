@@ -181,7 +181,7 @@ def plan_map(
     surface
         Stiffness map, z up.
     task
-        With a force, or a load.
+        Task with a force, or a load.
     count
         Maximum number of grasps.
     arm_cost

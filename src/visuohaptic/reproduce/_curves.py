@@ -44,7 +44,7 @@ def read_curve(
     Parameters
     ----------
     curve
-        Simulated curve of one place.
+        Simulated curve of one location.
     rng
         For the noise.
     """

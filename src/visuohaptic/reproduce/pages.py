@@ -17,7 +17,7 @@ WIDTH_px, QUALITY = 1000, 80
 
 
 def write_index(folder: Path | str) -> Path:
-    """Write ``index.md``: all results in the folder, with pictures, data and numbers.
+    """Write ``index.md``: all results in the folder, with figures, data and numbers.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def floor(
     objects
         Fields of :class:`~visuohaptic.simulation.floor.FloorObject`.
     seed
-        Of the sensor errors.
+        Seed of the sensor errors.
     """
     items = [FloorObject(**{**one, "footprint_m": np.array(one["footprint_m"])}) for one in objects]
     world = FloorWorld(OccupancyMap.load(map), items, start_m)
@@ -53,11 +53,11 @@ def kitchen(
     Parameters
     ----------
     stiffness_N_per_m
-        Of the container's wall, the same everywhere.
+        Stiffness of the container's wall, the same everywhere.
     radius_m, height_m
-        Of the container.
+        Dimensions of the container.
     seed
-        Of the errors of arm and sensors.
+        Seed of the errors of arm and sensors.
     """
     heights_m, depths_m = np.linspace(0.0, height_m, 3), np.linspace(0.0, 0.02, 25)
     force_N = stiffness_N_per_m * np.ones((3, 1)) * depths_m

@@ -30,7 +30,7 @@ class _Part(BaseModel):
 class ClassEntry(_Part):
     """One class of the plan."""
 
-    source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file beside the plan
+    source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file in the plan's folder
     variants: int = Field(50, ge=1, le=100_000)  #: random members of the class
 
 

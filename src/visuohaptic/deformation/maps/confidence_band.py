@@ -68,7 +68,7 @@ def object_stiffness(
     tips
         Pairs of opposing contacts on it, see :func:`.opposing_points`.
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
     band
         False skips the second factorisation; sigma is NaN.
 

@@ -134,7 +134,7 @@ def linear_features(container: ShellObject, contents: Contents | None = None) ->
     container
         Parametric or imported container.
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
     """
     model = container.model()
     points, corners, weights = feature_locations(container)

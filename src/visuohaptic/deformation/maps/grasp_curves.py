@@ -44,7 +44,7 @@ class GraspCurve:
     gauge_Pa: Float[np.ndarray, "k"]  #: pressure of the contents; 0 when open
     stable: Bool[np.ndarray, "k"]  #: the state is stable at this force
     stress_Pa: Float[np.ndarray, "k"]  #: largest von Mises stress, see :func:`.surface_stress`
-    point_m: Float[np.ndarray, "3"]  #: of the first tip, at rest
+    point_m: Float[np.ndarray, "3"]  #: of the first tip, undeformed
     opposite_m: Float[np.ndarray, "3"]  #: of the second
     complete: bool  #: every requested point was reached
     reason: str  #: why it was not
@@ -122,7 +122,7 @@ class PinchPlane:
         force_N
             Alternative: forces of one tip, ascending [N].
         contents
-            What is enclosed; open by default.
+            Contents; open by default.
         max_iterations
             Maximum Newton iterations of the whole curve, which ends when they are used up.
 
@@ -147,7 +147,7 @@ class PinchPlane:
         vertex
             Location of the first tip.
         contents
-            What is enclosed; open by default.
+            Contents; open by default.
         """
         tips, load = self._pinch(vertex)
         if contents not in self._rest:

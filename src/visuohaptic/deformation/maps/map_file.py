@@ -106,7 +106,7 @@ def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3
     Parameters
     ----------
     stiffness_N_per_m
-        Of each vertex [N/m]; non-finite values get the colour of the stiffest.
+        Stiffness of each vertex [N/m]; non-finite values get the colour of the stiffest.
     """
     value, low, high = _logarithm(stiffness_N_per_m)
     fraction = np.nan_to_num((value - low) / max(high - low, 1e-12), nan=1.0, posinf=1.0)

@@ -89,7 +89,7 @@ def squeeze(
     points
         Number of points of the curve, equally spaced.
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
 
     Returns
     -------

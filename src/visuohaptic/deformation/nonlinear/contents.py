@@ -44,7 +44,7 @@ class Contents:
     2000000000.0...
     """
 
-    closed: bool = True  #: nothing can escape
+    closed: bool = True  #: the contents cannot escape
     #: fraction of the volume that is liquid; 1 is incompressible
     fill: float = field(default=0.0, metadata=within(0, 1))
     ambient_Pa: float = field(default=AMBIENT_PRESSURE_Pa, metadata=POSITIVE)  #: absolute pressure outside
@@ -181,7 +181,7 @@ def contained_curve(
     deformation_m
         Mean deformations of both tips, ascending [m].
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
     """
     law = None if contents is None else contents.law(container.volume_m3)
     shell = CorotationalShell(model, pressure=law, lid=container.lid)

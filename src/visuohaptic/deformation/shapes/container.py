@@ -176,7 +176,7 @@ def load_container(source: Path | str) -> ContainerDescription:
     Raises
     ------
     InputError
-        With all invalid fields.
+        Lists all invalid fields.
     """
     path = Path(source)
     if not path.suffix and not path.exists() and str(source) in class_names():

@@ -38,9 +38,9 @@ def represented_fraction(
     Parameters
     ----------
     vertices_m
-        Of the mesh [m].
+        Vertices of the mesh [m].
     faces
-        Of the mesh.
+        Triangles of the mesh.
     wall
         The star-shaped wall found in it.
     closed

@@ -91,7 +91,7 @@ def import_container(
     Raises
     ------
     InputError
-        The mesh cannot be used, with the defect and its place; or it is no thin-walled container, with the reason.
+        The mesh cannot be used, with the defect and its location; or it is not a thin-walled container, with the reason.
     """
     where = str(path)
     given, convention = wall or WallProperties(), convention or MeshConvention()

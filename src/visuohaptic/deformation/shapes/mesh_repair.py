@@ -22,7 +22,7 @@ __all__ = ["clamped_foot", "repair_mesh", "why_not_as_it_is"]
 
 #: Requirements on triangles: their number, largest angle, and number of edges around. The error of a triangle is
 #: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
-#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
+#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees have errors up to 19 %, of 164 degrees 80 %.
 MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 50_000, 150.0, 64
 #: Fractions of the height above the lowest vertex up to which an unchanged mesh is clamped: the first with
 #: vertices in every sector around the foot. A clamped chamfer of 1 mm makes a tub a fifth stiffer; scans are uneven.
@@ -45,7 +45,7 @@ def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
     Parameters
     ----------
     vertices
-        Of the mesh [m], z up.
+        Vertices of the mesh [m], z up.
     """
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     foot: Bool[np.ndarray, "v"] = np.zeros(len(vertices), dtype=bool)
@@ -99,7 +99,7 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
     state
         The imported mesh, scaled to metres.
     thickness_m
-        Of its wall: the surface moves by at most a fortieth of it, or by twice the noise of a scan.
+        Thickness of its wall: the surface moves by at most a fortieth of it, or by twice the noise of a scan.
     around
         Edges around the wall of a simplified mesh.
 

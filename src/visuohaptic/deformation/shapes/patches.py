@@ -58,7 +58,7 @@ def grid_mesh(
     columns, rows
         Cells.
     thickness_m
-        Of the wall [m]; one number, or one for each face.
+        Thickness of the wall [m]; one number, or one for each face.
     crossed
         Both diagonals in each cell, see :func:`grid_faces`.
     """
@@ -76,7 +76,7 @@ def tube_mesh(
     Parameters
     ----------
     radius_m, height_m, thickness_m
-        Of the tube [m].
+        Dimensions of the tube [m].
     around, along
         Cells around the tube and along it.
     crossed

@@ -149,7 +149,7 @@ def load_laminate(path: Path | str) -> tuple[Laminate, float]:
     Raises
     ------
     InputError
-        With all invalid fields.
+        Lists all invalid fields.
     """
     plies, spreads = [], []
     for entry in load_yaml_model(path, _PlyFile).plies:
@@ -241,7 +241,7 @@ def measured_thickness(
     first, pair
         Radius of the inner and the outer surface at each height and angle [m], not finite where there is none.
     heights
-        Of the rows [m].
+        Heights of the rows [m].
 
     Returns
     -------

@@ -51,7 +51,7 @@ class ShellState:
         Parameters
         ----------
         other
-            Of the same shell.
+            State of the same shell.
         """
         turn = np.einsum("vij,vkj->vik", other.rotations, self.rotations)
         out = np.empty((len(turn), 6))

@@ -66,7 +66,7 @@ def pinch_stiffness(
     shell
         Meridian and wall.
     material
-        Of the wall.
+        Material of the wall.
     harmonics
         Even harmonics n = 0, 2, ... below this are summed; beyond, the compliance of a point load
         decreases as n^-3 (the curvature becomes irrelevant, as for a plate) and is extrapolated.

@@ -130,7 +130,7 @@ class Laminate:
         Parameters
         ----------
         factor
-            Of each modulus.
+            Factor of each modulus.
         """
         return replace(self, scale=factor * self.scale)
 
@@ -145,7 +145,7 @@ def turned_law(
     law
         For strain (xx, yy, 2 xy) in its own axes.
     angle_rad
-        From the new x axis to its own.
+        Angle from the new x axis to its own.
     """
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]

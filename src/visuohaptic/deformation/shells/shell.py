@@ -106,7 +106,7 @@ class ShellModel:
     mesh
         Mid-surface and thickness.
     material
-        Of the whole wall: constants, plies, a material of the library, or its name.
+        Material of the whole wall: constants, plies, a material of the library, or its name.
     fixed
         Supports: vertex numbers or a mask (v,) of vertices that are clamped in all six
         degrees of freedom, or a mask (v, 6) of single degrees of freedom (displacements x, y, z, then rotations).

@@ -50,7 +50,7 @@ class IsotropicMaterial:
         Parameters
         ----------
         factor
-            Of Young's modulus.
+            Factor of Young's modulus.
         """
         return replace(self, youngs_modulus_Pa=factor * self.youngs_modulus_Pa)
 

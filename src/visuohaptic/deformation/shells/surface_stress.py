@@ -28,7 +28,7 @@ def surface_stress(
     mesh
         Undeformed mesh.
     material
-        Of the whole wall, linear elastic. Plies have individual failure modes, which von Mises does not describe.
+        Material of the whole wall, linear elastic. Plies have individual failure modes, which von Mises does not describe.
     points_m
         Deformed vertices [m].
     """

@@ -23,7 +23,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     rng = out.rng()
     rig = GripperSensor(stripe=True)

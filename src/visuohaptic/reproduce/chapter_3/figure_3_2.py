@@ -27,7 +27,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     found = {name: pressed(out, law, number) for number, (name, law) in enumerate(FOAMS.items())}
 

@@ -29,7 +29,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     empty, regions = regions_of(building()).graph, regions_of(with_all())
     graph = regions.graph

@@ -71,7 +71,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     rows = Columns("scene x0_m y0_m x1_m y1_m outcome")
     shown, off, agree = [], [], []

@@ -33,7 +33,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     problem = office()
     plans = alternatives(problem, PushCosts(price_ends=False))  # ends of pushes are known in the text

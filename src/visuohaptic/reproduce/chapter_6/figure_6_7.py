@@ -24,7 +24,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     data = grouped(training_features(out), DISTINCT)
     tree = train_tree(data, rng=out.rng(), folds=6 if out.quick else 10)

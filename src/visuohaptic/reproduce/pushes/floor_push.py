@@ -28,7 +28,7 @@ class FloorBody:
     The platform is a sphere whose equator touches the outline at one height, and
     the outline is a ring of capsules: such pairs have closed-form
     contacts. (For cylinders and prisms, MuJoCo's contact normals are
-    degrees off at small penetration, and friction then leaves its cone.)
+    wrong by degrees at small penetration, and friction then leaves its cone.)
     """
 
     outline_m: Float[np.ndarray, "m 2"]  #: corners of the core; one point for a disc

@@ -69,7 +69,7 @@ def judged(scene: GlassScene, regions: Sequence[TransparentRegion]) -> dict[str,
     Parameters
     ----------
     scene
-        Truth.
+        Ground truth.
     regions
         Detected parts.
     """

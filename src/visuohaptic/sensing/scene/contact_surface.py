@@ -91,11 +91,11 @@ def cast_to_face(
     eye_m, rays
         The camera's centre and directions, frame F.
     motion
-        Of the body: rotation about the face's origin, then shift.
+        Motion of the body: rotation about the face's origin, then shift.
     face
         Initial ``pose_foam_face``: x along the contact, y up, z towards the robot.
     curvature_per_m
-        Of an upright cylinder that touches the face's plane at its origin; 0 = plane.
+        Curvature of an upright cylinder that touches the face's plane at its origin; 0 = plane.
     """
     pivot = face.translation_m
     frame = motion.rotation @ face.rotation

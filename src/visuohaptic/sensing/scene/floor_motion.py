@@ -265,14 +265,14 @@ class FloorTracker:
     settings
         Settings of the motion estimation.
     rng
-        Of RANSAC.
+        Source of RANSAC's random samples.
 
     Attributes
     ----------
     pose
         (x, y, theta) of the moving frame since the start [m, rad].
     pose_covariance
-        Of ``pose``; noise only, without the scale error from a wrong camera height.
+        Covariance of ``pose``; noise only, without the scale error from a wrong camera height.
     """
 
     def __init__(

@@ -92,7 +92,7 @@ class ObstacleDetector:
         rows = s.rows if not foam >= 8 else min(s.rows, int(foam))
         self._cells = FaceCells(floor_view, rows, s)
         shape = (len(self._cells.range_m), len(self._cells.lateral_m))
-        #: maximum evidence of one frame, and threshold
+        #: maximum change of the evidence by one frame
         self._limit = math.log(1.0 / s.disturbed)
         # Faces of one cell, of two, four and so on: every face is covered by at least half.
         self._widths = tuple(2**k for k in range(shape[1].bit_length() - 1))

@@ -294,7 +294,7 @@ class FaceCells:
         Parameters
         ----------
         pair
-            From :meth:`pair`.
+            Result of :meth:`pair`.
         """
         count = len(self.lateral_m)
         sums = np.zeros((2, len(self.range_m), count))
@@ -313,7 +313,7 @@ class FaceCells:
         Parameters
         ----------
         pair
-            From :meth:`pair`.
+            Result of :meth:`pair`.
         at
             Index of the range at which the search starts.
         laterals

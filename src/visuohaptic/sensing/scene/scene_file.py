@@ -129,7 +129,7 @@ class SceneSensor:
     Parameters
     ----------
     setup
-        From :meth:`SceneConfig.load`.
+        Result of :meth:`SceneConfig.load`.
     odometry
         Newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the motion is estimated from the floor
         alone.
@@ -191,7 +191,7 @@ class SceneSensor:
         Parameters
         ----------
         frames
-            Of an unloaded strip.
+            Frames of an unloaded strip.
 
         Raises
         ------
@@ -262,7 +262,7 @@ def read_odometry(path: Path | str) -> Odometry:
     Raises
     ------
     InputError
-        With the location of the first invalid field.
+        States the location of the first invalid field.
     """
     path, names = Path(path), ("t_s", "speed_m_s", "turn_rate_rad_s")
     columns = read_columns(path, names)

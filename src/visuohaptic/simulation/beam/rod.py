@@ -45,7 +45,7 @@ class ElasticRod:
         Parameters
         ----------
         force_N, moment_Nm
-            In the frame of the straight rod; the moment is about the displaced tip.
+            Force and moment in the frame of the straight rod; the moment is about the displaced tip.
 
         Raises
         ------

@@ -55,7 +55,7 @@ class FloorWorld:
     robot
         Size and strength.
     time_step_s
-        Of the physics.
+        Time step of the physics.
     """
 
     def __init__(

@@ -63,7 +63,7 @@ class FoamStrip:
     geometry
         Size and spacing; the standard strip by default.
     law
-        Of the foam.
+        Material law of the foam.
 
     Examples
     --------

@@ -114,7 +114,7 @@ class StripLaw:
         Parameters
         ----------
         strain
-            In any order.
+            Strains in any order.
         direction
             ``"loading"`` from rest, or ``"unloading"`` after ``max_strain``.
         max_strain

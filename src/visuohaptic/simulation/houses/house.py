@@ -54,13 +54,13 @@ def door_row(
     Parameters
     ----------
     kinds
-        From right to left in the direction of passage.
+        Objects from right to left in the direction of passage.
     centre_m
-        Of the doorway (x, y) [m].
+        Centre of the doorway (x, y) [m].
     heading_rad
         Direction of passage [rad].
     width_m
-        Of the doorway [m].
+        Width of the doorway [m].
     rng
         Source of the random offset of each object along the passage.
     """
@@ -83,7 +83,7 @@ def office_house(rng: np.random.Generator) -> House:
     Parameters
     ----------
     rng
-        Draws the order of light bin, heavy box and fixed leg in the doorway.
+        Source of the random order of light bin, heavy box and fixed leg in the doorway.
     """
     office = furnished_office()
     kinds = [path.obstacle for path in office.paths]

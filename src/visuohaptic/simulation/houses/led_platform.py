@@ -30,9 +30,9 @@ class LedPlatform(MobileBase):
     pose
         True initial pose: x, y [m], heading [rad].
     rng
-        Of the odometry's errors.
+        Source of the odometry's errors.
     laser_rng
-        Of the laser's noise.
+        Source of the laser's noise.
     """
 
     def __init__(

@@ -67,7 +67,7 @@ class FloorPlan:
         Parameters
         ----------
         point_m
-            In the plan [m].
+            Point in the plan [m].
         """
         return int((point_m[1] + MARGIN_M) / CELL_M), int((point_m[0] + MARGIN_M) / CELL_M)
 
@@ -170,7 +170,7 @@ def _rooms(rng: np.random.Generator) -> FloorPlan:
 
 
 def _place_table(plan: FloorPlan, rng: np.random.Generator) -> bool:
-    """The table on which the object stands, and a free place before one of its sides."""
+    """The table with the object, and a free position next to one of its sides."""
     x0, y0, x1, y1 = plan.rooms[1]
     a, b = (float(rng.uniform(*span)) for span in TABLE)
     if rng.random() < 0.5:

@@ -35,7 +35,7 @@ def random_house(seed: int, visit: int = 0) -> House:
     Parameters
     ----------
     seed
-        Of all random numbers.
+        Seed of all random numbers.
     visit
         Day: people put the objects back into the doorway, in another order on most days.
     """

@@ -130,7 +130,7 @@ def world_mjcf(config: PlatformConfig, obstacles: Sequence[SimulatedObstacle]) -
     config
         Shape and mass of the platform.
     obstacles
-        With unique names.
+        Obstacles with unique names.
     """
     bodies = "\n".join(obstacle_mjcf(o) for o in obstacles)
     feet = "\n".join(feet_mjcf(o) for o in obstacles)

@@ -69,7 +69,7 @@ class SimulatedObstacle:
     round_legs: bool = False
     hinge_friction_Nm: float = 0.3  #: of a door
     hinge_damping_Nms: float = 0.2
-    grey: float = 90.0  #: look
+    grey: float = 90.0  #: appearance
     texture: float = 20.0
     seed: int = 0
     material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``

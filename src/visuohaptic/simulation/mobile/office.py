@@ -50,7 +50,7 @@ class Office:
 
 
 def furnished_office() -> Office:
-    """An office of 8 m x 6 m with two rooms, desks, shelves and a meeting table, drawn here."""
+    """An office of 8 m x 6 m with two rooms, desks, shelves and a meeting table."""
     resolution = 0.05
     columns, rows = 168, 128
     origin = (-0.2, -0.2, 0.0)
@@ -88,7 +88,7 @@ def obstacles_for_map(
     resolution_m: float,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[ApproachPath, ApproachPath, ApproachPath]:
-    """Three reachable places for a light, a heavy and a fixed obstacle, each at the end of a straight path.
+    """Three reachable positions for a light, a heavy and a fixed obstacle, each at the end of a straight path.
 
     A corridor as wide as the platform, from behind the start of the path to the
     end of the push, is free of occupied and unknown cells and of the other
@@ -97,7 +97,7 @@ def obstacles_for_map(
     Parameters
     ----------
     cells, resolution_m, origin
-        The map, see the module.
+        The map, see the module docstring.
 
     Raises
     ------

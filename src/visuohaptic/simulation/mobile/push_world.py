@@ -52,13 +52,13 @@ class FoamPushWorld:
     Parameters
     ----------
     obstacles
-        With different names.
+        Obstacles with unique names.
     platform
         Shape and start.
     law
-        Of the foam.
+        Material law of the foam.
     seed
-        Of all random numbers; friction varies by ``friction_sigma`` between worlds.
+        Seed of all random numbers; friction varies by ``friction_sigma`` between worlds.
     friction_sigma
         Relative standard deviation of every movable obstacle's friction.
     """

@@ -57,7 +57,7 @@ class SimulatedSensorCamera(Closing):
     frame_rate_Hz
         Frames per simulated second.
     seed
-        Of the image noise.
+        Seed of the image noise.
     """
 
     def __init__(

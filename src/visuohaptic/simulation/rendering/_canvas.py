@@ -78,7 +78,7 @@ def coverage(
         return None
     fraction = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
     polygon = np.ascontiguousarray(polygon_px, dtype=np.float64)
-    # Edges that go down (y grows) count positive, which is the left border of a negative turn.
+    # Downward edges (y grows) count positive: they are the left border of a polygon of negative orientation.
     if polygon_area(polygon) > 0:
         polygon = polygon[::-1].copy()
     if sharp:

@@ -173,7 +173,7 @@ def add_plane(
     amplitude: float,
     colour: np.ndarray,
 ) -> None:
-    """Add a weighted textured plane to a window of the image, as far as nothing nearer hides it.
+    """Add a weighted textured plane to a window of the image, where no nearer layer hides it.
 
     Its levels are ``colour + amplitude * (tile - 128) / 42``.
 
@@ -190,7 +190,7 @@ def add_plane(
     rays
         Normalised viewing rays (H, W, 2); or (1, W, 2) with ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``.
     matrices
-        From a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale, (H or 1, 3, 3).
+        Transforms from a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale, (H or 1, 3, 3).
     tile
         Texture (T, T) uint32, T a power of two: in its bytes, from the lowest, a texel, its right, its lower and
         its lower right neighbour, of mean 128 and standard deviation 42.
@@ -302,7 +302,7 @@ def develop(
     seeds
         One seed per row (H,) uint64.
     quantiles
-        Of the standard normal distribution (65536,) float32.
+        Quantiles of the standard normal distribution (65536,) float32.
     words, draws
         Random bits of a row, one memory as (W * C / 4, rounded up) uint64 and four times as many uint16; filled.
     result

@@ -1,4 +1,4 @@
-"""The sensor camera's image of a :class:`FoamScene`, with exact sub-pixel truth.
+"""The sensor camera's image of a :class:`FoamScene`, with exact sub-pixel ground truth.
 
 Layers are added from far to near (and drawn from near to far): floor, objects (whole prisms), foam and robot body
 minus the parts hidden by objects that extend over them, occluders. Each layer covers a

@@ -87,7 +87,7 @@ class SimulatedArm(ProbeArm):
             self._slip = self.repeat_sigma_m * self._rng.standard_normal(3)
 
     def stop(self) -> None:
-        """Hold the present pose."""
+        """Hold the current pose."""
         self._from = self._to = self._pose
         self._turn = np.zeros(3)
         self._duration_s = self._done_s = 0.0

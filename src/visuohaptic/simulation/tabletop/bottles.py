@@ -29,7 +29,7 @@ class Bottle:
     knots_r: Float[np.ndarray, "k"]  #: radius at them [m]
     bulge_m: Float[np.ndarray, "k-1"]  #: of each section, positive outwards
     aspect: float  #: ratio of width along y to width along x
-    flat: float  #: sides are cut off at this part of the radius along y; 1: not at all
+    flat: float  #: sides are cut off at this fraction of the radius along y; 1: not cut
 
     def radius_m(
         self, theta: Float[np.ndarray, "*n"], z_m: Float[np.ndarray, "*n"]

@@ -218,7 +218,7 @@ class CrownCapCell(BlankFrames):
         around = places[touching, :2] / np.maximum(r[touching, None], 1e-9)
         outward = np.column_stack([around * normal[touching, :1], normal[touching, 1]])
         force = self._k[touching] * depth[touching]
-        # Pull on the rim is what the hook presses upward under it.
+        # The pull on the rim is the upward force of the hook below it.
         pull = float(-(force * outward[:, 2])[self._is_hook[touching] & (outward[:, 2] < 0)].sum())
         inner = outward @ tip.rotation  # to the axes of the tool
         g = np.hstack([inner, np.cross(arms[touching], inner)])

@@ -96,7 +96,7 @@ class DeformableContainer:
         mass_kg
             Mass of the empty container [kg].
         filling
-            What it is filled with.
+            Filling.
         """
         from ...deformation.shells.fourier_shell import pinch_stiffness
 

@@ -105,7 +105,7 @@ class VirtualGripper(Closing, Gripper):
         self._target, self._limit = 0.5 * (self.drive.open_m - opening_m), 0.5 * speed_m_s
 
     def stop(self) -> None:
-        """Hold the present opening."""
+        """Hold the current opening."""
         self._target, self._limit, self._speed = self._position, 0.0, 0.0
 
     def state(self) -> GripperState:

@@ -61,7 +61,7 @@ class KitchenTable(BlankFrames, Gripper):
     def __post_init__(self) -> None:
         start = Pose(np.eye(3), np.array([*self.place_m, 0.35]))
         self.arm = SimulatedArm(start, repeat_sigma_m=2e-4, rng=self.rng, turn_rate_rad_s=1.0)
-        self._raised_m = 0.0  #: arm above where the fingers have held the object on the table
+        self._raised_m = 0.0  #: height of the arm above the grasp of the object on the table
         self.fallen = False
         self.force_N = self.deformation_m = 0.0
         self._opening, self._target, self._limit = self.open_m, self.open_m, 0.0
@@ -77,7 +77,7 @@ class KitchenTable(BlankFrames, Gripper):
         self._target, self._limit = opening_m, speed_m_s
 
     def stop(self) -> None:
-        """Hold the present opening."""
+        """Hold the current opening."""
         self._target = self._opening
 
     def state(self) -> GripperState:
