@@ -1,4 +1,4 @@
-"""How a container deforms: shapes, shells, contents, stiffness maps (Alt 2016, Sec. 6.1)."""
+"""Deformation of containers: shapes, shell model, contents, stiffness maps (Alt 2016, Sec. 6.1)."""
 
 from ..core.front_door import attach
 

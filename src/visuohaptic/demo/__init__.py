@@ -1,4 +1,4 @@
-"""The end-to-end demo: a simulated robot looks, touches and remembers."""
+"""The end-to-end demo: a simulated robot observes, touches and stores objects."""
 
 from ..core.front_door import attach
 

@@ -1,7 +1,7 @@
-"""The bottle on the table as it truly is: one shape that is looked through, probed and squeezed.
+"""Ground truth of the bottle on the table: one shape for camera, probe and gripper.
 
-Its response to a squeeze comes from a Fourier series of a shell of revolution, while the
-classifier was trained with triangle shells: the truth shares no element with what reads it.
+Its force-deformation curve comes from a Fourier series of a shell of revolution, while the
+classifier was trained with triangle shells: ground truth and classifier share no element type.
 """
 
 from __future__ import annotations
@@ -30,45 +30,45 @@ __all__ = [
     "random_table_bottle", "table_bottle", "training_objects",
 ]  # fmt: skip
 
-#: Class of the bottle on the table; what the robot has to find out.
+#: Class of the bottle on the table, to be recognised by the robot.
 CLASS = "bottle"
-#: Round classes among those that the robot knows, of PET.
+#: Round classes known to the robot, of PET.
 ROUND = ("bottle", "smoothie")
 HEIGHTS = 16
-#: The elliptic bottles answer under one name, as in Table 6.2.
+#: The elliptic bottles share one name, as in Table 6.2.
 GROUPS = {"elliptic": ("elliptic", "isana")}
 #: The table's frame in the base of the arm.
 PLACE = Pose(np.eye(3), np.array([0.5, 0.0, 0.0]))
-#: PET [kg/m^3], and the thickness of the neck with its thread [m].
+#: Density of PET [kg/m^3], and the thickness of the neck with its thread [m].
 DENSITY, NECK_M = 1380.0, 0.0012
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableBottle:
-    """The truth of the object on the table."""
+    """Ground truth of the object on the table."""
 
-    name: str  #: of its class; ``unknown`` when the robot knows none like it
+    name: str  #: class; ``unknown`` if the robot does not know it
     closed: bool
-    fill: float  #: fraction of the volume up to which it is filled
+    fill: float  #: fraction of the volume that is filled
     outline_m: Float[np.ndarray, "k 2"]  #: (radius, height) from the foot up
-    foot_m: tuple[float, float]  #: of the axis on the table
+    foot_m: tuple[float, float]  #: position of the axis on the table
     container: DeformableContainer
     wall_m: float
     scene: RefractingScene
 
     @property
     def height_m(self) -> float:
-        """Above the table."""
+        """Height above the table."""
         return float(self.outline_m[-1, 1])
 
     def probed(self) -> Bottle:
-        """The same shape for a probe."""
+        """The same shape as a target of the probe."""
         z, r = self.outline_m[:, 1], self.outline_m[:, 0]
         return Bottle("round", self.height_m, z, r, np.zeros(len(z) - 1), 1.0, 10.0)
 
     @property
     def T_base_bottle(self) -> Pose:
-        """Where it stands in the base of the arm."""
+        """Pose in the base of the arm."""
         return PLACE @ Pose(np.eye(3), np.array([*self.foot_m, 0.0]))
 
 
@@ -86,7 +86,7 @@ def contained(
     stiffer: float = 1.0,
     filling: BulkFill = WATER_FILL,
 ) -> DeformableContainer:
-    """Force against deformation of a round PET bottle of an outline.
+    """Force-deformation curve of a round PET bottle with the given outline.
 
     Parameters
     ----------
@@ -95,18 +95,18 @@ def contained(
     wall_m
         Thickness of the wall [m].
     closed
-        Nothing can get out.
+        The contents cannot escape.
     fill
-        Fraction of the volume up to which it is filled.
+        Fraction of the volume that is filled.
     stiffer
         Factor of the modulus.
     filling
-        What it is filled with.
+        Filling.
     """
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
     thickness = np.where(z > 0.9 * z[-1], max(NECK_M, wall_m), wall_m)
-    # A modulus off by a share is a force off by it: the thickness stands for both, by its third power.
+    # A relative change of the modulus changes the force equally: represented by the thickness, by its third power.
     shell = RevolutionShell(r, z, thickness * stiffer ** (1 / 3), rim_held=closed)
     step = np.hypot(np.diff(r), np.diff(z))
     area = 2 * math.pi * 0.5 * (r[1:] + r[:-1]) * step
@@ -118,7 +118,7 @@ def contained(
 
 
 def container_of_outline(outline_m: Float[np.ndarray, "k 2"], wall_m: float = 4e-4) -> ContainerDescription:
-    """A round container of no class: as it was measured.
+    """A round container of no class, as measured.
 
     Parameters
     ----------
@@ -139,13 +139,13 @@ def container_of_outline(outline_m: Float[np.ndarray, "k 2"], wall_m: float = 4e
 
 
 def table_bottle(rng: np.random.Generator) -> TableBottle:
-    """A bottle that the classifier has not seen, somewhere on the table, open or closed, empty or with any
+    """A bottle unknown to the classifier at a random position on the table, open or closed, empty or with any
     amount of water.
 
     Parameters
     ----------
     rng
-        Draws variant, lid, water and place.
+        Source of variant, lid, water and position.
     """
     outline, wall = _variant(CLASS, rng)
     closed, wet = rng.random(2) < 0.5
@@ -156,14 +156,14 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
 
 
 def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) -> TableBottle:
-    """A round transparent container of any class, or of none, with a modulus of its own and any contents.
+    """A round transparent container of any class, or of none, with a random modulus and any contents.
 
     Parameters
     ----------
     rng
-        Draws class, variant, wall, modulus and place.
+        Source of class, variant, wall, modulus and position.
     today
-        Draws lid and contents.
+        Source of lid and contents.
     """
     name = str(rng.choice((*ROUND, UNKNOWN), p=(*(0.85 / len(ROUND) for _ in ROUND), 0.15)))
     if name == UNKNOWN:
@@ -190,7 +190,7 @@ def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) ->
 
 
 def _variant(name: str, rng: np.random.Generator) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Outline and wall [m] of a member of a class that the classifier was not trained with."""
+    """Outline and wall [m] of a member of a class not used in training."""
     from ..deformation.shapes.variants import draw_variant
 
     description = draw_variant(load_container(name), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
@@ -204,14 +204,14 @@ def _on_the_table(
     container: DeformableContainer,
     place: tuple[tuple[float, float], np.random.Generator],
 ) -> TableBottle:
-    """A bottle among a box and a can, before walls."""
+    """A bottle between a box and a can, in front of walls."""
     (outline, wall), (closed, fill), (foot, rng) = shape, state, place
     height = float(outline[-1, 1])
     body = Revolution(
         (*foot, 0.0),
         outline,
         "glass",
-        wall_m=0.0006,  # thinner walls bend no ray that this camera could tell
+        wall_m=0.0006,  # refraction by thinner walls is below the resolution of this camera
         index=PET,
         fill=fill,
         bands=(Band(0.02, 0.3 * height), Band(height - 0.018, height + 0.002, albedo=0.6)),
@@ -243,14 +243,14 @@ def _on_the_table(
 
 
 def around_the_table(views: int, rng: np.random.Generator) -> list[Pose]:
-    """Views on a circle that look at the middle of the table.
+    """Views on a circle towards the centre of the table.
 
     Parameters
     ----------
     views
-        How many.
+        Number of views.
     rng
-        Draws radius, height and first angle.
+        Source of radius, height and first angle.
     """
     first = float(rng.uniform(0, 2 * math.pi))
     radius, height = float(rng.uniform(0.72, 0.82)), float(rng.uniform(0.42, 0.52))

@@ -1,4 +1,4 @@
-"""The order of the demonstration, and its parts that can be run alone."""
+"""The order of the demonstration's chapters, and parts that can be run alone."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle),
 )  # fmt: skip
 
-#: Parts of the story -> their chapters.
+#: Parts of the demonstration -> their chapters.
 PARTS: dict[str, tuple[str, ...]] = {
     "foam": ("foam",),
     "beam": ("beam",),
@@ -72,13 +72,13 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """Where the mission takes place, and what is known before."""
+    """World of the mission, and prior knowledge."""
 
     world: int = (
-        0  #: seed of a drawn house, of what blocks its doorway and is on its table; 0: the fixed office
+        0  #: seed of a random house with its obstacles and the object on its table; 0: the fixed office
     )
-    day: int = 0  #: people have moved things since the one before
-    memory: Path | str | None = None  #: database of what was learnt, a folder or a URL
+    day: int = 0  #: people have moved objects since the previous one
+    memory: Path | str | None = None  #: database of learnt objects, a folder or a URL
 
 
 def run_mission(
@@ -99,25 +99,25 @@ def run_mission(
     folder
         Receives the recordings of sensors and chapters.
     part
-        One of ``PARTS``, or names of chapters; the whole story without. What earlier chapters would have
-        learnt is then filled in from the simulated world, and said so.
+        One of ``PARTS``, or names of chapters; all chapters by default. The results of omitted earlier chapters
+        are then filled in from the simulated world and marked as such.
     seed
-        Of everything random: order of the objects, noise, bottle, state.
+        Seed of all random numbers: order of the objects, noise, bottle, state.
     on_message
-        Takes the lines of the story.
+        Called with each line of the log.
     page
-        Shows it live.
+        Live page.
     fault
-        Something that goes wrong.
+        Fault to inject.
     quick
         Fewer frames and views, shorter pushes: for tests.
     visit
-        Which world, on which day, and what is remembered of it; the fixed office without.
+        World, day, and stored knowledge; the fixed office by default.
 
     Raises
     ------
     InputError
-        Part or chapter is not known.
+        Unknown part or chapter.
 
     Examples
     --------
@@ -134,7 +134,7 @@ def run_mission(
         raise InputError("mission", f"found chapter {unknown[0]!r}, expected one of {', '.join(known)}")
     chosen = tuple(one for one in CHAPTERS if one.name in names)
     wanted = {need for one in chosen for need in one.needs} - set(names)
-    # What is needed by what is given comes first.
+    # Chapters that the given ones require come first.
     wanted |= {below for name in wanted for below in CHAPTERS_NEED.get(name, ())}
     given = [one for one in CHAPTERS if one.name in wanted and one.name not in names]
     mission = Mission(
@@ -156,5 +156,5 @@ def run_mission(
         return run_chapters(mission, chosen, given)
 
 
-#: What a given chapter itself builds on, as far as it is not filled in by it.
+#: Chapters that a given chapter itself requires, unless it fills in their results.
 CHAPTERS_NEED: dict[str, tuple[str, ...]] = {"door": ("map",), "foam": ("map",)}

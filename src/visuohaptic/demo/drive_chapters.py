@@ -1,4 +1,4 @@
-"""Plan with the measured tags, push one object aside, and arrive at the table."""
+"""Plan with the measured tags, push one object aside, and drive to the table."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from .story import ChapterResult, Illustration, Measure, Mission, counted, done,
 
 __all__ = ["drive_to_the_table"]
 
-#: Between two scans that are laid on the map [s].
+#: Time between two scans that are matched to the map [s].
 SCAN_S = 0.33
-#: What is screwed to the floor weighs this much in the simulated world [kg].
+#: Mass of fixed objects in the simulated world [kg].
 FIXED_KG = 500.0
 
 
 class _ScanSenses(FloorSenses):
-    """Pose by scans that are laid on the map, and by odometry between them; what is touched and seen goes by it."""
+    """Pose by scan matching, and by odometry between scans; touched and observed objects are relative to it."""
 
     def __init__(self, mission: Mission, world: FloorWorld) -> None:
         super().__init__(world, mission.rng(10))
         self._mission, self._mapper = mission, mission.mapper
         self._odometry = DriftingBase(world.base, mission.rng(12), mission.house.odometry)
         self._laser_rng = mission.rng(13)
-        # The wheels go on counting from where they have led the platform.
+        # Odometry continues from the position to which it has led the platform.
         self._counted, self._start = mission.platform.odometry(), self._true()
         self._scanned = (world.t_s, self._counted)
         self.jump_at_s, self.jump = math.inf, (0.0, 0.0, 0.0)
@@ -54,7 +54,7 @@ class _ScanSenses(FloorSenses):
         return x, y, heading
 
     def pose(self) -> tuple[float, float, float]:
-        """Where the platform is on the map."""
+        """Estimated pose of the platform on the map."""
         state, now = self._odometry.state(), self._world.t_s
         step = relative_2d(self._start, (state.x_m, state.y_m, state.heading_rad))
         wheels = compose_2d(self._counted, step)
@@ -70,7 +70,7 @@ class _ScanSenses(FloorSenses):
         return x, y, heading
 
     def look(self, id: str) -> tuple[float, float, float] | None:
-        """Where an object is on the map: seen from the platform."""
+        """Pose of an object on the map, observed from the platform."""
         seen = super().look(id)
         if seen is None:
             return None
@@ -79,14 +79,14 @@ class _ScanSenses(FloorSenses):
 
 
 def place_objects(mission: Mission, world: FloorWorld) -> None:
-    """Take down where everything truly is by now.
+    """Record the current true poses.
 
     Parameters
     ----------
     mission
-        Receives the places.
+        Receives the poses.
     world
-        In which the objects were moved.
+        World in which the objects were moved.
     """
     for one in mission.house.obstacles:
         x, y, turned = (float(value) for value in world.item_pose_m(one.name))
@@ -94,12 +94,12 @@ def place_objects(mission: Mission, world: FloorWorld) -> None:
 
 
 def drive_to_the_table(mission: Mission) -> ChapterResult:
-    """Plan, push, look, plan again; at the end see whether the laser agrees.
+    """Plan, push, observe, replan; at the end, verify the pose with the laser.
 
     Parameters
     ----------
     mission
-        With map, pose and tagged objects.
+        Mission with map, pose and tagged objects.
     """
     known = mission.known
     fraction = fit_fraction(mission, known.map, mission.platform.pose, known.pose)
@@ -130,12 +130,12 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         _picture(mission, problem, found, track, world),
     )
     if not found.arrived:
-        # Another attempt begins where this one has ended, with what it has learnt.
+        # Another attempt starts where the previous one ended, with its results.
         mission.platform.go(relative_2d(mission.platform.pose, true_pose))
         known.pose, known.objects = estimated, found.problem.objects
         mission.mapper = OccupancyMapper.from_map(known.map, estimated, mission.platform.odometry())
         return failed(f"{found.outcome.value}: {found.reason}", *parts)
-    # Odometry and wishes are not enough: the laser has to see the map from here.
+    # Odometry is not sufficient: the laser has to match the map from here.
     known.pose = estimated
     fraction = fit_fraction(mission, known.map, true_pose, estimated)
     if fraction < MIN_FIT:
@@ -159,7 +159,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
 def _travelled(
     mission: Mission, problem: PlanningProblem, world: FloorWorld, senses: FloorSenses
 ) -> tuple[Travel, Float[np.ndarray, "n 3"]]:
-    """Drive, show it, and take down where everything truly went."""
+    """Drive, display the drive, and record all true poses."""
     track: list[Float[np.ndarray, "3"]] = []
 
     def wait(seconds: float) -> None:
@@ -171,7 +171,7 @@ def _travelled(
     start_s = world.t_s
 
     def plan(problem: PlanningProblem) -> Plan:
-        """As :func:`make_plan`, and said: travel plans with margins of its own, and again when it has looked."""
+        """Like :func:`make_plan`, with a message: travel plans with its own margins, and replans after observations."""
         made = make_plan(problem)
         for task in made.tasks:
             what = f"{task.kind} {task.object}".strip()
@@ -208,7 +208,7 @@ def _why(name: str, mission: Mission) -> str:
 
 
 def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:
-    """The floor with the objects where they are now, with their mass."""
+    """The floor with the objects at their current poses, with their mass."""
     items = []
     for true in mission.house.obstacles:
         shape = true.outlines[0]
@@ -233,7 +233,7 @@ def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:
 
 
 def _show(mission: Mission, world: FloorWorld) -> None:
-    """Things and platform on the live page."""
+    """Objects and platform on the live page."""
     if mission.page is None:
         return
     from ..core.camera.pose import Pose
@@ -284,6 +284,6 @@ def _picture(
 
 
 def default_arrival(mission: Mission) -> None:
-    """The platform stands where the table can be served from."""
+    """The platform is at the position from which the table is reached."""
     mission.known.arrived = True
     mission.known.pose = (*mission.house.table_m, 0.0)

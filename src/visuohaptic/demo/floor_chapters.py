@@ -1,4 +1,4 @@
-"""The floor of the mission: its first round with the laser, and the way to the table that is blocked today."""
+"""The floor of the mission: the mapping tour with the laser, and the path to the table that is blocked today."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 __all__ = ["ROBOT", "find_the_door_blocked", "map_the_way", "world_map"]
 
 ROBOT = RobotModel(0.17)
-#: Between two scans on the way [m].
+#: Distance between two scans [m].
 STEP_M = 0.1
-#: Fraction of a scan's beams that must end where the map says. From 120 poses about the goal at least 0.96 fit
-#: the maps that the laser made, and from 40 at most 0.92 a map that is shifted or has objects too many.
+#: Minimum fraction of a scan's beams that end at occupied cells of the map. From 120 poses around the goal at least 0.96 match
+#: the laser's own maps, and from 40 at most 0.92 a map that is shifted or has additional objects.
 MIN_FIT = 0.94
-#: What is farther from the path leaves room for the platform beside it [m].
+#: Beyond this distance from the path, the platform can pass [m].
 BESIDE_M = 2 * ROBOT.radius_m + 0.2
-#: It looks from so far before the first thing that is in the way, and from as far to either side [m].
+#: Distance of the observation point from the first obstacle, and of the views to either side [m].
 LOOK_M, ASIDE_M = 0.9, 0.45
-#: Two deviations of the laser and of the map between scans that show the same side [m].
+#: Two standard deviations of laser and map between scans of the same side [m].
 LINK_M = 0.03
-#: Standard deviation of a place that the laser has seen, by the map's and the laser's errors [m].
+#: Standard deviation of a position measured by the laser, from the errors of map and laser [m].
 SEEN_SIGMA_M = 0.03
 
 
 def world_map(mission: Mission) -> OccupancyMap:
-    """The true floor with everything that stands on it, for the laser.
+    """The true floor with all objects, as seen by the laser.
 
     Parameters
     ----------
     mission
-        With the house, and where its objects truly are.
+        Mission with the house, and the true poses of its objects.
     """
     outlines = [outline_m(mission, one) for one in mission.house.obstacles]
     return map_with_footprints(mission.house.fine_grid(), outlines)
@@ -59,16 +59,16 @@ def world_map(mission: Mission) -> OccupancyMap:
 def outline_m(
     mission: Mission, obstacle: SimulatedObstacle, step_rad: float = math.pi / 16
 ) -> Float[np.ndarray, "k 2"]:
-    """Where an obstacle truly is by now [m].
+    """Current true outline of an obstacle [m].
 
     Parameters
     ----------
     mission
-        With the places of all obstacles.
+        Mission with the poses of all obstacles.
     obstacle
         One of the house.
     step_rad
-        Of a round outline.
+        Angular step of a round outline.
     """
     return obstacle.outlines[0].moved(*mission.placed[obstacle.name]).polygon_m(step_rad)
 
@@ -92,20 +92,20 @@ def _path(
     at = np.arange(0.0, along[-1], STEP_M)
     points = np.column_stack([np.interp(at, along[keep], path_m[keep, axis]) for axis in (0, 1)])
     heading = np.unwrap(np.arctan2(*np.gradient(points, axis=0).T[::-1]))
-    # The laser looks ahead only: turns are as smooth as a person makes them.
+    # The laser looks ahead only: the path turns as smoothly as that of a person.
     smooth = np.convolve(np.pad(heading, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")
     return np.column_stack([points, smooth])
 
 
 def map_the_way(mission: Mission) -> ChapterResult:
-    """The first round: laser scans are laid on each other, odometry only helps.
+    """The mapping tour: scan matching, with odometry as initial guess.
 
-    A person leads the platform, stops where the table is served from, and brings it to where errands begin.
+    A person leads the platform, stops where the table is reached, and leads it to the start of its tasks.
 
     Parameters
     ----------
     mission
-        Receives map, pose, and the place of the table.
+        Receives map, pose, and the position of the table.
     """
     house = mission.house
     recalled = mission.memory.map() if mission.memory is not None else None
@@ -151,7 +151,7 @@ def map_the_way(mission: Mission) -> ChapterResult:
 
 
 def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
-    """The map of an earlier visit, which fits what the laser sees from where errands begin."""
+    """The map of an earlier visit, if it matches the laser scan at the start."""
     known, house = mission.known, mission.house
     known.map = known.map_now = recalled.grid
     known.goal_m, known.pose = recalled.goal_m, recalled.home
@@ -168,12 +168,12 @@ def _pose(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 def find_the_door_blocked(mission: Mission) -> ChapterResult:
-    """Drive to the table until something new is in the way, and look at it from several places.
+    """Drive towards the table until a new obstacle blocks the path, and observe it from several positions.
 
     Parameters
     ----------
     mission
-        With the map of the first round; receives the laser points of each object.
+        Mission with the map of the tour; receives the laser points of each object.
     """
     known, grid = mission.known, mission.known.map
     mission.platform.see(world_map(mission))
@@ -209,7 +209,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
 
 
 def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Groups of new points along the path; the platform ends before the first that is in its way."""
+    """Groups of new points along the path; the platform stops before the first that blocks it."""
     grid = mission.known.map
     seen: list[Float[np.ndarray, "k 2"]] = []
     groups: list[Float[np.ndarray, "k 2"]] = []
@@ -226,7 +226,7 @@ def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> li
     here = mission.known.pose
     for aside in np.linspace(-ASIDE_M, ASIDE_M, 7):
         place = compose_2d(here, (0.0, float(aside), 0.0))
-        # A metre of the map is enough to see whether there is room.
+        # A metre of the map is sufficient to check the clearance.
         if not without_pushing(
             PlanningProblem(marked, ROBOT, np.array(here[:2]), np.array(place[:2]))
         ).reachable:
@@ -237,7 +237,7 @@ def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> li
 
 
 def _look_from(mission: Mission, pose: tuple[float, float, float]) -> Float[np.ndarray, "k 2"]:
-    """Go to a pose of the map, see where that truly was, and scan: hits in the map."""
+    """Drive to a pose of the map, compute the true pose, and scan: hits in the map frame."""
     platform, mapper = mission.platform, mission.mapper
     platform.go(relative_2d(mission.known.pose, pose))
     scan = platform.scan()
@@ -252,7 +252,7 @@ def _distance(group: Float[np.ndarray, "k 2"], path: Float[np.ndarray, "n 3"]) -
 
 
 def _across(groups: Sequence[Float[np.ndarray, "k 2"]], path: Float[np.ndarray, "n 3"]) -> float:
-    """Heading in which a row of objects is met at right angles, or that of the path where there is but one [rad]."""
+    """Heading perpendicular to a row of objects, or that of the path for a single one [rad]."""
     middles = np.array([one.mean(axis=0) for one in groups])
     nearest = np.hypot(*(path[:, None, :2] - middles[None]).transpose(2, 0, 1)).min(axis=1).argmin()
     heading = float(path[nearest, 2])
@@ -264,7 +264,7 @@ def _across(groups: Sequence[Float[np.ndarray, "k 2"]], path: Float[np.ndarray, 
 
 
 def _whole(groups: Sequence[Float[np.ndarray, "k 2"]], heading_rad: float) -> list[Float[np.ndarray, "k 2"]]:
-    """Objects: each is taken to be as deep as its near side is wide, and what is seen in there is of it."""
+    """Objects: each is assumed to be as deep as its near side is wide, and points inside belong to it."""
     turn, whole = rotation_2d(heading_rad), list[Float[np.ndarray, "k 2"]]()
     for one in sorted(groups, key=lambda group: -float(np.ptp(group @ turn[:, 1]))):
         for number, wider in enumerate(whole):
@@ -279,26 +279,26 @@ def _whole(groups: Sequence[Float[np.ndarray, "k 2"]], heading_rad: float) -> li
 
 
 def _place_claim(mission: Mission, group: Float[np.ndarray, "k 2"]) -> Claim:
-    """Middle of an object by what is seen of it, against the true one that is nearest."""
+    """Centre of an object from its laser points, compared with the nearest true one."""
     true = nearest_obstacle(mission, group.mean(axis=0))
     x, y, _ = mission.placed[true.name]
     front, width = near_side(group, mission.known.ahead_rad)
-    # The near side alone is seen: an object is taken to be as deep as it is wide, give or take half of that. Its middle
-    # is off by half of the depth's deviation, 1 / sqrt(12) of the width, along one of two axes.
+    # Only the near side is visible: an object is assumed to be as deep as it is wide, +- half of that. Its centre
+    # has an error of half of the depth's deviation, 1 / sqrt(12) of the width, along one of two axes.
     value = front + 0.5 * width * rotation_2d(mission.known.ahead_rad)[:, 0]
     sigma = math.hypot(SEEN_SIGMA_M, 0.5 * width / math.sqrt(12.0) / math.sqrt(2.0))
     return Claim("place", true.name, (float(value[0]), float(value[1])), (x, y), sigma=sigma)
 
 
 def near_side(group: Float[np.ndarray, "k 2"], heading_rad: float) -> tuple[Float[np.ndarray, "2"], float]:
-    """Middle of the side of an object that is met first [m], and its width [m].
+    """Centre of the near side of an object [m], and its width [m].
 
     Parameters
     ----------
     group
         Laser points of the object [m].
     heading_rad
-        In which it is met [rad].
+        Direction of approach [rad].
     """
     turn = rotation_2d(heading_rad)
     low, high = (group @ turn).min(axis=0), (group @ turn).max(axis=0)
@@ -306,14 +306,14 @@ def near_side(group: Float[np.ndarray, "k 2"], heading_rad: float) -> tuple[Floa
 
 
 def nearest_obstacle(mission: Mission, point_m: Float[np.ndarray, "2"]) -> SimulatedObstacle:
-    """The true obstacle that a point of the map belongs to: the world's business.
+    """The true obstacle at a point of the map, from the simulated world.
 
     Parameters
     ----------
     mission
-        With the places of all obstacles.
+        Mission with the poses of all obstacles.
     point_m
-        Of what was seen [m].
+        Observed point [m].
     """
     return min(
         mission.house.obstacles, key=lambda one: math.dist(mission.placed[one.name][:2], tuple(point_m))
@@ -326,7 +326,7 @@ def fit_fraction(
     true_pose: tuple[float, float, float],
     estimated_pose: tuple[float, float, float],
 ) -> float:
-    """Fraction of a scan's hits that have something on the map near; objects in the door aside.
+    """Fraction of a scan's hits that are close to occupied cells of the map, without objects in the door.
 
     Parameters
     ----------
@@ -335,9 +335,9 @@ def fit_fraction(
     grid
         The robot's map.
     true_pose
-        Where the platform is: x, y [m], heading [rad].
+        True pose of the platform: x, y [m], heading [rad].
     estimated_pose
-        Estimated.
+        Estimated pose.
     """
     scan = LedPlatform(mission.house, true_pose, mission.rng(5), mission.rng(6)).scan()
     return scan_fit(grid, scan.points_m @ rotation_2d(estimated_pose[2]).T + estimated_pose[:2])
@@ -384,7 +384,7 @@ def default_map(mission: Mission) -> None:
 
 
 def default_door(mission: Mission) -> None:
-    """Places of what is in the way as it truly is."""
+    """True positions of the obstacles."""
     known, house = mission.known, mission.house
     path = _path(house.grid, [house.start[:2], house.table_m], ROBOT.radius_m)
     outlines = [outline_m(mission, one) for one in house.obstacles]

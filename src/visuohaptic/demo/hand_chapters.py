@@ -1,4 +1,4 @@
-"""The gripper squeezes the completed bottle: what it is, in which state, and how to grasp it."""
+"""The gripper squeezes the completed bottle: class, state, and grasp."""
 
 from __future__ import annotations
 
@@ -47,35 +47,35 @@ if TYPE_CHECKING:
 
 __all__ = ["grasp_the_bottle", "mission_classes", "recognise_the_bottle"]
 
-#: At a single place an unusual bottle can be as stiff and as wide as another class. Of objects of no class, one in ten, two in
-#: a hundred may be claimed: 0.02 * 0.1 / 0.9 of all claims. What is known needs two squeezes, what is not up to a dozen.
+#: At a single location an unusual bottle can be as stiff and as wide as another class. Of objects of no class, one in ten, two in
+#: a hundred may be misclassified: 0.02 * 0.1 / 0.9 of all claims. Known objects need two squeezes, unknown ones up to a dozen.
 CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.998, 2, 12
-#: The gripper's limit, above the firmest squeeze [N].
+#: The gripper's limit, above the strongest squeeze [N].
 MAX_GRIP_N = 60.0
-#: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
-#: planned height has lost: it is held by this at least, where the wall bears it [N].
+#: An empty bottle requires tenths of a newton, which are lost if the finger is 0.2 mm off the
+#: planned height: this is the minimum force, if the wall supports it [N].
 MIN_GRIP_N = 2.5
-#: Room beside an outline for the place of its axis, and how far the hand opens at most [m].
+#: Margin around an outline for the position of its axis, and maximum opening of the hand [m].
 CLEAR_M, MAX_OPEN_M = 0.003, 0.11
-#: Classes of the classifier with the unknown one.
+#: Classes of the classifier, including the unknown class.
 CLASSES = 6
-#: Above this fraction of the height the fingers may miss the rim: the height is known to millimetres only.
+#: Above this fraction of the height the fingers may miss the rim: the height has an error of millimetres.
 TOP = 0.85
 
 
 def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
-    """Arm and gripper at the table, with the bottle where it truly stands.
+    """Arm and gripper at the table, with the bottle at its true pose.
 
     Parameters
     ----------
     mission
-        Its fault may let the bottle slip or fall.
+        Its fault may cause slip or a fall of the bottle.
     """
     if mission.kitchen is None:
         bottle = set_the_table(mission)
         x, y, _ = bottle.T_base_bottle.translation_m
         slip_s = 0.0 if mission.fault is FaultKind.SLIP else math.inf
-        # Squeezes and grasp take 35 s and more: it falls in the midst of them.
+        # Squeezes and grasp take at least 35 s: the fall occurs in the middle.
         falls = mission.fault is FaultKind.OBJECT_FALLS
         fall_s = float(mission.rng(30).uniform(2.0, 34.0)) if falls else math.inf
         mission.kitchen = VirtualHand(
@@ -104,18 +104,18 @@ def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:
-    """Squeeze where it tells most until the class is sure, then once more, firmly, for the contents.
+    """Squeeze at the most informative location until the class is certain, then once more, with high force, for the contents.
 
     Parameters
     ----------
     mission
-        With the completed outline; receives class, squeezes, wall, lid, fill and mass.
+        Mission with the completed outline; receives class, squeezes, wall, lid, fill and mass.
     """
     known, bottle = mission.known, set_the_table(mission)
     _, hand = the_hand(mission)
     object_m = _foot_m(known)
     classes = mission_classes()
-    if mission.known_bottle is None:  # else what its outline says is in the odds
+    if mission.known_bottle is None:  # otherwise the outline is included in the likelihood
         classes = with_outline(classes, known.outline_m, known.outline_sigma_m)
     squeezer = BayesSqueezer(
         classes, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission),
@@ -137,7 +137,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     called = (
         "it is like none of the classes that are known" if found.best == UNKNOWN else f"it is a {found.best}"
     )
-    # Squeezed once more it goes on with what is most probable, and claims no class: the map is corrected by what was felt.
+    # After another squeeze it continues with the most probable class, without claiming it: the measurements correct the map.
     model_wall_m = _take_class(known, found.best)
     if known.class_model.base.shape != "circle":
         return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
@@ -157,7 +157,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     ]
     if contents.lid == UNKNOWN or contents.mass_kg is None:
         return failed(f"{called}, but its contents are not identified: {contents.why}", *parts)
-    # A lid that is not sure is not claimed: an open wall is the softer one, and is what the grasp is planned for.
+    # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
     known.closed = contents.sure and contents.lid == "closed"
     known.fill, known.mass_kg = contents.fill[0], contents.mass_kg[0]
     if mission.memory is not None and contents.sure:
@@ -169,13 +169,13 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
 
 
 def mission_classes() -> HapticModel:
-    """What is known of the classes, for an arm that is calibrated and heights that were measured."""
+    """Prior knowledge of the classes, for a calibrated arm and measured heights."""
     settings = ModelSettings(pose_m=HEIGHT_SIGMA_M, poses=(1.0,))
     return fit_model(training_objects(), GROUPS, settings=settings)
 
 
 def _odds(mission: Mission) -> dict[str, float]:
-    """Of the class as which the object was recognised, against any other of those that are known."""
+    """Probability of the recognised class against all other known ones."""
     one = mission.known_bottle
     if one is None:
         return {}
@@ -207,19 +207,19 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
 
 
 def _foot_m(known: Known) -> tuple[float, float, float]:
-    """Middle of the bottle's bottom in the base of the arm."""
+    """Centre of the bottle's bottom in the base of the arm."""
     x, y, _ = PLACE.apply(np.array([*known.bottle_at_m, 0.0]))
     return float(x), float(y), 0.0
 
 
 def _open_m(known: Known) -> float:
-    """Opening that lets the widest part of the outline pass, as far off as outline and place may be."""
+    """Opening for the widest part of the outline, including the errors of outline and position."""
     reach_m = float(known.outline_m[:, 0].max()) + 3.0 * known.outline_sigma_m + CLEAR_M
     return min(2.0 * reach_m, MAX_OPEN_M)
 
 
 def _report_classes(mission: Mission, found: Classification) -> str:
-    """Lines of the squeezes; returns the three most probable classes."""
+    """Log lines of the squeezes; returns the three most probable classes."""
     for curve in found.curves:
         mission.log(
             f"  squeezed at {1e3 * curve.place.height_m:.0f} mm: {curve.stiffness_N_per_m / 1e3:.2f} N/mm, "
@@ -232,7 +232,7 @@ def _report_classes(mission: Mission, found: Classification) -> str:
 
 
 def _take_class(known: Known, name: str) -> float:
-    """Keep the class with its nearest variant, or the outline as it is of one that is unknown; returns its wall [m]."""
+    """Store the class with its nearest variant, or the outline itself for an unknown one; returns its wall [m]."""
     known.class_name = name
     known.class_model = (
         container_of_outline(known.outline_m)
@@ -243,12 +243,12 @@ def _take_class(known: Known, name: str) -> float:
 
 
 def grasp_the_bottle(mission: Mission) -> ChapterResult:
-    """Plan on the recognised class's stiffness map, corrected by what was felt; grasp and lift.
+    """Plan on the recognised class's stiffness map, corrected by the measurements; grasp and lift.
 
     Parameters
     ----------
     mission
-        With outline, class, squeezes and contents.
+        Mission with outline, class, squeezes and contents.
     """
     kitchen, hand = the_hand(mission)
     plan, scale = _planned(mission.known)
@@ -285,7 +285,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
 
 
 def _planned(known: Known) -> tuple[GraspPlan, float]:
-    """Grasps on the class's model, and its height by that of the bottle."""
+    """Grasps on the class's model, with heights scaled to the bottle's."""
     from ..deformation.maps.confidence_band import object_map
     from ..deformation.nonlinear.contents import Contents
     from ..deformation.shapes.mesher import mesh_container
@@ -294,7 +294,7 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     from ..grasping.planner import plan_grasps
 
     model = mesh_container(known.class_model, around=32)
-    # Heights are taken in parts: the class's variant is not exactly as high as the bottle.
+    # Heights are relative: the class's variant has not exactly the height of the bottle.
     scale = model.height_m / float(known.outline_m[-1, 1])
     surface = object_map(model, Contents(fill=known.fill) if known.closed else None, band=False)
     surface = correct_by_squeezes(surface, known.curves, known.outline_m, scale=scale)
@@ -303,19 +303,19 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
         model,
         GraspTask(closed=known.closed, fill=known.fill, load=Load(known.mass_kg, load.centre_m)),
         count=3,
-        # The map is corrected by what was felt, which the class's model in a simulation is not; the fingers watch how far
-        # the wall gives way.
+        # The map is corrected by the measurements, the class's model in a simulation is not; the fingers monitor the
+        # deformation of the wall.
         confirm=False,
         surface=surface,
-        # This hand comes from the side.
+        # This gripper approaches from the side.
         arm_cost=lambda grasp: math.inf if grasp.rim or grasp.first_m[2] >= TOP * model.height_m else 0.0,
     )
     return plan, scale
 
 
 def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
-    """The planned grasp as the hand carries it out."""
-    # Two fingers are as good either way round: the smaller turn is taken.
+    """The planned grasp as executed by the gripper."""
+    # The two fingers are interchangeable: the smaller rotation is used.
     angle = math.remainder(math.atan2(best.direction[1], best.direction[0]), math.pi)
     force = max(best.force_N, min(MIN_GRIP_N, best.deformation_limit_N))
     bound = 2.0 * force / best.force_N * (best.deformation_m + 3.0 * best.deformation_sigma_m) + 0.001
@@ -373,7 +373,7 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted
 
 
 def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray, lifted: bool) -> None:
-    """Outline of the bottle on the table and above it, and the fingers beside it."""
+    """Outline of the bottle on the table and lifted, and the fingers beside it."""
     from matplotlib.patches import Rectangle
 
     from ..report.style import COLOURS

@@ -1,8 +1,8 @@
-"""What the robot keeps between its visits, in a database of objects: the map, what stood in its way, what it lifted.
+"""Persistent memory between visits, in a database of objects: the map, obstacles, and lifted objects.
 
-A kitchen is a name; what is known of it has this name at the start of its id and in the context of its sighting.
-What stands somewhere today is recognised by shape and place: hypotheses are the known objects and "none of them", no
-object stands in two places, and a match is used from a probability of ``SURE`` on.
+A kitchen is a name; entries about it have this name at the start of their id and in the context of their sighting.
+Current objects are recognised by shape and position: hypotheses are the known objects and "none of them", no
+object is in two positions, and a match is used if its probability is at least ``SURE``.
 """
 
 from __future__ import annotations
@@ -37,38 +37,38 @@ from ..io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
 
-#: A remembered object is used as such from this probability on.
+#: A stored object is used from this probability on.
 SURE = 0.9
-#: Prior of an object that was never seen here, among as many hypotheses as there are.
+#: Prior of an object that was never observed here, among the same number of hypotheses.
 NEW = 0.2
-#: Laser points from an outline on which they lie: 7 mm in drawn houses, of a laser of 10 mm. Points of one scan err
-#: alike: of a group, as many count as independent. Rounds of the fit [m].
+#: Standard deviation of laser points from their outline [m]: 7 mm in random houses, for a laser of 10 mm. Errors of points of one
+#: scan are correlated: a group counts as this many independent points. Iterations of the fit.
 POINT_M, INDEPENDENT, FIT_ROUNDS = 0.008, 10, 4
-#: How much more than the whole width may be seen by noise, and how much may be hidden [m].
+#: Excess over the full width that noise may cause, and part of it that may be hidden [m].
 WIDTH_M, HIDDEN_M = 0.015, 0.04
-#: Outlines that a laser tells apart, a dozen widths with eight depths and shapes: what was never seen has one of them.
+#: Number of outlines that a laser can distinguish, a dozen widths with eight depths and shapes: a new object has one of them.
 OUTLINES = 100
-#: Frictions that are the same to a plan, as a fraction.
+#: Frictions that are equivalent for a plan, as a fraction.
 ALIKE = 0.15
-#: An object that is nearer than this to where it was left has been left there [m].
+#: An object within this distance of its last position has not been moved [m].
 MOVED_M = 0.15
-#: Of a seen radius, and of anybody's [m]; heights at which outlines are kept.
+#: Standard deviation of an observed radius, and of the population [m]; heights at which outlines are stored.
 RADIUS_M, ANY_RADIUS_M, HEIGHTS = 0.003, 0.012, 24
 _FREE, _OCCUPIED, _UNKNOWN = 254, 0, 127
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RememberedMap:
-    """The floor as it was mapped."""
+    """The mapped floor."""
 
     grid: OccupancyMap
-    goal_m: tuple[float, float]  #: from where the table is served
-    home: tuple[float, float, float]  #: where errands begin
+    goal_m: tuple[float, float]  #: position from which the table is reached
+    home: tuple[float, float, float]  #: start of the tasks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BottleMemory:
-    """What is known of a container that stood on the table."""
+    """Stored data of a container that stood on the table."""
 
     id: str
     class_name: str
@@ -80,18 +80,18 @@ class BottleMemory:
 
 
 class MissionMemory(Closing):
-    """One kitchen's part of a database of objects.
+    """The entries of one kitchen in a database of objects.
 
     Parameters
     ----------
     location
-        Folder, or URL of a server that robots share.
+        Folder, or URL of a server that several robots share.
     kitchen
         Its name.
     """
 
     def __init__(self, location: Path | str, kitchen: str) -> None:
-        from ..database.database import open_database  # an extra, which a visit without memory does not need
+        from ..database.database import open_database  # an optional dependency, not needed without memory
 
         self._database = open_database(location)
         self.kitchen = kitchen
@@ -109,12 +109,12 @@ class MissionMemory(Closing):
         return [self._database.get(name) for name in sorted(names)]
 
     def map(self) -> RememberedMap | None:
-        """The floor of this kitchen; ``None`` when it was never mapped.
+        """The floor of this kitchen; ``None`` if it was never mapped.
 
         Raises
         ------
         InputError
-            What is stored is no map.
+            The stored data are not a map.
         """
         found = self._objects("map")
         if not found:
@@ -132,12 +132,12 @@ class MissionMemory(Closing):
         return RememberedMap(OccupancyMap(cells, res, (x0, y0, 0.0)), (gx, gy), (hx, hy, heading))
 
     def keep_map(self, found: RememberedMap) -> None:
-        """Store a map, or a newer one.
+        """Store or replace a map.
 
         Parameters
         ----------
         found
-            Of the first round.
+            Map of the tour.
         """
         import cv2
 
@@ -152,7 +152,7 @@ class MissionMemory(Closing):
         )  # fmt: skip
 
     def floor_objects(self) -> list[VisuoHapticObject]:
-        """What was touched on this floor: tag, outline about its centroid, and where it was left."""
+        """Touched objects on this floor: tag, outline about its centroid, and last position."""
         return [one for one in self._objects("floor") if one.geometry is not None and one.tag is not None]
 
     def keep_floor_object(self, outline_m: Float[np.ndarray, "p 2"], tag: HapticTag) -> str:
@@ -161,9 +161,9 @@ class MissionMemory(Closing):
         Parameters
         ----------
         outline_m
-            Where it stands by now, map frame [m].
+            Current outline, map frame [m].
         tag
-            What was felt.
+            Measured tag.
         """
         middle = polygon_centroid(outline_m)
         name = f"floor-{len(self._objects('floor')) + 1}"
@@ -173,12 +173,12 @@ class MissionMemory(Closing):
         return name
 
     def move_floor_object(self, name: str, place_m: Sequence[float]) -> None:
-        """An object is seen somewhere.
+        """Record the observed position of an object.
 
         Parameters
         ----------
         name
-            Of the object in this memory.
+            Name of the object in this memory.
         place_m
             x, y of the centroid of its outline, map frame [m].
         """
@@ -207,12 +207,12 @@ class MissionMemory(Closing):
         return found
 
     def keep_bottle(self, bottle: BottleMemory, wall: Estimate) -> None:
-        """Store a container; under a new name when its own is empty.
+        """Store a container; a new name is created if its own is empty.
 
         Parameters
         ----------
         bottle
-            What was found out.
+            Its properties.
         wall
             Thickness of its wall [m].
         """
@@ -240,10 +240,10 @@ _NUMBERS = (
 def outline_fit(
     points_m: Float[np.ndarray, "k 2"], outline_m: Float[np.ndarray, "p 2"], heading_rad: float
 ) -> tuple[float, Float[np.ndarray, "p 2"]]:
-    """Log likelihood of laser points given an outline anywhere on the floor, and where it fits best.
+    """Log likelihood of laser points given an outline anywhere on the floor, and its best pose.
 
-    For every turn the near sides are laid on each other, and the outline is moved until the points lie about it. Less of
-    it may be seen than there is, but not more.
+    For every rotation the near sides are aligned, and the outline is moved to fit the points. The visible part
+    may be smaller than the outline, but not larger.
 
     Parameters
     ----------
@@ -252,13 +252,13 @@ def outline_fit(
     outline_m
         Corners about any origin [m].
     heading_rad
-        Direction from which it was seen [rad].
+        Direction of observation [rad].
     """
     import shapely
 
     turn = rotation_2d(heading_rad)
     local = (points_m @ turn)[:: max(1, len(points_m) // 60)]
-    # Without the points that noise has carried farthest.
+    # Without the outliers.
     low, high = np.quantile(local, [0.04, 0.96], axis=0)
     hits = shapely.points(local)
     best, placed = -math.inf, outline_m
@@ -287,29 +287,29 @@ def _log_likelihood(square_m2: float, hidden_m: float) -> float:
 def recognise(
     groups: Sequence[Float[np.ndarray, "k 2"]], known: Sequence[VisuoHapticObject], heading_rad: float
 ) -> list[tuple[VisuoHapticObject, float, Float[np.ndarray, "p 2"]] | None]:
-    """For every group of laser points the known object that it is, its probability, and its outline there.
+    """For every group of laser points the matching known object, its probability, and its outline there.
 
     Parameters
     ----------
     groups
-        Points of each object that stands there now [m].
+        Points of each object that is currently there [m].
     known
-        With outlines.
+        Known objects with outlines.
     heading_rad
-        Direction from which the groups were seen [rad].
+        Direction of observation of the groups [rad].
 
     Returns
     -------
     list
-        ``None`` where no known object has a probability of ``SURE``.
+        ``None`` if no known object has a probability of at least ``SURE``.
     """
     shapes = [one.geometry.footprint_m if one.geometry is not None else None for one in known]
     known = [one for one, shape in zip(known, shapes, strict=True) if shape is not None]
     fits = [[outline_fit(group, one, heading_rad) for one in shapes if one is not None] for group in groups]
-    # Its own outline fits what was never seen here as well as any, and is one of many.
+    # The own outline of a new object fits as well as any, but is one of many.
     new = _log_likelihood(POINT_M**2, 0.0) + math.log(NEW / OUTLINES)
     marginal = np.zeros((len(groups), len(known) + 1))
-    # A hypothesis that is e^-12 of the best decides nothing.
+    # A hypothesis with e^-12 of the best likelihood is negligible.
     choices = [
         [-1, *(k for k, fit in enumerate(row) if fit[0] > max(new, *(one[0] for one in row)) - 12.0)]
         for row in fits
@@ -332,7 +332,7 @@ def recognise(
     found: list[tuple[VisuoHapticObject, float, Float[np.ndarray, "p 2"]] | None] = []
     for g in range(len(groups)):
         k = int(np.argmax(marginal[g, :-1])) if known else -1
-        # Of several legs that do not move it is one.
+        # Several fixed legs are equivalent: they count as one.
         alike = [j for j, other in enumerate(known) if k >= 0 and (j == k or _alike(known[k].tag, other.tag))]
         probability = float(marginal[g, alike].sum())
         found.append((known[k], probability, fits[g][k][1]) if k >= 0 and probability >= SURE else None)
@@ -340,7 +340,7 @@ def recognise(
 
 
 def _alike(first: HapticTag | None, second: HapticTag | None) -> bool:
-    """Whether a plan may take one for the other."""
+    """Whether they are interchangeable for a plan."""
     if first is None or second is None or first.fixed != second.fixed:
         return first is second
     one, other = first.static_friction_N, second.static_friction_N
@@ -352,12 +352,12 @@ def _alike(first: HapticTag | None, second: HapticTag | None) -> bool:
 def recognise_bottle(
     seen_m: Float[np.ndarray, "k 2"], known: Sequence[BottleMemory]
 ) -> tuple[BottleMemory, float] | None:
-    """The known container whose radii are those that were seen, and its probability.
+    """The known container with the observed radii, and its probability.
 
     Parameters
     ----------
     seen_m
-        Radius and height of what the camera saw of it [m].
+        Radius and height observed by the camera [m].
     known
         Containers that stood here.
     """
@@ -366,7 +366,7 @@ def recognise_bottle(
         radius = np.interp(seen_m[:, 1], one.outline_m[:, 1], one.outline_m[:, 0])
         sigma = math.hypot(RADIUS_M, one.sigma_m)
         height = (float(seen_m[-1, 1]) - float(one.outline_m[-1, 1])) / sigma
-        # Neighbouring slices err alike: two thirds of the square.
+        # Errors of adjacent slices are correlated: two thirds of the square.
         square = float(np.sum(((radius - seen_m[:, 0]) / sigma) ** 2)) / 1.5 + height**2
         logs.append(math.log((1 - NEW) / len(known)) - len(seen_m) * math.log(sigma) - 0.5 * square)
     weights = np.exp(np.array(logs) - max(logs))

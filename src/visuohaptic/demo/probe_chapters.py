@@ -1,4 +1,4 @@
-"""At the table: the beam sensor is zeroed, the camera circles, and the probe completes what is transparent."""
+"""At the table: the beam sensor is zeroed, the camera moves around, and the probe completes transparent parts."""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ if TYPE_CHECKING:
 
 __all__ = ["complete_the_bottle", "find_the_glass", "set_the_table", "zero_the_beam"]
 
-#: Space of interest on the table [m], and its voxels.
+#: Region of interest on the table [m], and its voxels.
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
-#: The stop rule of the completion [m], and how many lines are probed at most.
+#: Stopping criterion of the completion [m], and maximum number of probed lines.
 BOUND_M, MAX_TOUCHES = 0.0015, 16
-#: Lines that confirm an outline which is known.
+#: Number of lines that verify a known outline.
 CONFIRMING = 2
 #: Above this expected error the outline is not used.
 MAX_ERROR_M = 0.010
-#: Height above the table under which nothing is probed: the tip is a few millimetres thick [m].
+#: Minimum height of probing above the table: the tip is a few millimetres thick [m].
 FLOOR_M = 0.008
-#: The top of a completed outline is known to a few millimetres [m].
+#: Standard deviation of the height of a completed outline [m].
 HEIGHT_SIGMA_M = 0.003
-#: The probe's rod, upright above its tip [m].
+#: The probe's rod, vertical above its tip [m].
 ROD_M, ROD_RADIUS_M = 0.15, 0.0025
-#: How far from its axis the bottle is looked for [m].
+#: Search radius for the bottle around its axis [m].
 REACH_M = 0.065
 
 
 def set_the_table(mission: Mission) -> TableBottle:
-    """Put the bottle onto the simulated table, once.
+    """Create the bottle on the simulated table, once.
 
     Parameters
     ----------
     mission
-        Draws and keeps the bottle.
+        Creates and stores the bottle.
     """
     if mission.bottle is None:
         rng = mission.world_rng(20)
@@ -68,7 +68,7 @@ def set_the_table(mission: Mission) -> TableBottle:
 
 
 def zero_the_beam(mission: Mission) -> ChapterResult:
-    """The camera looks at the rod: at rest for the zero, then under known loads.
+    """Read the beam sensor from camera images: unloaded for the zero, then under known loads.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     true, read = (np.array(part) for part in zip(*rows, strict=True))
     sigma = np.array(sigmas)
     error = read - true
-    # What a probe feels is the force along the rod's axis and across it: the worst axis counts. The loads are known:
-    # with the declared variance as one more of them, what they were read with is its posterior mean (inverse gamma).
+    # A probe measures the force along the rod's axis and across it: the worst axis counts. The loads are known:
+    # with the declared variance as one more sample, the posterior mean of the reading variance is used (inverse gamma).
     spread = np.sqrt((np.mean(sigma**2, axis=0) + np.sum(error**2, axis=0)) / (1 + len(error)))
     mission.known.probe_sigma_N = float(spread.max())
     worst = float(np.max(np.abs(error) / sigma))
@@ -134,7 +134,7 @@ def _forces(true: np.ndarray, read: np.ndarray, sigma: np.ndarray) -> Figure:
 
 
 def _zeroed_probe(mission: Mission) -> TrackedBeam:
-    """The probe's sensor as its files describe it, zeroed on pictures of the rod at rest."""
+    """The probe's sensor as described by its files, zeroed on images of the unloaded rod."""
     virtual, rest = probe_beam(), 8 if mission.quick else 20
     mission.known.probe = sensor = virtual.sensor(mission.folder / "beam")
     sensor.zero(virtual.frames(np.zeros((rest, 6)), mission.rng(21), start_s=-2.0))
@@ -148,7 +148,7 @@ def default_beam(mission: Mission) -> None:
 
 
 def find_the_glass(mission: Mission) -> ChapterResult:
-    """Depth views around the table: fuse what is opaque, find what is not.
+    """Depth views around the table: fuse opaque surfaces, detect transparent regions.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def find_the_glass(mission: Mission) -> ChapterResult:
 
 
 def _depth(frame: DepthFrame, found: Reconstruction) -> Illustration:
-    """A depth view with what was found to be transparent in it."""
+    """A depth view with the detected transparent regions."""
     import cv2
 
     from ..report.style import draw_axes
@@ -214,12 +214,12 @@ def _depth(frame: DepthFrame, found: Reconstruction) -> Illustration:
 
 
 def complete_the_bottle(mission: Mission) -> ChapterResult:
-    """Probe where the surface is known least, until it is known, and measure the outline.
+    """Probe where the uncertainty is highest, until it is low enough, and measure the outline.
 
     Parameters
     ----------
     mission
-        With the reconstruction and the beam sensor's noise; receives the outline.
+        Mission with the reconstruction and the beam sensor's noise; receives the outline.
     """
     known, bottle = mission.known, set_the_table(mission)
     completion = _visible(mission)
@@ -270,13 +270,13 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
 def _joined(
     completed_m: Float[np.ndarray, "k 2"], seen_m: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "m 2"]:
-    """The outline that was seen, and between its heights the completed one."""
+    """The visible outline, and between its heights the completed one."""
     gap = np.abs(completed_m[:, 1, None] - seen_m[None, :, 1]).min(axis=1) > SLICE_M
     return np.vstack([seen_m, completed_m[gap]])[np.argsort(np.append(seen_m[:, 1], completed_m[gap, 1]))]
 
 
 def _recall(mission: Mission, seen_m: Float[np.ndarray, "k 2"]) -> None:
-    """Whether what stands there is a container that is known from an earlier visit."""
+    """Whether the object on the table is a container known from an earlier visit."""
     if mission.memory is None or (match := recognise_bottle(seen_m, mission.memory.bottles())) is None:
         return
     mission.known_bottle, mission.known_bottle_probability = match
@@ -284,7 +284,7 @@ def _recall(mission: Mission, seen_m: Float[np.ndarray, "k 2"]) -> None:
 
 
 def _confirmed(mission: Mission, touched: CompletionByTouch, foot_m: np.ndarray) -> bool:
-    """Whether the contacts are where the remembered outline has them; else it is another one."""
+    """Whether the contacts agree with the stored outline; otherwise it is another container."""
     known = mission.known_bottle
     assert known is not None
     contacts = [touch.contact_m for touch in touched.touches if touch.contact_m is not None]
@@ -300,14 +300,14 @@ def _confirmed(mission: Mission, touched: CompletionByTouch, foot_m: np.ndarray)
 
 
 def _visible(mission: Mission) -> Completion:
-    """What the camera saw of the bottle, and the region that is missing."""
+    """The visible part of the bottle, and the missing region."""
     from ..reconstruction.completion.hole_region import HoleRegion
     from ..reconstruction.completion.surface_completion import Completion, CompletionSettings
 
     region = mission.scan.regions[0]
     foot = region.centroid_m[:2]
     wall = axial_part(mission.scan.surface, foot, REACH_M)
-    # What is seen at heights where the wall is transparent may be the world behind it, refracted: it is touched instead.
+    # Points at heights where the wall is transparent may be refracted background: these heights are touched instead.
     height, hull = wall.vertices_m[wall.faces].mean(axis=1)[:, 2], region.hull_m[:, 2]
     among = (height > hull.min() + 2 * VOXEL_M) & (height < hull.max() - 2 * VOXEL_M)
     return Completion(
@@ -319,13 +319,13 @@ def _visible(mission: Mission) -> Completion:
 
 
 def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touches: int) -> CompletionByTouch:
-    """Touch the true bottle; the force is read from pictures of the rod."""
+    """Touch the true bottle; the force is read from images of the rod."""
     sensor, sigma_N = mission.known.probe, mission.known.probe_sigma_N
     rng = mission.rng(23)
     arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
     cell = VirtualProbe(arm, bottle.probed(), rng, T_base_bottle=bottle.T_base_bottle)
     sensor.reset()
-    # What is touched at the side bends the rod.
+    # A lateral contact bends the rod.
     across = float(compliance(sensor.sensor.setup.beam, 1.0)[1, 1])
     settings = CompleteSettings(
         bound_m=BOUND_M,
@@ -337,7 +337,7 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touche
         sigma_m=0.0005 + sigma_N * across,
     )
     guard, visible = Supervisor(clock=lambda: arm.t_s), completion.visual
-    # The rod of the probe, against what the camera has seen.
+    # Collision test of the probe's rod with the points seen by the camera.
     rod = Capsule((0.0, 0.0, 0.0), (0.0, 0.0, ROD_M), ROD_RADIUS_M)
     known_arm = guard.arm(arm, KnownObstacles((rod,), [PLACE.apply(visible.vertices_m)]))
     touched = complete_by_touch(
@@ -389,7 +389,7 @@ def _outline_figure(
 
 
 def default_outline(mission: Mission) -> None:
-    """The outline as a completion would give it: the truth, off by half a millimetre."""
+    """The outline as a completion would return it: ground truth with an error of half a millimetre."""
     bottle = set_the_table(mission)
     off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
     mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])

@@ -1,4 +1,4 @@
-"""The first story: a platform drives at three obstacles, touches them, and reads force from a camera."""
+"""The push demo: a platform drives against three obstacles, touches them, and reads force from a camera."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ __all__ = ["SLOWLY", "DemoObject", "DemoResult", "run_demo", "show_obstacle"]
 
 log = logging.getLogger(__name__)
 
-#: The table shows every n-th frame while something is touched.
+#: The table shows every n-th frame during contact.
 _TABLE_FRAMES = 15
-#: Slow enough that the first peak is friction and not the blow of an object that has to be set in motion: it breaks away
-#: within two millimetres of foam, before a platform that came faster has slowed down.
-#: The platform starts on free floor, a little more than the camera's view.
+#: Slow enough that the first peak is static friction and not the impact on the object's inertia: it breaks away
+#: within two millimetres of foam, before a faster platform could decelerate.
+#: The platform starts on free floor, slightly more than the camera's view away.
 SLOWLY = ExploreSettings(
     approach_m_s=0.02, push_m_s=0.02, cruise_m_s=0.06, near_m=0.015, free_ahead_m=0.2, search_m=0.6
 )
@@ -58,25 +58,25 @@ _TABLE_HEAD = f"{'time':>9}  {'true force':>11}  {'measured':>11}  {'sigma':>9} 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DemoObject:
-    """One obstacle, what was measured, and what is true."""
+    """One obstacle with measurements and ground truth."""
 
     name: str
     path: ApproachPath
     exploration: ObstacleExploration
-    samples: tuple[tuple[ForceProfile, float], ...]  #: what was read of every frame, and the true force [N]
-    picture_bgr: UInt8[np.ndarray, "rows columns 3"] | None  #: the camera's view at the largest force
-    strip: ObservedStrip | None  #: what the sensor saw in it
-    end_pose: tuple[float, float, float]  #: of the obstacle in the world after the push
+    samples: tuple[tuple[ForceProfile, float], ...]  #: readings of every frame, and the true force [N]
+    picture_bgr: UInt8[np.ndarray, "rows columns 3"] | None  #: camera image at the maximum force
+    strip: ObservedStrip | None  #: reading of the sensor in it
+    end_pose: tuple[float, float, float]  #: pose of the obstacle in the world after the push
 
     @property
     def tag(self) -> HapticTag:
-        """What was felt."""
+        """The measured tag."""
         return self.exploration.tag
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DemoResult:
-    """The whole run."""
+    """Result of the whole run."""
 
     objects: tuple[DemoObject, ...]
     sensor: FoamSensor
@@ -93,7 +93,7 @@ def run_demo(
     explore: ExploreSettings = SLOWLY,
     through: Callable[[FrameSource], FrameSource] = lambda source: source,
 ) -> DemoResult:
-    """Set the scene, calibrate and zero the sensor, explore the obstacles.
+    """Create the scene, calibrate and zero the sensor, explore the obstacles.
 
     Parameters
     ----------
@@ -102,22 +102,22 @@ def run_demo(
     scene
         A map and the obstacles in it, or a map_server YAML in which three are placed.
     seed
-        Of everything random.
+        Seed of all random numbers.
     on_message
-        Takes the lines of the live table.
+        Called with the lines of the live table.
     page
-        Shows it live.
+        Live page.
     explore
-        How to drive and push; slowly by default.
+        Parameters of the drive and the push; slow by default.
     through
-        What the frames go through before the sensor has them, as faults that are switched on.
+        Wrapper of the frame source, e.g. injected faults.
     """
     start_s = time.monotonic()
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     grid, paths = scene if isinstance(scene, tuple) else _placed(scene, on_message)
-    # In colour, as a webcam sees it: in grey a blue bin and a brown floor can look the same.
+    # In colour, like a webcam: in grey, a blue bin and a brown floor can look the same.
     virtual = VirtualSensor(look=Look.photo(colour=True))
     on_message("foam sensor: press, calibrate, mount, zero")
     sensor = virtual.build(folder, rng)
@@ -148,7 +148,7 @@ def run_demo(
 def _placed(
     map_path: Path | str, say: Callable[[str], None]
 ) -> tuple[OccupancyMap, tuple[ApproachPath, ...]]:
-    """A map of the user's, and three obstacles in it."""
+    """A user's map with three obstacles."""
     grid = OccupancyMap.load(map_path)
     try:
         paths = obstacles_for_map(grid.cells, grid.resolution_m, grid.origin)
@@ -160,7 +160,7 @@ def _placed(
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """What all pushes of a run share."""
+    """Shared state of all pushes of a run."""
 
     world: FoamPushWorld
     virtual: VirtualSensor
@@ -172,7 +172,7 @@ class _Stage:
 
 
 class _Push:
-    """One obstacle: drive there, explore it, record everything."""
+    """One obstacle: drive to it, explore it, record everything."""
 
     def __init__(self, stage: _Stage, path: ApproachPath, seed: int) -> None:
         self.stage, self.path, self.seed = stage, path, seed
@@ -256,7 +256,7 @@ class _Push:
 
 
 def _pose_of(world: FoamPushWorld, obstacle: SimulatedObstacle) -> tuple[float, float, float]:
-    """Where an obstacle truly is."""
+    """True pose of an obstacle."""
     if not obstacle.movable:
         return obstacle.x_m, obstacle.y_m, obstacle.yaw_rad
     body = world.truth.body(obstacle.name)

@@ -1,4 +1,4 @@
-"""Pictures of one push: the camera's view with what was read from it, and the force over time."""
+"""Figures of one push: the camera's view with the readings, and the force over time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["annotated_push", "force_of_push"]
 
 
 def force_of_push(one: DemoObject) -> Figure:
-    """Force over time of one push, beside the truth, with its events.
+    """Force over time of one push, with ground truth and its events.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def annotated_push(result: DemoResult, one: DemoObject) -> UInt8[np.ndarray, "ro
     Parameters
     ----------
     result
-        With the sensor's setup.
+        Result with the sensor's setup.
     one
         The push.
     """
@@ -57,7 +57,7 @@ def annotated_push(result: DemoResult, one: DemoObject) -> UInt8[np.ndarray, "ro
     plane = PlaneView(setup.camera, setup.T_camera_foam)
     strip = one.strip
     profile = max((p for p in one.exploration.profiles if p.valid), key=lambda p: p.force_N)
-    # Where it is pressed: beside the object the foam is only drawn along.
+    # Where it is compressed: beside the object, the foam is only dragged along.
     pressed = [contact.delta_m > 0.1 * np.max(contact.delta_m) for contact in profile.contacts]
     contacts = [
         plane.project(contact.points_foam_m[inside])

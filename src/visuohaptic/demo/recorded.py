@@ -1,7 +1,7 @@
-"""A recorded mission: what the demo said and showed, small enough to be shipped, replayed in seconds.
+"""A recorded mission: log and live page of the demo, small enough to be shipped, replayed in seconds.
 
 The file is a ZIP of ``events.json`` (lines and states in their order), ``report.html`` and the camera's
-pictures as WebP. Nothing is computed when it is replayed, so that it needs no extra and no kernel.
+images as WebP. A replay computes nothing, so it needs no optional dependency and no compiled kernel.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ __all__ = ["RECORDED", "replay"]
 
 #: The mission of seed 2 that comes with the package; ``python docs/pictures.py mission`` records it again.
 RECORDED = Path(__file__).with_name("mission.zip")
-#: A larger recording than this is not read into memory [bytes].
+#: Maximum size of a recording that is read into memory [bytes].
 MAX_BYTES = 64 * 2**20
-#: What a line said of the recording's own computing time.
+#: Text of a line about the recording's own computing time.
 _TIME_LEFT = re.compile(r" +\((?:about )?\d+ s(?: left)?\)$")
 
 
@@ -43,20 +43,20 @@ def replay(
     recording: Path | str = RECORDED,
     pause_s: float = 0.03,
 ) -> Path:
-    """Say and show a recorded mission, and write its report.
+    """Replay a recorded mission, and write its report.
 
     Parameters
     ----------
     folder
         Receives ``report.html``.
     on_message
-        Takes the lines of the story.
+        Called with each line of the log.
     page
-        Shows the pushes.
+        Live page of the pushes.
     recording
         A recorded mission.
     pause_s
-        Before each line and state [s].
+        Pause before each line and state [s].
 
     Returns
     -------
@@ -66,7 +66,7 @@ def replay(
     Raises
     ------
     InputError
-        The file is no recorded mission, or larger than 64 MiB when unpacked.
+        The file is not a recorded mission, or larger than 64 MiB when unpacked.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The report of the story: one page with every chapter, its reason, its figures and its numbers."""
+"""The report of the demo: one page with every chapter, its reason, its figures and its numbers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _CLAIM_UNITS = {
     "force": ("mN", 1e3, 0),
 }
 
-#: Unit of a small value -> the unit that it is shown in, and below which value.
+#: Unit of a small value -> display unit, and the limit below which it is used.
 _SMALL = {"m": ("mm", 1e3, 0.1), "N": ("mN", 1e3, 0.1), "kg": ("g", 1e3, 1.0)}
 
 
@@ -40,7 +40,7 @@ def write_story(story: Story, path: Path | str) -> Path:
     story
         The run.
     path
-        Of the HTML file.
+        Path of the HTML file.
     """
     whole = len(story.chapters) > 4
     report = Report(
@@ -106,12 +106,12 @@ def _claim_row(claim: Claim) -> dict[str, Any]:
 
 
 def measure_texts(measure: Measure) -> tuple[str, str, str]:
-    """Quantity, value and truth in a unit that fits them.
+    """Quantity, value and ground truth in a suitable unit.
 
     Parameters
     ----------
     measure
-        With its unit in square brackets at the end of its name.
+        Measure with its unit in square brackets at the end of its name.
     """
     name, values = measure.what, [measure.ours, measure.truth]
     what, _, unit = name.removesuffix("]").rpartition(" [")

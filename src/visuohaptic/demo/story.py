@@ -1,9 +1,9 @@
-"""Chapters of the mission: what each needs, what it found, why it failed, and whether its claim is true.
+"""Chapters of the mission: requirements, results, reasons of failure, and comparison with ground truth.
 
-A chapter is a function of the :class:`Mission` that writes what it learnt into
-``mission.known`` and returns a :class:`ChapterResult`. It never claims more than it
-knows: its ``outcome`` and ``reason`` come from the robot's side alone, ``right`` from
-a comparison with the simulated world that the robot never sees.
+A chapter is a function of the :class:`Mission` that writes its results into
+``mission.known`` and returns a :class:`ChapterResult`. Its
+``outcome`` and ``reason`` depend on the robot's data alone, ``right`` on
+a comparison with the simulated world, which the robot cannot access.
 """
 
 from __future__ import annotations
@@ -64,16 +64,16 @@ _log = logging.getLogger(__name__)
 
 
 class ChapterOutcome(StrEnum):
-    """How a chapter ended."""
+    """Outcome of a chapter."""
 
     DONE = "done"
     FAILED = "failed"
-    SKIPPED = "skipped"  #: a chapter that it needs has not given what it needs
+    SKIPPED = "skipped"  #: a required chapter has not provided its results
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number beside the truth."""
+    """A number with its true value."""
 
     what: str  #: with unit
     ours: float | bool | str | None
@@ -90,38 +90,38 @@ class Illustration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChapterResult:
-    """How a chapter ended."""
+    """Result of a chapter."""
 
     outcome: ChapterOutcome
-    reason: str  #: one sentence with the numbers that decided it
+    reason: str  #: one sentence with the decisive numbers
     claims: tuple[Claim, ...] = ()
     measures: tuple[Measure, ...] = ()
     pictures: tuple[Illustration, ...] = ()
     name: str = ""
     title: str = ""
-    duration_s: float = 0.0  #: of computing
+    duration_s: float = 0.0  #: computing time
 
     @property
     def done(self) -> bool:
-        """Whether the story may go on from here."""
+        """Whether the mission may continue."""
         return self.outcome is ChapterOutcome.DONE
 
     @property
     def right(self) -> bool | None:
-        """Whether all that is claimed is true; ``None`` where nothing is claimed."""
+        """Whether all claims are correct; ``None`` without claims."""
         return all(claim.right for claim in self.claims) if self.done and self.claims else None
 
 
 @dataclass(slots=True)
 class Known:
-    """What the robot knows; every part is written by one chapter, and not set before it."""
+    """The robot's knowledge; every field is written by one chapter, and is not set before."""
 
-    map: OccupancyMap = field(init=False)  #: of the first round
-    map_now: OccupancyMap = field(init=False)  #: with what stands in the door today
+    map: OccupancyMap = field(init=False)  #: of the tour
+    map_now: OccupancyMap = field(init=False)  #: including the objects in the door
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: estimated: x, y [m], heading [rad]
-    goal_m: tuple[float, float] = (0.0, 0.0)  #: from where the table is served
+    goal_m: tuple[float, float] = (0.0, 0.0)  #: position from which the table is reached
     obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each object in the door
-    ahead_rad: float = 0.0  #: heading in which what is in the way is met
+    ahead_rad: float = 0.0  #: direction of approach to the obstacles
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
     probe_sigma_N: float = field(init=False)  #: of the beam sensor's force
@@ -130,58 +130,58 @@ class Known:
     outline_m: Float[np.ndarray, "k 2"] = field(init=False)  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
     finger: FoamSensor | None = None  #: of the gripper, zeroed
-    wrist: TrackedBeam | None = None  #: from which the hand hangs: zeroed, and calibrated with weights
+    wrist: TrackedBeam | None = None  #: load sensor of the hand: zeroed, and calibrated with weights
     wrist_sigma_N: float = 0.0  #: of its zero
-    curves: tuple[SqueezeCurve, ...] = ()  #: gentle
+    curves: tuple[SqueezeCurve, ...] = ()  #: with low force
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""
     class_model: ContainerDescription = field(init=False)  #: of the recognised class, as large as the outline
     wall_factor: float = 1.0
-    closed: bool = False  #: nothing can get out of it
-    fill: float = 0.0  #: fraction of its volume that is filled
-    mass_kg: float = 0.0  #: as felt on lifting
+    closed: bool = False  #: the contents cannot escape
+    fill: float = 0.0  #: filled fraction of its volume
+    mass_kg: float = 0.0  #: measured on lifting
 
 
 @dataclass(slots=True)
 class Mission:
-    """Settings, the simulated world, and what is known so far."""
+    """Settings, the simulated world, and the knowledge so far."""
 
     seed: int
     folder: Path
-    log: Callable[[str], None] = _log.info  #: takes the lines of the story
+    log: Callable[[str], None] = _log.info  #: called with each line of the log
     page: LivePage | None = None
     fault: FaultKind | None = None
-    obstacles: int = 3  #: to touch; a chapter alone takes one
+    obstacles: int = 3  #: to touch; one if the chapter runs alone
     quick: bool = False  #: fewer views and frames: for tests
     known: Known = field(default_factory=Known)
     world: int = (
-        0  #: seed of the house and of what is on its table; 0: the fixed office, the rest from ``seed``
+        0  #: seed of the house and of the object on its table; 0: the fixed office, the rest from ``seed``
     )
     visit: int = 0  #: day in this world
-    house: House = field(init=False)  #: the floor as it truly is
-    placed: dict[str, tuple[float, float, float]] = field(init=False)  #: where its objects truly are now
-    yaw_rad: dict[str, float] = field(default_factory=dict)  #: of its objects when the drive began
-    platform: LedPlatform = field(init=False)  #: the platform as it truly moves, until it drives by itself
-    mapper: OccupancyMapper = field(init=False)  #: lays scans on the map
+    house: House = field(init=False)  #: the true floor
+    placed: dict[str, tuple[float, float, float]] = field(init=False)  #: current true poses of its objects
+    yaw_rad: dict[str, float] = field(default_factory=dict)  #: poses of its objects at the start of the drive
+    platform: LedPlatform = field(init=False)  #: the true platform, until it drives autonomously
+    mapper: OccupancyMapper = field(init=False)  #: matches scans to the map
     bottle: TableBottle | None = None  #: the one on the table
     kitchen: VirtualHand | None = None  #: arm, gripper and the bottle between its fingers
-    scan: Reconstruction = field(init=False)  #: what the camera saw of the table
+    scan: Reconstruction = field(init=False)  #: camera views of the table
     tags: dict[str, HapticTag] = field(default_factory=dict)
     memory: MissionMemory | None = None  #: of earlier visits
-    remembered: dict[str, str] = field(default_factory=dict)  #: by true name, what an object is in the memory
-    known_bottle: BottleMemory | None = None  #: what the object on the table was taken for
+    remembered: dict[str, str] = field(default_factory=dict)  #: name in the memory, by true name
+    known_bottle: BottleMemory | None = None  #: class assigned to the object on the table
     known_bottle_probability: float = 0.0
-    touches: int = 0  #: pushes, contacts and squeezes until now
-    robot_s: float = 0.0  #: time that the robot has spent until now, by its own clock
-    attempt: int = 0  #: at the present chapter: 1 where another way is tried
+    touches: int = 0  #: number of pushes, contacts and squeezes so far
+    robot_s: float = 0.0  #: time used by the robot so far, simulated
+    attempt: int = 0  #: attempt of the current chapter: 1 for the alternative
 
     def spent(self, seconds: float, touches: int = 0) -> None:
-        """Take down what was done.
+        """Record time and touches.
 
         Parameters
         ----------
         seconds
-            By the robot's clock [s].
+            Simulated time [s].
         touches
             Pushes, contacts and squeezes.
         """
@@ -194,7 +194,7 @@ class Mission:
         self.placed = {one.name: (one.x_m, one.y_m, one.yaw_rad) for one in drawn.obstacles}
 
     def rng(self, part: int) -> np.random.Generator:
-        """Generator of one part of the run: a chapter that is left out does not change another's draws.
+        """Generator of one part of the run: omitting a chapter does not change another's random numbers.
 
         Parameters
         ----------
@@ -215,21 +215,21 @@ class Mission:
         return np.random.default_rng([self.world or self.seed, part])
 
 
-#: A chapter's work.
+#: Function of a chapter.
 Work = Callable[[Mission], ChapterResult]
 
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """One chapter: its name, headline, what it needs, and who does it."""
+    """One chapter: name, headline, requirements, and function."""
 
     name: str
     title: str
     needs: tuple[str, ...]
     work: Work
-    typical_s: float = 1.0  #: of computing on two cores with compiled kernels; weighs the time that is left
-    without: Callable[[Mission], None] | None = None  #: fills in what it would have learnt, when left out
-    otherwise: str = ""  #: what is tried once more when it has failed; empty: nothing else is left to try
+    typical_s: float = 1.0  #: on two cores with compiled kernels; for the estimate of the remaining time
+    without: Callable[[Mission], None] | None = None  #: fills in its results when it is omitted
+    otherwise: str = ""  #: description of the second attempt after a failure; empty: there is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -247,21 +247,21 @@ class Story:
 
     @property
     def wrong_claims(self) -> tuple[str, ...]:
-        """Chapters that say they are done, and are not."""
+        """Completed chapters with wrong claims."""
         return tuple(one.name for one in self.chapters if one.right is False)
 
     @property
     def claims(self) -> tuple[Claim, ...]:
-        """Of all chapters that are done."""
+        """Claims of all completed chapters."""
         return tuple(claim for one in self.chapters if one.done for claim in one.claims)
 
     @property
     def outcome(self) -> RunOutcome:
-        """Complete, an honest failure, or wrong."""
+        """Complete, a reported failure, or wrong."""
         return RunOutcome.of(self.claims, self.complete)
 
     def summary(self) -> str:
-        """One line."""
+        """Summary in one line."""
         if self.complete:
             return f"all {len(self.chapters)} chapters done" if len(self.chapters) > 1 else "done"
         failed = next(one for one in self.chapters if not one.done)
@@ -269,21 +269,21 @@ class Story:
 
 
 def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[Chapter] = ()) -> Story:
-    """Run chapters in order; one whose needs were not met is skipped with the reason.
+    """Run chapters in order; one whose requirements are not met is skipped with the reason.
 
     Parameters
     ----------
     mission
-        Settings and simulated world; receives what is learnt.
+        Settings and simulated world; receives the results.
     chapters
-        In the order of the story.
+        Chapters in their order.
     given
-        Chapters that are left out: what they would have learnt is filled in from the simulated world.
+        Omitted chapters: their results are filled in from the simulated world.
 
     Raises
     ------
     InputError
-        A chapter cannot be left out.
+        A chapter cannot be omitted.
     """
     start_s = time.monotonic()
     mission.folder.mkdir(parents=True, exist_ok=True)
@@ -314,9 +314,9 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
 
 
 def _left_s(chapters: Sequence[Chapter], done: int, spent_s: float) -> float:
-    """Time that is left: typical times of what remains, as fast as what is done was."""
+    """Remaining time: typical times of the remaining chapters, scaled by the speed so far."""
     typical_s = [chapter.typical_s for chapter in chapters]
-    # Before the first chapters the typical speed counts as one more chapter of ten seconds.
+    # Before the first chapters, the typical speed counts like a chapter of ten seconds.
     pace = (spent_s + 10.0) / (sum(typical_s[:done]) + 10.0)
     return pace * sum(typical_s[done:])
 
@@ -326,7 +326,7 @@ def _ended(ended: Mapping[str, ChapterResult], name: str) -> bool:
 
 
 def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
-    """Work on a chapter, and when it has failed once more in another way."""
+    """Run a chapter, with a second, different attempt after a failure."""
     first = _work(chapter, mission)
     if first.done or not chapter.otherwise:
         return first
@@ -342,7 +342,7 @@ def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
 
 
 def _work(chapter: Chapter, mission: Mission) -> ChapterResult:
-    """A chapter that raises an error of the library has failed with that reason; anything else is a defect."""
+    """A chapter that raises an error of the library has failed with that reason; any other exception is a bug."""
     try:
         return chapter.work(mission)
     except VisuohapticError as error:
@@ -356,20 +356,20 @@ def counted(count: int, one: str, many: str = "") -> str:
     Parameters
     ----------
     count
-        How many.
+        Number of items.
     one, many
-        Singular, and the plural where it is more than an s.
+        Singular, and the plural if it is not formed with s.
     """
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def done(reason: str, *parts: Any) -> ChapterResult:
-    """Result of a chapter that ended well.
+    """Result of a successful chapter.
 
     Parameters
     ----------
     reason
-        One sentence with the numbers that decided it.
+        One sentence with the decisive numbers.
     *parts
         Claims, measures and illustrations in any order.
     """
@@ -382,15 +382,15 @@ def failed(reason: str, *parts: Any) -> ChapterResult:
     Parameters
     ----------
     reason
-        One sentence that says why.
+        One sentence with the cause.
     *parts
-        Measures and illustrations in any order; a chapter that failed claims nothing.
+        Measures and illustrations in any order; a failed chapter has no claims.
     """
     return _result(ChapterOutcome.FAILED, reason, parts)
 
 
 def _result(outcome: ChapterOutcome, reason: str, parts: Sequence[Any]) -> ChapterResult:
-    # What is less probable than not is not claimed.
+    # A claim with a probability below 0.5 is omitted.
     claims = tuple(part for part in parts if isinstance(part, Claim) and part.forecast >= 0.5)
     measures = tuple(part for part in parts if isinstance(part, Measure))
     pictures = tuple(part for part in parts if isinstance(part, Illustration))

@@ -1,4 +1,4 @@
-"""The platform touches what stands in the door, and every push becomes a haptic tag."""
+"""The platform touches the objects in the door; every push provides a haptic tag."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ if TYPE_CHECKING:
 
 __all__ = ["default_tags", "explore_obstacles", "tag_claims", "touch_in_map"]
 
-#: From the platform's hull to what it drives at: the foam, and floor on which the camera sees it come [m].
+#: Distance from the platform's hull to its target: the foam, and floor on which the camera can observe it [m].
 FOAM_M, FLOOR_M = 0.03, 0.17
 START_M = FOAM_M + FLOOR_M
-#: Where the laser has it: what looks like the floor is not seen to come.
+#: Position from the laser: an object that looks like the floor is not detected by the camera.
 EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4, expected_m=FLOOR_M)
 #: A shorter drive and a shorter push: for tests.
 QUICK = replace(EXPLORE, free_ahead_m=0.2, search_m=0.3, push_m=0.035, halt_s=0.3, back_off_m=0.02)
 
 
 def explore_obstacles(mission: Mission) -> ChapterResult:
-    """Drive at each, push, and take down friction, shape and whether it moves.
+    """Drive to each object, push, and record friction, shape and whether it moves.
 
     Parameters
     ----------
     mission
-        With the laser points of each object; receives tags and footprints.
+        Mission with the laser points of each object; receives tags and footprints.
     """
     known = mission.known
     grid = known.map_now
@@ -100,7 +100,7 @@ def touch_in_map(
     on_message: Callable[[str], None],
     page: LivePage | None = None,
 ) -> Story:
-    """Touch three obstacles in a map of the user's; a chapter each.
+    """Touch three obstacles in a user's map; one chapter each.
 
     Parameters
     ----------
@@ -109,11 +109,11 @@ def touch_in_map(
     map_path
         A map_server YAML.
     seed
-        Of everything random.
+        Seed of all random numbers.
     on_message
-        Takes the lines of the story.
+        Called with each line of the log.
     page
-        Shows it live.
+        Live page.
     """
     found = run_demo(folder, map_path, seed=seed, on_message=on_message, page=page)
     chapters = []
@@ -127,13 +127,13 @@ def touch_in_map(
 
 
 def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) -> MovableObject:
-    """What a push has found out, and where the object stands by now."""
+    """Result of a push, and the current pose of the object."""
     known, true = mission.known, _true_pose(mission)
     mission.placed[one.name] = one.end_pose
     mission.spent(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
     felt = HapticTag() if one.exploration.fit_state is None else one.tag
     mission.tags[one.name] = felt
-    # The push is told by the platform's own motion, and seen from where the laser had it.
+    # The push is known from the platform's own motion, relative to the laser's position of the object.
     outline = felt_footprint(
         one.exploration,
         _moved(group, known.pose, true),
@@ -149,7 +149,7 @@ def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) ->
 
 
 def _approach(mission: Mission, group: Float[np.ndarray, "k 2"]) -> ApproachPath:
-    """Driven at where the laser has seen it; what stands there, and where that truly is, are the world's business."""
+    """Drive to the position from the laser; the object there and its true pose are taken from the simulated world."""
     ahead = mission.known.ahead_rad
     (x, y), width = near_side(group, ahead)
     true = nearest_obstacle(mission, group.mean(axis=0))
@@ -169,7 +169,7 @@ def _moved(
     before: tuple[float, float, float],
     after: tuple[float, float, float],
 ) -> Float[np.ndarray, "k 2"]:
-    """Points as seen from one pose, in a frame where that pose is another."""
+    """Transform points, observed from one pose, to a frame with another pose."""
     turn = rotation_2d(after[2] - before[2])
     return (points_m - before[:2]) @ turn.T + after[:2]
 
@@ -186,14 +186,14 @@ def _through(mission: Mission, source: FrameSource) -> FrameSource:
 
 
 def tag_claims(true: SimulatedObstacle, tag: HapticTag | None) -> list[Claim]:
-    """What a tag says beside the obstacle's truth.
+    """Compare a tag with the obstacle's ground truth.
 
     Parameters
     ----------
     true
         The obstacle.
     tag
-        What was felt of it, now or on an earlier visit.
+        Measured tag, from now or an earlier visit.
     """
     if tag is None:
         return []
@@ -204,7 +204,7 @@ def tag_claims(true: SimulatedObstacle, tag: HapticTag | None) -> list[Claim]:
         fixed = needed_N > EXPLORE.max_force_N
         claims.append(Claim("fixed", true.name, tag.fixed, fixed, probability=sure))
     if bound is not None:
-        # Two deviations below what was felt.
+        # Two standard deviations below the measured value.
         claims.append(Claim("withstood", true.name, True, needed_N > bound, probability=BOUND_PROBABILITY))
     felt = tag.static_friction_N
     if felt is not None and true.movable:
@@ -213,7 +213,7 @@ def tag_claims(true: SimulatedObstacle, tag: HapticTag | None) -> list[Claim]:
 
 
 def _recall(mission: Mission) -> list[MovableObject | None]:
-    """For each object in the way what is remembered of it."""
+    """Stored data for each object on the path."""
     known = mission.known
     groups = known.obstacle_points_m
     if mission.memory is None:
@@ -285,7 +285,7 @@ def _pictures(result: DemoResult, *objects: DemoObject) -> list[Illustration]:
 
 
 def default_tags(mission: Mission) -> None:
-    """Tags as a push would have given them: the truth, off by a few per cent.
+    """Tags as a push would provide them: ground truth with errors of a few per cent.
 
     Parameters
     ----------

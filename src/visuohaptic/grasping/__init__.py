@@ -1,4 +1,4 @@
-"""Grasp planning on deformable containers: where to put two fingers, and how hard to push (Alt 2016, Sec. 6.2)."""
+"""Grasp planning on deformable containers: contact points and grip force of two fingers (Alt 2016, Sec. 6.2)."""
 
 from ..core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""From which side a gripper reaches a grasp without touching object, table or scene on its way."""
+"""Collision-free approach direction of a gripper to a grasp, given object, table and scene."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from .force import GripperModel
 
 __all__ = ["ApproachSpace", "GripperApproach", "find_approach"]
 
-#: Elevations of the approach above the horizontal that are tried, in this order [rad]: from the side to from above.
+#: Elevations of the approach above the horizontal, in the order tried [rad]: from the side to from above.
 ELEVATIONS_rad = tuple(np.radians((0.0, 30.0, 60.0, 90.0)))
-#: How far the gripper comes straight, and what it stays away from what it does not touch [m].
+#: Length of the straight approach, and clearance to everything that is not to be touched [m].
 TRAVEL_m, CLEARANCE_m = 0.1, 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GripperApproach:
-    """The gripper as it closes: x from the first finger to the second, z the way it comes."""
+    """Pose of the closing gripper: x from the first finger to the second, z the approach direction."""
 
-    T_object_gripper: Float[np.ndarray, "4 4"]  #: origin half-way between the contacts
-    elevation_rad: float  #: of the way above the horizontal: 0 from the side, pi / 2 from above
-    open_width_m: float  #: between the fingers while it comes
+    T_object_gripper: Float[np.ndarray, "4 4"]  #: origin midway between the contacts
+    elevation_rad: float  #: elevation of the approach: 0 horizontal, from the side; pi / 2 from above
+    open_width_m: float  #: between the fingers during the approach
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ApproachSpace:
-    """What a gripper must not touch on its way."""
+    """Obstacles of the gripper during its approach."""
 
     points_m: Float[np.ndarray, "p 3"]  #: of the object and of the scene, in the object's frame
-    floor_m: float  #: height of what the object stands on
+    floor_m: float  #: height of the supporting surface
 
     @classmethod
     def of(cls, surface: StiffnessMap, scene_m: Float[np.ndarray, "s 3"] | None = None) -> ApproachSpace:
-        """Corners and middles of the triangles of an object, and points of the scene.
+        """Corners and centroids of the triangles of an object, and points of the scene.
 
         Parameters
         ----------
         surface
             Map of the object, z up, on its foot.
         scene_m
-            Points of what is beside it, as of a fused scene, in its frame [m]; none by default.
+            Points of its surroundings, as of a fused scene, in its frame [m]; none by default.
         """
         corners = surface.vertices_m[surface.faces]
         points = [corners.reshape(-1, 3), corners.mean(axis=1)]
@@ -59,7 +59,7 @@ def find_approach(
     second_m: Float[np.ndarray, "3"],
     gripper: GripperModel,
 ) -> GripperApproach | None:
-    """The first free way among those across the line of the fingers, or None.
+    """The first collision-free approach perpendicular to the line of the fingers, or None.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ def find_approach(
 
     Notes
     -----
-    Fingers are boxes as wide as their patch, the palm is a box behind them. What lies in front of the way of a box
-    is in its way, up to the end of the finger, which is one radius beyond the contact.
+    Fingers are boxes as wide as their patch, the palm is a box behind them. Points in the swept volume of a box
+    are collisions, up to the fingertip, which is one radius beyond the contact.
     """
     middle = 0.5 * (first_m + second_m)
     x = second_m - first_m
@@ -117,7 +117,7 @@ def _boxes(open_width: float, gripper: GripperModel) -> Iterator[tuple[np.ndarra
     radius, length = max(gripper.finger_radius_m, 1e-3), gripper.finger_length_m
     for sign in (1.0, -1.0):
         ends = np.sort([sign * inner, sign * outer])
-        # The clearance is on the outside: fingers are as close to the wall as they were opened.
+        # The clearance is on the outside: the inside of the fingers is as close to the wall as they were opened.
         ends += np.array([CLEARANCE_m, -CLEARANCE_m])
         yield np.array([ends[0], -radius, -length]), np.array([ends[1], radius, radius])
     half = 0.5 * gripper.palm_thickness_m

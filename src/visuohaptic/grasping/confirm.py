@@ -1,7 +1,7 @@
-"""A grasp under large deformation: does the wall really hold? (Alt 2016, Secs. 6.1.3, 6.4.2).
+"""Simulation of a grasp under large deformation: check that the wall holds (Alt 2016, Secs. 6.1.3, 6.4.2).
 
-The map is linear. A thin wall softens, snaps through, and turns away under the finger; the
-corotational shell shows it. One grasp takes seconds, so it is done for the few that were chosen.
+The map is linear. A thin wall softens, snaps through, and rotates under the finger; the
+corotational shell model includes this. One grasp takes seconds, so only selected grasps are simulated.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ REACH, STEPS = 1.6, 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Confirmation:
-    """What the nonlinear simulation says of one grasp."""
+    """Result of the nonlinear simulation of one grasp."""
 
-    holds: bool  #: nothing below speaks against it
-    reason: str  #: what does
+    holds: bool  #: the grasp passed all checks
+    reason: str  #: failed checks
     force_N: float
-    deformation_m: float  #: of one side, at the force; infinite where the wall deforms before
+    deformation_m: float  #: of one side, at the force; infinite if the wall buckles before
     slant_rad: float  #: between force and the wall's inward normal, at the force or at the bound
     pressed_out_m3: float  #: decrease of the volume, at the force or at the bound
     curve_m: Float[np.ndarray, "k"]  #: deformations of the force-deformation curve
@@ -47,12 +47,12 @@ def pinch_at(container: ShellObject, vertex: int) -> DualTips:
     container
         Parametric or imported container.
     vertex
-        Of the first finger.
+        Vertex of the first finger.
 
     Raises
     ------
     InputError
-        No such vertex, or no wall across from it.
+        Invalid vertex, or no opposite wall.
     """
     if not 0 <= vertex < len(container.mesh.vertices_m):
         raise InputError(
@@ -82,26 +82,26 @@ def confirm_grasp(
     container
         Parametric or imported container.
     pinched
-        Vertex of the first finger, opposite which the second is, or one pair of contacts.
+        Vertex of the first finger, with the second opposite, or one pair of contacts.
     force_N
-        Of each finger.
+        Force of each finger.
     contents
         Enclosed gas and liquid; open by default.
     headspace_m3
-        Of an open container with liquid: what may be pressed out before it runs over.
+        For an open container with liquid: volume that may be displaced before it overflows.
     max_deformation_m
         Bound of the deformation of one side.
     friction
-        mu of the fingers: the wall must not turn away further than ``atan(mu)``.
+        mu of the fingers: the wall must not rotate further than ``atan(mu)``.
     model
-        The container's shell model, where it is there already.
+        The container's shell model, if already available.
     """
     if not 0 < force_N < float("inf"):
         raise InputError("confirm_grasp", f"found {force_N} N, expected > 0", field="force_N")
     model = model or container.model()
     tips = pinched if isinstance(pinched, DualTips) else pinch_at(container, pinched)
     stiffness = 2.0 / max(float(dual_tip_compliance(model, tips)[0]), 1e-12)
-    # A stiff place reaches the force long before the bound; a soft one may soften further.
+    # A stiff location reaches the force long before the bound; a soft one may soften further.
     for far in (2.0 * force_N / stiffness, REACH * max_deformation_m):
         far = min(far, REACH * max_deformation_m)
         steps = far * np.arange(1, STEPS + 1) / STEPS
@@ -113,7 +113,7 @@ def confirm_grasp(
     shapes = [container.mesh.vertices_m, *(point.state.points_m for point in path.points)]
     reached = np.flatnonzero(load >= force_N)
     if len(reached):
-        # Up to the first time: behind it may be a snap.
+        # Up to the first crossing: a snap-through may follow.
         k = int(reached[0])
         fraction = (force_N - load[k - 1]) / (load[k] - load[k - 1])
         deformation = float(at[k - 1] + fraction * (at[k] - at[k - 1]))
@@ -140,7 +140,7 @@ def confirm_grasp(
 
 
 def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
-    """Enclosed volume with the mouth closed by a fan: a bent mouth has no plane, and no favoured chord."""
+    """Enclosed volume with the mouth closed by a fan: a deformed mouth is not plane, and a fan prefers no chord."""
     wall = enclosed_volume(points, container.mesh.faces, container.mesh.fraction)
     if not len(container.lid):
         return wall
@@ -151,7 +151,7 @@ def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> floa
 
 
 def mouth_edges(container: ShellObject) -> Int[np.ndarray, "e 2"]:
-    """Edges around the mouth of an open container, by their vertices; none of a closed one.
+    """Edges around the mouth of an open container, as vertex pairs; none for a closed one.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def mouth_edges(container: ShellObject) -> Int[np.ndarray, "e 2"]:
 
 
 def _slant_rad(container: ShellObject, tips: DualTips, points: Float[np.ndarray, "v 3"]) -> float:
-    """Larger of the angles of both fingers to the deformed wall's inward normal."""
+    """Larger of the angles between each finger's force and the deformed wall's inward normal."""
     normal = vertex_normals(points, container.mesh.faces)
     force = tips.direction[0]
     first = -normal[tips.first[0]]

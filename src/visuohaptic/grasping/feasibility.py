@@ -1,4 +1,4 @@
-"""Where a grasp is possible at all, and with how much force (Alt 2016, Sec. 6.2)."""
+"""Feasible grasps and their force limits (Alt 2016, Sec. 6.2)."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ from .score import GraspScores
 
 __all__ = ["FeasibilityMap", "Spill", "Verdict", "feasibility_map", "spill_of"]
 
-#: Fraction of the finger that must have wall in front of it.
+#: Minimum fraction of the finger's patch with wall in front of it.
 MIN_OVERLAP = 0.5
-#: The volume that a pinch presses out grows faster than the force: in nonlinear simulations of flat
+#: The volume displaced by a pinch grows faster than the force: in nonlinear simulations of flat
 #: sides twice as fast within the allowed deformation.
 SPILL_MARGIN = 2.0
 
 
 class Verdict(IntEnum):
-    """The first container that speaks against a grasp."""
+    """The first constraint that a grasp violates."""
 
     FEASIBLE = 0
     NOTHING_OPPOSITE = 1
     TOO_WIDE = 2  #: for the gripper's opening
     PARTIAL_OVERLAP = 3  #: too little wall in front of a finger
-    NEAR_FLOOR = 4  #: the finger would touch what the object stands on
+    NEAR_FLOOR = 4  #: the finger would touch the supporting surface
     SLANTED = 5  #: outside the friction cone
     TOO_SOFT = 6  #: the deformation would be above its bound
-    SPILLS = 7  #: contents would run over
-    TOO_WEAK = 8  #: more force is needed than is applied or than the gripper has
+    SPILLS = 7  #: contents would overflow
+    TOO_WEAK = 8  #: the required force exceeds the applied one or the gripper's maximum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spill:
-    """An open container with liquid in it."""
+    """An open container with liquid."""
 
     headspace_m3: float  #: free volume
     pressed_out_m3_per_N: Float[np.ndarray, "v"]  #: decrease of the volume by a pinch, linear
 
     @property
     def limit_N(self) -> Float[np.ndarray, "v"]:
-        """Force at which it runs over, with the margin for large deformation."""
+        """Force at which it overflows, with the margin for large deformation."""
         with np.errstate(divide="ignore", invalid="ignore"):
             limit = self.headspace_m3 / (SPILL_MARGIN * np.maximum(self.pressed_out_m3_per_N, 0.0))
         return np.nan_to_num(limit, nan=np.inf, posinf=np.inf)
@@ -56,25 +56,25 @@ class Spill:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeasibilityMap:
-    """Of each vertex; forces are of one finger."""
+    """Feasibility at each vertex; forces are of one finger."""
 
     verdict: Int[np.ndarray, "v"]  #: see :class:`Verdict`
-    force_N: Float[np.ndarray, "v"]  #: that the grasp would use
-    needed_N: Float[np.ndarray, "v"]  #: that holds the load; 0 where no load is known
-    deformation_limit_N: Float[np.ndarray, "v"]  #: below it the deformation stays under its bound
+    force_N: Float[np.ndarray, "v"]  #: force of the grasp
+    needed_N: Float[np.ndarray, "v"]  #: required to hold the load; 0 if no load is known
+    deformation_limit_N: Float[np.ndarray, "v"]  #: force below which the deformation stays under its bound
     spill_limit_N: Float[np.ndarray, "v"]
     width_m: Float[np.ndarray, "v"]  #: distance of the fingers
     confidence: float  #: of ``deformation_limit_N``, from the map's standard deviation
 
     @property
     def feasible(self) -> Bool[np.ndarray, "v"]:
-        """Nothing speaks against it."""
+        """Mask of feasible grasps."""
         out: np.ndarray = self.verdict == Verdict.FEASIBLE
         return out
 
 
 def spill_of(container: ShellObject, model: ShellModel, scores: GraspScores, fill: float) -> Spill:
-    """What each pinch presses out of an open container: one solve for all, by reciprocity.
+    """Volume that each pinch displaces from an open container: one solve for all, by reciprocity.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def spill_of(container: ShellObject, model: ShellModel, scores: GraspScores, fil
     model
         Its shell model.
     scores
-        Of its stiffness map: they say where the fingers are.
+        Scores of its stiffness map, with the finger positions.
     fill
         Fraction of the volume that is liquid, 0 to 1.
     """
@@ -107,14 +107,14 @@ def feasibility_map(
     surface, scores
         Stiffness map and its scores, see :func:`.grasp_scores`.
     force_N
-        Force of each finger that is applied [N]; one number, or one for each vertex.
+        Applied force of each finger [N]; one number, or one per vertex.
     task
-        Gripper, handling, bound of the deformation and the confidence with which it is kept. The stiffness is
-        log-normal with the map's relative standard deviation; where that is NaN the best value counts.
+        Gripper, handling, bound of the deformation and the confidence with which it is respected. The stiffness is
+        log-normal with the map's relative standard deviation; where that is NaN, the best estimate is used.
     load
-        What is lifted; without it no force is called too weak.
+        The lifted load; without it, no force is rejected as too weak.
     spill
-        Of an open container with liquid, see :func:`spill_of`.
+        For an open container with liquid, see :func:`spill_of`.
     """
     from scipy.special import ndtri
 

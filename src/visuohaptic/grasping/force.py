@@ -1,10 +1,10 @@
-"""How hard two fingers have to push to hold an object (Alt 2016, Sec. 6.2).
+"""Grip force of two fingers required to hold an object (Alt 2016, Sec. 6.2).
 
-The text names friction, weight, contents and, below the centre of mass, the friction torque against
-tilting, and leaves the formula open. Here each finger is a soft contact with an elliptic limit
+The dissertation names friction, weight, contents and, below the centre of mass, the friction torque against
+tilting, but gives no formula. Here each finger is a soft contact with an elliptic limit
 surface (Howe and Cutkosky 1996): it holds a tangential force f and a moment m about its normal as
-long as ``f^2 + (m / r_t)^2 <= (mu N)^2``, with ``r_t = 2/3`` of the radius of its patch (even pressure
-on a disc). A point has no patch and holds no moment.
+long as ``f^2 + (m / r_t)^2 <= (mu N)^2``, with ``r_t = 2/3`` of the radius of its patch (uniform pressure
+on a disc). A point contact holds no moment.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ __all__ = [
     "wall_density_kg_per_m3",
 ]
 
-#: Moments below this are rounding [N m].
+#: Moments below this are rounding errors [N m].
 NO_MOMENT = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class GripperModel:
-    """Two parallel fingers that close on each other."""
+    """A gripper with two parallel fingers."""
 
-    opening_m: float = field(default=0.11, metadata=POSITIVE)  #: largest
+    opening_m: float = field(default=0.11, metadata=POSITIVE)  #: maximum
     finger_radius_m: float = field(default=0.01, metadata=NON_NEGATIVE)  #: of the contact patch; 0 is a point
     max_force_N: float = field(default=60.0, metadata=POSITIVE)  #: of one finger
     #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
@@ -47,7 +47,7 @@ class GripperModel:
     friction_spread: float = field(default=0.15, metadata=within(0, 1))  #: relative standard deviation of mu
     finger_length_m: float = field(
         default=0.06, metadata=POSITIVE
-    )  #: from the palm to the middle of the patch
+    )  #: from the palm to the centre of the patch
     finger_thickness_m: float = field(default=0.012, metadata=POSITIVE)  #: along the closing direction
     palm_thickness_m: float = field(
         default=0.06, metadata=POSITIVE
@@ -59,13 +59,13 @@ class GripperModel:
 
 @dataclass(frozen=True, slots=True)
 class Handling:
-    """What is done with the object once it is held."""
+    """Handling of the object after it is grasped."""
 
-    #: of the arm, upwards in the worst case
+    #: of the arm, worst case upwards
     acceleration_m_per_s2: float = field(default=1.0, metadata=within(0, 1000))
-    #: about the grasp axis, that must be held against (10 degrees)
+    #: tilt about the grasp axis to withstand (10 degrees)
     tilt_rad: float = field(default=0.17, metadata=within(0, np.pi / 2))
-    safety: float = field(default=1.5, metadata=within(1, 100))  #: factor on the force
+    safety: float = field(default=1.5, metadata=within(1, 100))  #: safety factor of the force
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -73,7 +73,7 @@ class Handling:
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What has to be lifted."""
+    """The load to lift."""
 
     mass_kg: float = field(metadata=POSITIVE)
     #: centre of mass in the object's frame
@@ -85,7 +85,7 @@ class Load:
 
 
 def wall_density_kg_per_m3(container: ShellObject) -> float | None:
-    """Density of the wall's material [kg/m^3], or None where it is not known.
+    """Density of the wall's material [kg/m^3], or None if unknown.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def object_load(
     liquid_kg_per_m3: float = 1000.0,
     wall_kg_per_m3: float | None = None,
 ) -> Load:
-    """Mass and centre of mass of wall and liquid of a container that stands upright.
+    """Mass and centre of mass of wall and liquid of an upright container.
 
     Parameters
     ----------
@@ -113,13 +113,13 @@ def object_load(
     liquid_kg_per_m3
         Density of the liquid [kg/m^3].
     wall_kg_per_m3
-        Density of the wall [kg/m^3]; that of the material by default. A material that is not in the library needs
-        it.
+        Density of the wall [kg/m^3]; that of the material by default. Required if the material is not in the
+        library.
 
     Raises
     ------
     InputError
-        A number out of range, an unknown density, or no volume to fill.
+        A number out of range, an unknown density, or no enclosed volume.
     """
     if not 0 <= fill <= 1:
         raise InputError("object_load", f"found {fill}, expected 0 to 1", field="fill")
@@ -150,7 +150,7 @@ def object_load(
             a, b, c = (cut[faces[:, k]] for k in range(3))
             part = fraction * np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
             volume += float(part.sum())
-            # Tetrahedra from the origin: the foot is at z = 0, or has triangles of its own.
+            # Tetrahedra from the origin: the foot is at z = 0, or has its own triangles.
             first = first + part @ (a + b + c) / 4
         if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) <= 0:
             raise InputError(container.name, "encloses no volume that could be filled")
@@ -171,14 +171,14 @@ def required_force_N(
     gripper: GripperModel,
     handling: Handling | None = None,
 ) -> Float[np.ndarray, "m"]:
-    """Force of each finger that holds the load [N]; infinite where friction cannot.
+    """Force of each finger required to hold the load [N]; infinite where friction is not sufficient.
 
     Parameters
     ----------
     first_m, second_m
-        Where the fingers touch.
+        Contact points of the fingers.
     slant_rad
-        Angle between force and inward normal: its tangential part uses friction up.
+        Angle between force and inward normal: its tangential part uses part of the friction.
     load
         Mass and centre of mass.
     gripper
@@ -188,9 +188,9 @@ def required_force_N(
 
     Notes
     -----
-    With W = m (g + a), s the distance of the centre of mass from the middle of the grasp along it, b
-    the width, l the horizontal distance of the centre of mass from the grasp axis and h how far it is
-    above: the finger that carries more has ``W (1/2 + |s| / b)``, both share the moment
+    With W = m (g + a), s the distance of the centre of mass from the centre of the grasp along it, b
+    the width, l the horizontal distance of the centre of mass from the grasp axis and h its height
+    above the axis: the finger with the larger load carries ``W (1/2 + |s| / b)``, both share the moment
     ``W (l + max(h, 0) sin tilt)``.
     """
     handling = handling or Handling()
@@ -226,19 +226,19 @@ def success_probability(
     Parameters
     ----------
     force_N
-        Of each finger.
+        Force of each finger.
     needed_N
-        As :func:`required_force_N` has it, the factor of safety included.
+        Result of :func:`required_force_N`, including the safety factor.
     slant_rad
         Angle between force and inward normal.
     load, gripper
-        With the relative standard deviations of mass and friction.
+        Load and gripper with the relative standard deviations of mass and friction.
     handling
-        With the factor of safety, which is taken off again.
+        Handling with the safety factor, which is removed again.
 
     Notes
     -----
-    The force needed goes with ``m / (mu cos - sin)``: its logarithm has the standard deviation
+    The required force is proportional to ``m / (mu cos - sin)``: its logarithm has the standard deviation
     ``hypot(s_m, s_mu mu cos / (mu cos - sin))``.
     """
     from scipy.special import ndtr

@@ -1,4 +1,4 @@
-"""What a grasp is for, and with what hand: the settings that scores, feasibility and plans share; and a grasp."""
+"""Task and result of grasp planning: settings shared by scores, feasibility and plans; and a grasp."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Grasp", "GraspTask"]
 
 @dataclass(frozen=True, slots=True)
 class GraspTask:
-    """What is to be done, with what hand.
+    """Task and gripper.
 
     Examples
     --------
@@ -27,7 +27,7 @@ class GraspTask:
     0.0
     """
 
-    #: F_G of each finger; None: what the load needs at each place
+    #: F_G of each finger; None: the force that the load requires at each location
     force_N: float | None = field(default=None, metadata=POSITIVE)
     closed: bool = False  #: the contents cannot escape
     fill: float = field(default=0.0, metadata=within(0, 1))  #: fraction of the volume that is liquid
@@ -35,11 +35,11 @@ class GraspTask:
     gripper: GripperModel = field(default_factory=GripperModel)
     handling: Handling = field(default_factory=Handling)
     parameters: ScoreParameters = field(default_factory=ScoreParameters)
-    min_score: float = field(default=0.5, metadata=within(0, 1))  #: S_G of a goal for the arm
-    #: Probability with which the deformation stays below its bound; at 0.5 the map's best value counts.
+    min_score: float = field(default=0.5, metadata=within(0, 1))  #: minimum S_G of a goal for the arm
+    #: Probability with which the deformation stays below its bound; at 0.5 the map's best estimate is used.
     confidence: float = field(default=0.95, metadata=within(0.5, 1 - 1e-9))
-    load: Load | None = None  #: instead of the one from wall and fill
-    #: Pairs of contacts: along the wall's normal wherever that leads, or through the height axis (Alt 2016).
+    load: Load | None = None  #: overrides the one from wall and fill
+    #: Pairs of contacts: along the wall's normal, or through the height axis (Alt 2016).
     pairs: Literal["antipodal", "axis"] = "antipodal"
 
     def __post_init__(self) -> None:
@@ -57,16 +57,16 @@ class Grasp:
     score: float  #: S_G of both fingers
     parts: dict[str, float]  #: contact, curvature, height, deformation of the first finger
     force_N: float
-    needed_N: float  #: that holds the load
+    needed_N: float  #: required to hold the load
     deformation_limit_N: float
     spill_limit_N: float
     deformation_m: float  #: expected, of one side
     deformation_sigma_m: float
     width_m: float  #: distance of the fingers
-    steadiness: float  #: smallest S_G within the neighbourhood, where a badly aligned arm would end
-    success: float  #: probability that it neither slips nor deforms too much; NaN where no load is known
-    work_J: float  #: least work of both fingers that holds the load (Xu et al. 2020), by the linear stiffness
+    steadiness: float  #: smallest S_G within the neighbourhood, for a misaligned arm
+    success: float  #: probability that it neither slips nor deforms too much; NaN if no load is known
+    work_J: float  #: minimum work of both fingers to hold the load (Xu et al. 2020), by the linear stiffness
     rim: bool = False  #: the wall itself is pinched at the mouth, one finger inside
     arm_cost: float = 0.0
-    approach: GripperApproach | None = None  #: a free way there
+    approach: GripperApproach | None = None  #: collision-free approach
     confirmation: Confirmation | None = None

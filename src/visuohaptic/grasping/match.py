@@ -1,10 +1,10 @@
-"""Does the object deform as predicted while it is grasped? (Alt 2016, Sec. 7.2).
+"""Compare the observed deformation of a grasped object with the prediction (Alt 2016, Sec. 7.2).
 
-The predicted shape of the chosen grasp is matched against an observed, partial cloud by iterated
-closest points. Besides the pose of the object it finds how much of the predicted deformation is
-there: an amplitude of 1 is as predicted, 2 is twice as soft, 0 is a rigid object. The gripper knows
-where it holds, so the pose is only a small correction and has a prior; without it a shape that
-moves as a whole could be taken for one that deforms.
+The predicted shape of the chosen grasp is registered to an observed, partial cloud by iterative
+closest point (ICP). Besides the pose of the object, it estimates the amplitude of the predicted deformation:
+1 is as predicted, 2 is twice as soft, 0 is a rigid object. The gripper's position is
+known, so the pose is only a small correction and has a prior; without it, a rigid motion
+could be mistaken for deformation.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from .confirm import pinch_at
 
 __all__ = ["DeformedShape", "ShapeMatch", "match_shape", "predicted_shape"]
 
-#: Points that are needed for seven unknowns and a residual.
+#: Minimum number of points for seven unknowns and a residual.
 MIN_POINTS = 30
 MAX_ITERATIONS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeformedShape:
-    """An object's surface at rest, and how a grasp moves it."""
+    """An object's undeformed surface, and its displacement by a grasp."""
 
-    vertices_m: Float[np.ndarray, "v 3"]  #: at rest
+    vertices_m: Float[np.ndarray, "v 3"]  #: undeformed
     faces: Int[np.ndarray, "f 3"]
     displacement_m: Float[np.ndarray, "v 3"]  #: predicted under the force
     force_N: float
@@ -48,15 +48,15 @@ class DeformedShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeMatch:
-    """How an observation agrees with a prediction."""
+    """Agreement of an observation with a prediction."""
 
-    amplitude: Estimate  #: observed by predicted deformation
-    T_observed_object: Pose  #: takes the object's frame to that of the cloud
+    amplitude: Estimate  #: observed over predicted deformation
+    T_observed_object: Pose  #: transforms the object's frame to that of the cloud
     residual_m: float  #: root mean square distance along the normals, of the points that were used
     used: Bool[np.ndarray, "n"]  #: points that lie on the object
     deformation_m: float  #: observed deformation of one side at the fingers
-    stop: bool  #: the grasp should end now
-    reason: str  #: why; empty when all is as expected
+    stop: bool  #: the grasp should be stopped
+    reason: str  #: reason; empty if as predicted
 
 
 def predicted_shape(
@@ -69,9 +69,9 @@ def predicted_shape(
     container, vertex
         As of :func:`.pinch_at`.
     force_N
-        Of each finger [N].
+        Force of each finger [N].
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
     """
     if not 0 < force_N < float("inf"):
         raise InputError("predicted_shape", f"found {force_N} N, expected > 0", field="force_N")
@@ -100,30 +100,30 @@ def match_shape(
     pose_sigma_rad: float = 0.05,
     gate_m: float = 0.015,
 ) -> ShapeMatch:
-    """Find pose and amplitude of the deformation that fit a partial cloud best.
+    """Fit pose and amplitude of the deformation to a partial cloud.
 
     Parameters
     ----------
     shape
         Prediction.
     observed_m
-        Points of the outer surface, any part of it; fingers and table may be among them.
+        Points of any part of the outer surface; fingers and table may be included.
     sigma_m
         Standard deviation of a point along the normal [m].
     max_deformation_m
         Bound of the deformation of one side [m].
     T_observed_object
-        Where the gripper says that the object is; the cloud is in the object's frame by default.
+        Pose of the object from the gripper; the cloud is in the object's frame by default.
     pose_sigma_m, pose_sigma_rad
         Standard deviations of that pose, each coordinate [m] and each angle [rad].
     gate_m
-        Points farther from the surface [m] belong to something else.
+        Points farther from the surface [m] are ignored.
 
     Notes
     -----
-    Point to plane, with Huber weights at 2 sigma. The unknowns are a small turn, a shift and the
-    amplitude s: ``n . (p + s u - q + t + r x p) = 0``. The standard deviation of s takes the points'
-    noise as independent and the pose's prior as it is.
+    Point-to-plane ICP with Huber weights at 2 sigma. The unknowns are a small rotation, a translation and the
+    amplitude s: ``n . (p + s u - q + t + r x p) = 0``. The standard deviation of s assumes independent noise
+    of the points and the given prior of the pose.
     """
     for name, value in (
         ("sigma_m", sigma_m),
@@ -146,7 +146,7 @@ def match_shape(
         near = _on_surface(shape, amplitude, local, finite, gate_m)
         step, covariance = _gauss_newton(near, local[near.used] - middle, away, prior, sigma_m)
         turn = so3_exp(step[:3])
-        # x -> turn (x - middle) + middle + step, for points in the object's frame.
+        # x -> rotation (x - centre) + centre + step, for points in the object's frame.
         rotation = rotation @ turn.T
         shift = shift + rotation @ (turn @ middle - middle - step[3:6])
         away += step[:6]
@@ -171,7 +171,7 @@ def match_shape(
 
 
 def _checked(observed_m: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
-    """Points as numbers, and which of them are finite."""
+    """Points as array, and mask of the finite ones."""
     points = np.asarray(observed_m, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError("match_shape", f"found shape {points.shape}, expected (n, 3)", field="observed_m")
@@ -192,15 +192,15 @@ def _gauss_newton(
     prior: Float[np.ndarray, "6"],
     sigma_m: float,
 ) -> tuple[Float[np.ndarray, "7"], Float[np.ndarray, "7 7"]]:
-    """Step of (turn about the middle, shift, amplitude) and its covariance; ``away`` is the pose from its prior."""
-    # In the object's frame the points move: by the turn about its middle, the shift, and against s.
+    """Step of (rotation about the centre, translation, amplitude) and its covariance; ``away`` is the pose from its prior."""
+    # In the object's frame the points move: by the rotation about its centre, the translation, and against s.
     jacobian = np.column_stack([np.cross(arm_m, near.normal), near.normal, -near.along])
     weight = np.minimum(1.0, 2 * sigma_m / np.maximum(np.abs(near.gap), 1e-12)) / sigma_m**2
     normal_matrix = (jacobian * weight[:, None]).T @ jacobian
     right = -(jacobian * weight[:, None]).T @ near.gap
     normal_matrix[:6, :6] += np.diag(1 / prior**2)
     right[:6] -= away / prior**2
-    # Where the cloud does not see the deformation at all the amplitude stays what it was.
+    # If the cloud contains no information about the deformation, the amplitude is unchanged.
     normal_matrix[6, 6] += 1e-12
     return np.linalg.solve(normal_matrix, right), np.linalg.inv(normal_matrix)
 
@@ -208,7 +208,7 @@ def _gauss_newton(
 def _disagreement(
     shape: DeformedShape, amplitude: Estimate, residual_m: float, sigma_m: float, max_deformation_m: float
 ) -> str:
-    """Why the observation is not as predicted; empty where it is."""
+    """Reason why the observation deviates from the prediction; empty if it does not."""
     deformation = amplitude.value * shape.deformation_m
     if amplitude.value - 3 * amplitude.sigma > 1 and deformation > max_deformation_m:
         return (
@@ -226,7 +226,7 @@ def _disagreement(
 @dataclass(frozen=True, slots=True, eq=False)
 class _Near:
     used: Bool[np.ndarray, "n"]
-    gap: Float[np.ndarray, "k"]  #: distance of each used point outside of the surface
+    gap: Float[np.ndarray, "k"]  # signed distance of each used point, positive outside the surface
     normal: Float[np.ndarray, "k 3"]
     along: Float[np.ndarray, "k"]  #: predicted displacement along the normal
 
@@ -245,7 +245,7 @@ def _on_surface(
     normals = vertex_normals(vertices, shape.faces)
     tree = cKDTree(vertices[shape.faces].mean(axis=1))
     _, face = tree.query(np.where(finite[:, None], local, 0.0))
-    # The plane of the nearest face; where on it says which displacement and which normal.
+    # The plane of the nearest face; the position on it determines displacement and normal.
     fraction = np.clip(barycentric(vertices[shape.faces[face]], local), -0.5, 1.5)
     fraction /= fraction.sum(axis=1, keepdims=True)
     corners = shape.faces[face]

@@ -27,24 +27,24 @@ from .score import GraspScores, grasp_scores
 
 __all__ = ["GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
 
-#: Seconds of the arm, or anything else that is to be small; infinite where it can't reach.
+#: Duration of the arm motion [s], or another cost; infinite if the goal is not reachable.
 ArmCost = Callable[[Grasp], float]
-#: Scores under a force, what is spilt, and grasps by the rim.
+#: Scores under a force, spilling, and rim grasps.
 _Rated = tuple[GraspScores, Spill | None, list[Grasp]]
-#: A grasp closer to a better one than this many neighbourhoods is the same grasp.
+#: A grasp closer to a better one than this many neighbourhoods is a duplicate.
 APART = 2.0
-#: A grasp as wide and as stiff as another at its height, to these fractions, is that one turned about the height axis.
+#: A grasp at the same height with the same width and stiffness, to these fractions, is a rotated duplicate.
 SAME_WIDTH, SAME_STIFFNESS = 0.05, 0.2
-#: Grasps that the simulation refuses before the search is given up.
+#: Maximum number of grasps rejected by the simulation before the search stops.
 MAX_REFUSED = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspPlan:
-    """Grasps, the best first, and the maps they came from."""
+    """Ranked grasps, best first, and the maps they are from."""
 
     grasps: tuple[Grasp, ...]
-    rejected: tuple[Grasp, ...]  #: chosen on the map, refused by the nonlinear simulation
+    rejected: tuple[Grasp, ...]  #: selected on the map, rejected by the nonlinear simulation
     surface: StiffnessMap
     scores: GraspScores
     feasibility: FeasibilityMap
@@ -54,7 +54,7 @@ class GraspPlan:
 
     @property
     def reason(self) -> str:
-        """Why there is no grasp; empty when there is one."""
+        """Why there is no grasp; empty if there is one."""
         if self.grasps:
             return ""
         if self.notes and not self.rejected:
@@ -66,7 +66,7 @@ class GraspPlan:
         if (found == Verdict.FEASIBLE).any():
             best = float(np.max(self.scores.pair[used]))
             return f"the best score is {best:.2f}, expected at least {self.task.min_score:.2f}"
-        # Of what is in front of the fingers at all.
+        # Fractions of the vertices with a wall in front of the fingers.
         geometric = (Verdict.NOTHING_OPPOSITE, Verdict.PARTIAL_OVERLAP, Verdict.NEAR_FLOOR)
         rest = found[~np.isin(found, geometric)]
         common = int(np.bincount(rest if len(rest) else found).argmax())
@@ -90,19 +90,19 @@ def plan_grasps(
     container
         Parametric or imported container.
     task
-        Force, state, hand.
+        Force, state, gripper.
     count
-        Of grasps, at most.
+        Maximum number of grasps.
     confirm
-        Run the nonlinear simulation for each grasp, and go on to the next where it fails; seconds
-        for each, and once for each height of a round object. By default where the wall bends by more than
-        its thickness: below, the linear map is right to first order. A pinch of the rim is not simulated.
+        Run the nonlinear simulation for each grasp, and continue with the next if it fails; takes seconds
+        for each, and is run once per height for a round object. By default where the wall deforms by more than
+        its thickness: below, the linear map is accurate to first order. A pinch of the rim is not simulated.
     arm_cost
-        Order of the goals; by score without it. An infinite cost drops the goal.
+        Ranking of the goals; by score without it. An infinite cost removes the goal.
     surface
-        Its map in the task's state, where it is there already; of pairs through the height axis.
+        Its map in the task's state, if already available; for pairs through the height axis.
     scene_m
-        Points of what stands beside it, in its frame [m], which the gripper must not touch.
+        Points of its surroundings, in its frame [m], which the gripper must not touch.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def plan_grasps(
                 friction=task.gripper.friction,
                 model=model,
             )
-        # Of another vertex of the same ring: the same curve, the shape turned.
+        # From another vertex of the same ring: the same curve, with the shape rotated.
         return known[place]
 
     def rate(force: float | np.ndarray) -> _Rated:
@@ -172,25 +172,25 @@ def _pair(tips: DualTips, vertex: int) -> DualTips:
 def plan_map(
     surface: StiffnessMap, task: GraspTask, *, count: int = 5, arm_cost: ArmCost | None = None
 ) -> GraspPlan:
-    """Ranked grasps of a stiffness map alone, as one from a file or a database.
+    """Ranked grasps from a stiffness map alone, e.g. from a file or a database.
 
-    Without a wall the weight is not known: the task gives the force, or the load.
+    Without a wall the weight is unknown: the task gives the force, or the load.
 
     Parameters
     ----------
     surface
         Stiffness map, z up.
     task
-        With a force, or a load.
+        Task with a force, or a load.
     count
-        Of grasps, at most.
+        Maximum number of grasps.
     arm_cost
-        Order of the goals; by score without it. An infinite cost drops the goal.
+        Ranking of the goals; by score without it. An infinite cost removes the goal.
 
     Raises
     ------
     InputError
-        The task has neither force nor load, or asks for an open container with liquid.
+        The task has neither force nor load, or is for an open container with liquid.
     """
     if task.force_N is None and task.load is None:
         raise InputError(
@@ -226,7 +226,7 @@ def _plan(
     scores, spill, rims = rate(force)
     found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     if task.force_N is None:
-        # The least force that holds at each place; the scores follow it.
+        # The minimum force that holds at each location; the scores depend on it.
         force = np.clip(found.needed_N, 1e-3, 1e6)
         scores, spill, rims = rate(force)
         found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
@@ -235,7 +235,7 @@ def _plan(
         for goal in (*_goals(surface, scores, found, task, load), *rims)
         if np.isfinite(cost := 0.0 if arm_cost is None else float(arm_cost(goal)))
     ]
-    # A rim carries its load beside the fingers: it is for what the sides do not hold.
+    # A rim carries its load beside the fingers: it is used for loads that the sides do not hold.
     goals.sort(key=lambda goal: (goal.arm_cost, goal.rim, -goal.score))
     kept: list[Grasp] = []
     rejected: list[Grasp] = []
@@ -259,7 +259,7 @@ def _plan(
 
 
 def _turned(one: Grasp, other: Grasp, task: GraspTask) -> bool:
-    """Whether a grasp is another one turned about the height axis: as high, as wide and as stiff."""
+    """Whether a grasp is another one rotated about the height axis: same height, width and stiffness."""
     near = abs(one.first_m[2] - other.first_m[2]) < APART * task.parameters.neighbourhood_m
     alike = abs(np.log(one.width_m / other.width_m)) < SAME_WIDTH
     bent = abs(one.deformation_m / one.force_N - other.deformation_m / other.force_N)
@@ -270,7 +270,7 @@ def _turned(one: Grasp, other: Grasp, task: GraspTask) -> bool:
 def _goals(
     surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, task: GraspTask, load: Load | None
 ) -> list[Grasp]:
-    """Best vertices that are apart from each other; both ends of a pinch are one grasp."""
+    """Best vertices with a minimum distance from each other; both ends of a pinch are one grasp."""
     from scipy.spatial import cKDTree
 
     points, tips, score = surface.vertices_m, scores.tips, scores.pair
@@ -318,7 +318,7 @@ def _goals(
                 float(found.width_m[vertex]),
                 float(score[near].min()),
                 success,
-                needed**2 / k,  # each of two sides: half the force times its way
+                needed**2 / k,  # for each of two sides: half the force times its displacement
             )
         )
     return out
@@ -348,11 +348,11 @@ def _success(
 def multi_contact(
     container: ShellObject, vertices: Sequence[int], *, closed: bool = False, fill: float = 0.0
 ) -> GraspCoupling:
-    """How several pinches work on each other: the coupling matrix of Sec. 7.2.
+    """Coupling of several pinches: the coupling matrix of Sec. 7.2.
 
-    The pinches act at once and in linear superposition: ``deformation_m(forces)`` of the result is
-    the mean deformation of both sides of each pinch, ``force_N`` its inverse. Pinches close to each
-    other add up, distant ones may even lift each other's walls.
+    The pinches are simultaneous and superposed linearly: ``deformation_m(forces)`` of the result is
+    the mean deformation of both sides of each pinch, ``force_N`` its inverse. The deformations of adjacent pinches
+    add up, distant ones may even displace each other's walls outwards.
 
     Parameters
     ----------
@@ -372,12 +372,12 @@ def multi_contact(
     coupling = couple(model, tips).compliance
     if closed:
         coupling = coupling - _gas(container, model, tips, fill)
-    # GripperApproach of the two tips of a pinch to deformation of one side, as in a stiffness map.
+    # Converts the approach of the two tips of a pinch to the deformation of one side, as in a stiffness map.
     return GraspCoupling(0.5 * coupling)
 
 
 def _gas(container: ShellObject, model: ShellModel, tips: DualTips, fill: float) -> Float[np.ndarray, "m m"]:
-    """What enclosed gas takes off each entry: Sherman and Morrison, as in :func:`.closed_compliance`."""
+    """Reduction of each entry by enclosed gas: Sherman-Morrison formula, as in :func:`.closed_compliance`."""
     a = enclosed_gradient(container, model)
     w = model.solve(a)
     along = tip_approach(tips, w, model.mesh.vertices_m)

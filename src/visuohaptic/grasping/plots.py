@@ -1,4 +1,4 @@
-"""Pictures of scores and grasps, as figure 6.4."""
+"""Plots of scores and grasps, as figure 6.4."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .planner import GraspPlan
 
 __all__ = ["plot_plan", "score_colours"]
 
-#: From bad to good; even steps of lightness.
+#: From bad to good, with uniform steps of lightness.
 _COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
 
 
@@ -25,7 +25,7 @@ def score_colours(score: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
     Parameters
     ----------
     score
-        Of each vertex, 0 to 1.
+        Score of each vertex, 0 to 1.
     """
     place = np.clip(np.nan_to_num(score), 0, 1) * (len(_COLOURS) - 1)
     out = np.stack([np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)], axis=1)
@@ -40,7 +40,7 @@ def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
     path
         .png, .pdf or .svg.
     plans
-        Titles and plans, a column for each: the object above, its scores over the height below.
+        Titles and plans, one column each: the object above, its scores over the height below.
     """
     path = Path(path)
     check_suffix(None, path)
@@ -92,7 +92,7 @@ def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
 
 
 def _draw_profile(axes: Any, plan: GraspPlan) -> None:
-    """Best of each height: the product, and the scores it is made of."""
+    """Best value at each height: the product, and its factors."""
     used = np.unique(plan.surface.faces)
     z = plan.surface.vertices_m[used, 2] * 1e3
     edges = np.linspace(z.min(), z.max(), 49)

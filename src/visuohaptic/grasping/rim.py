@@ -1,7 +1,7 @@
 """Pinches of the wall itself at an open mouth: one finger inside, one outside, from above.
 
-The two forces cancel within the wall, so that nothing is squeezed; but the centre of mass is beside the fingers, by s along
-their line. The moment W s is held by pressure that is uneven over the patches, of radius r: linear over a disc, with a
+The two forces cancel within the wall, so nothing is squeezed; but the centre of mass is offset from the fingers by s along
+their line. The moment W s is held by non-uniform pressure over the patches of radius r: linear over a disc, with a
 mean p and p (1 - u) to p (1 + u) from edge to edge, a finger of force N holds N r u / 4, and both twice that.
 """
 
@@ -24,9 +24,9 @@ from .score import GraspScores, deformation_score
 
 __all__ = ["rim_grasps"]
 
-#: u at the force that is needed: half of what would lift an edge of the patch off.
+#: u at the required force: half of the value at which an edge of the patch lifts off.
 UNEVEN = 0.5
-#: Places around the mouth that are tried: at each 30 degrees, an arm that reaches half of them has a choice.
+#: Number of locations around the mouth: one per 30 degrees, so that an arm that reaches half of them has a choice.
 AROUND = 12
 
 
@@ -38,18 +38,18 @@ def rim_grasps(
     Parameters
     ----------
     container
-        Upright; a closed one, or one that is full to the fingers, has none.
+        Upright; no result for a closed one, or one that is filled up to the fingers.
     surface, scores
         Its stiffness map and the scores of its vertices.
     task
-        Gripper, handling, and the force that is applied; what is needed by default.
+        Gripper, handling, and the applied force; the required one by default.
     load
-        What is lifted.
+        The load to lift.
 
     Notes
     -----
-    The moment bends the wall as two forces W s / r at the edges of the patch do, which the stiffness of a single pinch there
-    overstates. Scores are those of Alt 2016, Sec. 6.2, but for the contact: forces are normal to the wall by construction.
+    The moment bends the wall like two forces W s / r at the edges of the patch, which the stiffness of a single pinch there
+    overestimates. Scores are those of Alt 2016, Sec. 6.2, except for the contact: forces are normal to the wall by construction.
     """
     gripper, radius = task.gripper, max(task.gripper.finger_radius_m, 1e-3)
     if task.closed or not len(container.lid):
@@ -58,7 +58,7 @@ def rim_grasps(
     normal, used = vertex_normals(points, faces), np.unique(faces)
     wet_m = points[:, 2].min() + (liquid_level_m(container, task.fill) if task.fill else 0.0)
     mouth = np.unique(mouth_edges(container))
-    # A foot that is closed by triangles of its own has an edge, too.
+    # A foot that is closed by its own triangles also has an edge.
     mouth = mouth[points[mouth, 2] > points[:, 2].mean()]
     angle = np.arctan2(
         points[mouth, 1] - container.axis_point_m[1], points[mouth, 0] - container.axis_point_m[0]
@@ -107,7 +107,7 @@ def rim_grasps(
 def _needed_N(
     place_m: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"], load: Load, task: GraspTask
 ) -> float:
-    """Force of each finger that neither slips nor presses the wall too unevenly."""
+    """Force of each finger that neither slips nor exceeds the pressure gradient."""
     offset = np.array(load.centre_m) - place_m
     along = float(offset @ inward)
     x, y, z = place_m + offset - along * inward

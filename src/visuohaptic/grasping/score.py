@@ -1,19 +1,19 @@
-"""How good a two-finger grasp is at every point of a surface (Alt 2016, Sec. 6.2, Eqs. (6.6)-(6.9)).
+"""Scores of two-finger grasps at every point of a surface (Alt 2016, Sec. 6.2, Eqs. (6.6)-(6.9)).
 
-Each surface point X stands for one grasp: a finger at X, a finger at the point across the height
+Each surface point X represents one grasp: a finger at X, a finger at the opposite point across the height
 axis, both pushing with the same force along the line between them. Four scores, clamped to 0..1 and
-multiplied, say whether the contact is perpendicular, the surface flat or hollow, the point high, and
-the deformation small. Where the text leaves something open or is misprinted:
+multiplied, rate whether the contact is perpendicular, the surface flat or concave, the point high, and
+the deformation small. Where the dissertation is ambiguous or misprinted:
 
 - (6.6) divides by the number of neighbours. The factor ``1 - sqrt(r / d)`` has the mean 1/5 over a
-  disc, so that no grasp could pass ``S_G > 0.5``. Here the sum of the factors divides: a flat,
+  disc, so that no grasp could reach ``S_G > 0.5``. Here it is divided by the sum of the factors: a flat,
   perpendicular contact scores w_n.
 - "Partial overlap is penalised": the contact score is multiplied with the fraction of the finger's
   disc (with the same factors) that has wall in front of it.
-- The unit of the curvature is not printed. With w_c = 5 and centimetres nothing rounder than a
-  radius of 5 cm reaches 0.5, no bottle does; in millimetres a ridge of 2.5 mm radius scores 0.
-  ``curvature_unit_m`` is 1 mm therefore.
-- ``min(p20, p02)`` depends on how x and y are turned; the smaller principal value does not.
+- The unit of the curvature is not printed. With w_c = 5 and centimetres, no surface with a radius below
+  5 cm reaches 0.5, and no bottle does; in millimetres a ridge of 2.5 mm radius scores 0.
+  Therefore ``curvature_unit_m`` is 1 mm.
+- ``min(p20, p02)`` depends on the rotation of x and y; the smaller principal value does not.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from ..deformation.shells.stiffness_map import DualTips, opposing_points
 
 __all__ = ["GraspScores", "ScoreParameters", "deformation_score", "grasp_scores"]
 
-#: Points that a second-order polynomial is fitted to, at least.
+#: Minimum number of points for the fit of a second-order polynomial.
 MIN_NEIGHBOURS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreParameters:
-    """Coefficients of the scores; defaults are those of the text."""
+    """Coefficients of the scores; defaults are those of the dissertation."""
 
     contact_weight: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_n
     curvature_weight: float = field(default=5.0, metadata=NON_NEGATIVE)  #: w_c
     height_weight: float = field(default=0.5, metadata=within(0, 1))  #: w_h
     deformation_weight: float = field(default=5.0, metadata=NON_NEGATIVE)  #: w_d
     max_deformation_m: float = field(default=0.005, metadata=POSITIVE)  #: delta_max
-    #: d: radius of what a finger touches, by how well the arm aligns
+    #: d: radius of the contact area of a finger, depending on the alignment accuracy of the arm
     neighbourhood_m: float = field(default=0.01, metadata=POSITIVE)
     curvature_unit_m: float = field(default=0.001, metadata=POSITIVE)  #: w_c multiplies 1 / this
 
@@ -55,15 +55,15 @@ class ScoreParameters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspScores:
-    """Scores 0..1 of each vertex, and what they were made from."""
+    """Scores 0..1 of each vertex, and their intermediate values."""
 
-    contact: Float[np.ndarray, "v"]  #: S_n, overlap included
+    contact: Float[np.ndarray, "v"]  #: S_n, including the overlap
     curvature: Float[np.ndarray, "v"]  #: S_c
     height: Float[np.ndarray, "v"]  #: S_h
     deformation: Float[np.ndarray, "v"]  #: S_d
     overlap: Float[np.ndarray, "v"]  #: fraction of the finger that has wall in front of it
     perpendicular: Float[np.ndarray, "v"]  #: weighted mean of F . n around the point, -1..1
-    tips: DualTips  #: where the other finger is
+    tips: DualTips  #: position of the other finger
     deformation_m: Float[np.ndarray, "v"]  #: expected deformation of one side under the force
 
     @property
@@ -74,7 +74,7 @@ class GraspScores:
 
     @property
     def pair(self) -> Float[np.ndarray, "v"]:
-        """S_G of both fingers: the smaller of the point's and of the point's opposite."""
+        """S_G of both fingers: the smaller one of the point and its opposite."""
         return np.where(self.tips.valid, np.minimum(self.total, self.opposite(self.total)), 0.0)
 
     def opposite(self, values: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:
@@ -83,7 +83,7 @@ class GraspScores:
         Parameters
         ----------
         values
-            One for each vertex.
+            One per vertex.
         """
         out: np.ndarray = np.einsum("mk,mk->m", self.tips.weights, values[self.tips.second])
         return out
@@ -102,15 +102,15 @@ def grasp_scores(
     Parameters
     ----------
     surface
-        Physical local stiffness [N/m], z up. Infinite stiffness does not deform.
+        Physical local stiffness [N/m], z up. Infinite stiffness means no deformation.
     force_N
-        F_G, of each finger; one number, or one for the grasp at each vertex.
+        F_G, of each finger; one number, or one per vertex.
     parameters
-        Those of the text by default.
+        Those of the dissertation by default.
     axis_point_m
-        x and y of the height axis; the middle of the bounding box by default.
+        x and y of the height axis; the centre of the bounding box by default.
     tips
-        Pairs of contacts that the map is of; across the height axis by default.
+        Pairs of contacts of the map; across the height axis by default.
     """
     force = np.broadcast_to(np.asarray(force_N, dtype=float), surface.stiffness_N_per_m.shape)
     if not (force > 0).all():
@@ -140,7 +140,7 @@ def grasp_scores(
 def deformation_score(
     deformation_m: Float[np.ndarray, "v"], parameters: ScoreParameters
 ) -> Float[np.ndarray, "v"]:
-    """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 where it is not known.
+    """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 if unknown.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def deformation_score(
 
 
 def outward_faces(surface: StiffnessMap) -> Int[np.ndarray, "f 3"]:
-    """Faces that look away from the height axis, whichever way the file had them."""
+    """Faces with normals away from the height axis, independent of the orientation in the file."""
     points, faces = surface.vertices_m, np.asarray(surface.faces)
     if not len(faces):
         raise InputError("grasp_scores", "the map has no faces", field="faces")
@@ -169,18 +169,18 @@ def outward_faces(surface: StiffnessMap) -> Int[np.ndarray, "f 3"]:
 def _contact(
     mesh: ShellMesh, normal: Float[np.ndarray, "v 3"], direction: Float[np.ndarray, "v 3"], d: float
 ) -> tuple[Float[np.ndarray, "v"], Float[np.ndarray, "v"]]:
-    """Weighted mean of F . n around each vertex, and the fraction of the disc in front of which wall is."""
+    """Weighted mean of F . n around each vertex, and the fraction of the disc that has wall in front of it."""
     places, normals, area = _samples(mesh, (d / 6) ** 2)
     count = len(mesh.vertices_m)
     mean_top, mean_low, covered = np.zeros(count), np.zeros(count), np.zeros(count)
-    # On a bent wall the edge of the finger's disc is further away than d.
+    # On a curved wall the edge of the finger's disc is farther away than d.
     for vertex, sample in _neighbours(mesh.vertices_m, places, 1.25 * d):
         away = places[sample] - mesh.vertices_m[vertex]
         force = direction[vertex]
         along = np.einsum("pi,pi->p", away, force)
         square = np.einsum("pi,pi->p", away, away)
         facing = -np.einsum("pi,pi->p", force, normals[sample])
-        # Walls that look the other way are those of the other finger.
+        # Walls with the opposite orientation are those of the other finger.
         same = np.einsum("pi,pi->p", normals[sample], normal[vertex]) > 0
         weight = np.where(same, area[sample] * _factor(np.sqrt(square) / d), 0.0)
         mean_top += np.bincount(vertex, weight * facing, count)
@@ -196,7 +196,7 @@ def _contact(
 def _smallest_quadratic(
     mesh: ShellMesh, normal: Float[np.ndarray, "v 3"], d: float
 ) -> Float[np.ndarray, "v"]:
-    """Smaller principal value of p20, p11, p02 around each vertex [1/m]; 0 is flat, < 0 bulges out."""
+    """Smaller principal value of p20, p11, p02 around each vertex [1/m]; 0 is flat, < 0 is convex."""
     points = mesh.vertices_m
     count = len(points)
     first, second = _tangents(normal)
@@ -214,7 +214,7 @@ def _smallest_quadratic(
             for j in range(6):
                 moments[:, 6 * i + j] += np.bincount(vertex, basis[:, i] * basis[:, j], count)
     matrix = moments.reshape(count, 6, 6)
-    # Where points lie on a line the polynomial is held flat across it.
+    # Where points are collinear, the polynomial is regularised to be flat across the line.
     ridge = 1e-9 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(6) + 1e-12 * np.eye(6)
     p20, p11, p02 = np.linalg.solve(matrix + ridge, right[..., None])[:, :3, 0].T
     return (0.5 * (p20 + p02) - np.hypot(0.5 * (p20 - p02), 0.5 * p11)) / d
@@ -223,7 +223,7 @@ def _smallest_quadratic(
 def _samples(
     mesh: ShellMesh, max_m2: float
 ) -> tuple[Float[np.ndarray, "s 3"], Float[np.ndarray, "s 3"], Float[np.ndarray, "s"]]:
-    """Points all over the surface, each for at most ``max_m2``, with normals and areas."""
+    """Points distributed over the surface, each for at most ``max_m2``, with normals and areas."""
     a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
     doubled = np.cross(b - a, c - a)
     area = 0.5 * np.linalg.norm(doubled, axis=1)
@@ -254,7 +254,7 @@ def _centroids(n: int) -> Float[np.ndarray, "m 3"]:
 def _neighbours(
     points: Float[np.ndarray, "v 3"], places: Float[np.ndarray, "s 3"], radius: float, fewest: int = 0
 ) -> list[tuple[Int[np.ndarray, "p"], Int[np.ndarray, "p"]]]:
-    """Pairs (point, place) within a radius, in portions; at least ``fewest`` places of each point."""
+    """Pairs (point, location) within a radius, in chunks; at least ``fewest`` locations of each point."""
     from scipy.spatial import cKDTree
 
     tree, out = cKDTree(places), []

@@ -1,4 +1,4 @@
-"""Several rooms on a hallway, drawn here in place of the map of figure 4.1, and what stands in them."""
+"""Several rooms on a hallway, in place of the map of figure 4.1, with movable obstacles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..rigs.virtual_office import BIN, ROBOT, STOOL, box, rooms, with_objects
 
 __all__ = ["OBJECTS", "building", "draw_map", "outline", "regions_of"]
 
-#: Four movable obstacles; crate and stool stand in doorways.
+#: Four movable obstacles; crate and stool are in doorways.
 OBJECTS = (
     MovableObject("crate", box(7.15, 3.53, 0.5, 0.45), STOOL),
     MovableObject("stool", box(10.0, 5.45, 0.45, 0.45, 0.1), STOOL),
@@ -27,7 +27,7 @@ OBJECTS = (
 
 @cache
 def building() -> OccupancyMap:
-    """Seven rooms of a floor of 14 m x 9 m, a hallway of 1.8 m between them, furniture that stays."""
+    """Seven rooms of a floor of 14 m x 9 m, a hallway of 1.8 m between them, fixed furniture."""
     t = 0.1
     south, north = 3.5, 5.4  # walls of the hallway
     walls = [
@@ -95,5 +95,5 @@ def draw_map(axes: Any, grid: OccupancyMap) -> None:
 
 
 def with_all() -> OccupancyMap:
-    """The building with its four objects as a mapper would see them."""
+    """The building with its four objects, as in the map of a robot."""
     return with_objects(building(), list(OBJECTS))

@@ -1,4 +1,4 @@
-"""Deformation-force curves of a bottle's places, open and closed, as the gripper reads them (Sec. 6.4.2)."""
+"""Force-deformation curves at several locations on a bottle, open and closed, as read by the gripper (Sec. 6.4.2)."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..recognition.touch.state import StateCurve, simulate_state_curves
 
 __all__ = ["NOISE_N", "NOISE_m", "curves_of", "read_curve"]
 
-#: Of the gripper's sensors, and distance of its readings: 5 mm/s at 30 Hz.
+#: Noise of the gripper's sensors, and distance of its readings: 5 mm/s at 30 Hz.
 NOISE_N, NOISE_m, STEP_m = 0.1, 1e-4, 0.005 / 30
 
 
 def curves_of(name: str, places: Sequence[str], around: int) -> dict[tuple[str, str], StateCurve]:
-    """(state, place) -> curve of the middle object of a class; open is without its cap.
+    """(state, location) -> curve of the nominal object of a class; "open" is without its cap.
 
     Parameters
     ----------
     name
         Of the class.
     places
-        Names of places, as ``x+5``.
+        Names of locations, as ``x+5``.
     around
         Vertices of a ring of the mesh.
     """
@@ -39,12 +39,12 @@ def curves_of(name: str, places: Sequence[str], around: int) -> dict[tuple[str, 
 def read_curve(
     curve: StateCurve, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, CurveCoefficients]:
-    """Readings of deformation [m] and force [N] while the finger closes, and the features fitted to them.
+    """Readings of deformation [m] and force [N] while the finger closes, and the fitted features.
 
     Parameters
     ----------
     curve
-        Simulated curve of one place.
+        Simulated curve of one location.
     rng
         For the noise.
     """

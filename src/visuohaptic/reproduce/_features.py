@@ -1,4 +1,4 @@
-"""Training features of many variants of each class, made once for all experiments that need them (Sec. 6.4.1)."""
+"""Training features of many variants of each class, computed once for all experiments that use them (Sec. 6.4.1)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ VARIANTS = 100
 
 
 def training_features(out: Output) -> FeatureSet:
-    """Linear features of open containers, read from the shared folder where they are there.
+    """Linear features of open containers, read from the shared folder if available.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def training_features(out: Output) -> FeatureSet:
             try:
                 found = linear_features(mesh_container(draw_variant(base, number, out.seed), around=36))
             except VisuohapticError:
-                continue  # a wall that would cut itself
+                continue  # a wall that would intersect itself
             points = found.points_m
             features.append(found.values)
             widths.append(np.linalg.norm(points[:, ::2, :2] - points[:, 1::2, :2], axis=2))

@@ -1,4 +1,4 @@
-"""Press tests of simulated foams, as the robot arm with its plate made them (Alt 2016, Sec. 3.2)."""
+"""Press tests of simulated foams, like those with the robot arm and a plate (Alt 2016, Sec. 3.2)."""
 
 from __future__ import annotations
 

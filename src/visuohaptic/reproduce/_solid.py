@@ -1,4 +1,4 @@
-"""Surfaces and points in space, drawn alike in all pictures."""
+"""3D plots of surfaces and points in a common style."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LIGHT = np.array([0.45, -0.65, 0.6]) / np.linalg.norm([0.45, -0.65, 0.6])
 
 
 def figure_3d(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
-    """A figure with ``rows x columns`` axes in space.
+    """A figure with ``rows x columns`` 3D axes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Many experiments, several at a time, here or on a cluster, and the table of what they cost."""
+"""Run many experiments in parallel, locally or on a cluster, with a table of their run times."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .runner import EXPERIMENTS, ExperimentOutcome, kept_outcome, known_name, re
 
 __all__ = ["reproduce_all", "write_costs"]
 
-#: Experiments that share a long computation: one after the other, the first makes it for all.
+#: Experiments that share a long computation: they run sequentially, the first one computes it for all.
 TOGETHER: tuple[tuple[str, ...], ...] = (("figure-6.6", "figure-6.7", "table-6.1", "table-6.2"),)
-#: What takes longest starts first, so that none is left alone at the end.
+#: The longest experiments start first, so that none runs alone at the end.
 EXPENSIVE: tuple[str, ...] = (
     "figure-5.8",
     "table-4.1",
@@ -28,16 +28,16 @@ EXPENSIVE: tuple[str, ...] = (
     "figure-5.7",
     "figure-3.13",
 )
-#: Contents by name.
+#: File contents by name.
 Files = dict[str, bytes]
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Experiments that one process does, one after the other."""
+    """Experiments that one process runs sequentially."""
 
     names: tuple[str, ...]
-    folder: Path | None  #: of the results; ``None`` on a machine that does not see it
+    folder: Path | None  #: folder of the results; ``None`` on a machine without access to it
     seed: int
     quick: bool
 
@@ -63,7 +63,7 @@ def reproduce_all(
     workers
         See :func:`.map_tasks`. An experiment whose process dies does not stop the others.
     on_done
-        Called here, with each as it is done.
+        Called in this process with each finished experiment.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def reproduce_all(
     Raises
     ------
     InputError
-        A name is not known, ``workers`` is less than one, or no cluster answers.
+        Unknown name, ``workers`` less than one, or no reachable cluster.
     """
     wanted = list(dict.fromkeys(known_name(name) for name in names))
     folder = Path(folder)
@@ -82,7 +82,7 @@ def reproduce_all(
 
     def finished(outcome: ExperimentOutcome) -> None:
         found[outcome.name] = outcome
-        # After each one: what is known when the run is interrupted is kept.
+        # After each one, so that the results of an interrupted run are kept.
         write_costs(folder, found)
         if on_done is not None:
             on_done(outcome)
@@ -91,7 +91,7 @@ def reproduce_all(
         if not force and (outcome := kept_outcome(name, folder, seed=seed, quick=quick)) is not None:
             finished(outcome)
     units = _units([name for name in wanted if name not in found])
-    # Other machines may not see this folder: what they have written comes back with the outcome.
+    # Other machines may not have access to this folder: their files are returned with the outcome.
     here = None if isinstance(workers, str) else folder
     tasks = [Unit(tuple(unit), here, seed, quick) for unit in units]
     runs = map_tasks(_run_unit, tasks, name="reproduce", workers=workers, on_death=_dead)
@@ -106,7 +106,7 @@ def _dead(unit: Unit, reason: str) -> list[tuple[ExperimentOutcome, Files]]:
 
 
 def write_costs(folder: Path | str, found: Mapping[str, ExperimentOutcome]) -> Path:
-    """Write ``experiments.csv``: name, wall and CPU time, whether there is a result, and why not.
+    """Write ``experiments.csv``: name, wall and CPU time, whether there is a result, and the reason if not.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def write_costs(folder: Path | str, found: Mapping[str, ExperimentOutcome]) -> P
 
 
 def _units(names: Sequence[str]) -> list[list[str]]:
-    """What one process does: single experiments, or those that share something; the most expensive first."""
+    """Groups for the processes: single experiments, or those with shared data; the most expensive first."""
     units: list[list[str]] = [[name for name in group if name in names] for group in TOGETHER]
     grouped = {name for unit in units for name in unit}
     units = [unit for unit in units if unit] + [[name] for name in names if name not in grouped]
@@ -138,7 +138,7 @@ def _units(names: Sequence[str]) -> list[list[str]]:
 
 
 def _run_unit(unit: Unit) -> list[tuple[ExperimentOutcome, Files]]:
-    """Outcomes, and the files of those that were run in a folder of their own."""
+    """Outcomes, and the files of experiments that ran in their own folder."""
     with ExitStack() as stack:
         folder = unit.folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
         found = []
@@ -150,7 +150,7 @@ def _run_unit(unit: Unit) -> list[tuple[ExperimentOutcome, Files]]:
 
 
 def _received(outcome: ExperimentOutcome, files: Files, folder: Path) -> ExperimentOutcome:
-    """Write the files of an experiment; ``result.json``, which makes them a result, comes last."""
+    """Write the files of an experiment; ``result.json``, which marks them as complete, is written last."""
     target = folder / outcome.name
     target.mkdir(parents=True, exist_ok=True)
     for name in sorted(files, key=lambda name: (name == "result.json", name)):

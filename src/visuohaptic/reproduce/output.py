@@ -1,4 +1,4 @@
-"""Where an experiment writes: data, pictures, and its numbers beside the dissertation's."""
+"""Output of an experiment: data, figures, and its numbers compared with the dissertation's."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ __all__ = ["Columns", "Comparison", "Output"]
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One number of ours, beside the one that is printed in the dissertation."""
+    """One number of this library, and the corresponding printed one of the dissertation."""
 
     name: str
     ours: float
-    unit: str  #: empty for a plain number
-    dissertation: float | None = None  #: ``None`` where it prints none
-    note: str = ""  #: how they compare, or what differs
+    unit: str  #: empty for a dimensionless number
+    dissertation: float | None = None  #: ``None`` if none is printed
+    note: str = ""  #: comparison, or differences in the conditions
 
 
 class Columns(dict[str, list[Any]]):
-    """A table that grows row by row: heading with unit -> values.
+    """A table that is filled row by row: heading with unit -> values.
 
     Parameters
     ----------
     headings
-        With a blank between them.
+        Headings, separated by blanks.
     """
 
     def __init__(self, headings: str) -> None:
@@ -50,7 +50,7 @@ class Columns(dict[str, list[Any]]):
         Parameters
         ----------
         *values
-            One for each heading, in their order.
+            One for each heading, in the same order.
         """
         for column, value in zip(self.values(), values, strict=True):
             column.append(value)
@@ -63,9 +63,9 @@ class Output:
     Parameters
     ----------
     folder
-        Exists.
+        Existing folder.
     seed
-        Of everything random in it; see :meth:`rng`.
+        Of all random numbers; see :meth:`rng`.
     quick
         A small case, for tests: the same steps with fewer samples.
     """
@@ -79,18 +79,18 @@ class Output:
     rows: int = 0  #: of all tables together
 
     def rng(self, *stream: int) -> np.random.Generator:
-        """A generator of this experiment's own.
+        """A random generator of this experiment.
 
         Parameters
         ----------
         *stream
-            Numbers of the stream; others give another generator.
+            Numbers that identify the stream; other numbers give an independent generator.
         """
         return np.random.default_rng([self.seed, *stream])
 
     @property
     def shared(self) -> Path:
-        """A folder beside the experiments', for what several of them need and is long to make."""
+        """A folder next to the experiments', for shared data that are expensive to compute."""
         path = self.folder.parent / "shared"
         path.mkdir(exist_ok=True)
         return path
@@ -103,7 +103,7 @@ class Output:
         name
             Without suffix.
         columns
-            Heading with unit -> values; all of one length.
+            Heading with unit -> values; all of the same length.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Output:
         return path
 
     def drawn(self, name: str, draw: Callable[[Path], object]) -> Path:
-        """Write ``NAME.png`` by a function that draws to a path.
+        """Write ``NAME.png`` with a function that draws to a path.
 
         Parameters
         ----------
@@ -180,20 +180,20 @@ class Output:
     def compare(
         self, name: str, ours: float, unit: str = "", *, dissertation: float | None = None, note: str = ""
     ) -> None:
-        """Add a number, and what the dissertation prints for it.
+        """Add a number, and the one printed in the dissertation.
 
         Parameters
         ----------
         name
-            What it is.
+            Name of the quantity.
         ours
             Finite.
         unit
-            Empty for a plain number.
+            Empty for a dimensionless number.
         dissertation
-            Printed number; ``None`` where there is none.
+            Printed number; ``None`` if there is none.
         note
-            How they compare.
+            Comparison of both.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class Output:
         self.comparisons.append(Comparison(name, value, unit, dissertation, note))
 
     def summary(self) -> dict[str, Any]:
-        """What goes to ``result.json``."""
+        """Content of ``result.json``."""
         return {
             "comparisons": [asdict(one) for one in self.comparisons],
             "tables": self.tables,
@@ -216,7 +216,7 @@ class Output:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers as short as they stay exact enough to plot and compare."""
+    """Numbers rounded to the precision needed for plots and comparisons."""
     if isinstance(value, np.generic):
         value = value.item()
     return f"{value:.7g}" if isinstance(value, float) else value

@@ -1,4 +1,4 @@
-"""The pages that show all results: one beside them, one for the documentation."""
+"""Pages with all results: one next to them, one for the documentation."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .runner import EXPERIMENTS, read_result
 __all__ = ["write_gallery", "write_index"]
 
 HEADING = "# The dissertation's figures and tables, reproduced"
-#: Of the pictures in the documentation: width at most [px], quality of WebP.
+#: Figures in the documentation: maximum width [px], quality of WebP.
 WIDTH_px, QUALITY = 1000, 80
 
 
 def write_index(folder: Path | str) -> Path:
-    """Write ``index.md``: all results in the folder, with pictures, data and numbers.
+    """Write ``index.md``: all results in the folder, with figures, data and numbers.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def write_index(folder: Path | str) -> Path:
 def write_gallery(folder: Path | str, docs: Path | str) -> Path:
     """Write ``gallery.md`` and ``images/gallery`` of the documentation from the results in a folder.
 
-    Pictures become smaller; no times are written, so that the same results give the same page.
+    Figures are scaled down; no times are written, so that the same results give the same page.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def write_gallery(folder: Path | str, docs: Path | str) -> Path:
     Raises
     ------
     InputError
-        There is no result in the folder, or one of them is of a quick run.
+        There is no result in the folder, or one of them is from a quick run.
     """
     folder, docs = Path(folder), Path(docs)
     images = docs / "images" / "gallery"

@@ -1,4 +1,4 @@
-"""Runs experiments by name, one folder each."""
+"""Run experiments by name, one folder each."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ EXPERIMENTS: Mapping[str, str] = {
     for number in numbers
 }
 
-#: Modules beyond the core that an experiment imports on its way; all of them draw with matplotlib.
+#: Dependencies beyond the core that an experiment imports; all of them use matplotlib.
 NEEDS: Mapping[str, tuple[str, ...]] = {
     "figure-3.10": ("mujoco",),
     "figure-3.12": ("sklearn",),
@@ -54,14 +54,14 @@ _LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco", "sc
 
 @dataclass(frozen=True, slots=True)
 class ExperimentOutcome:
-    """How one experiment went."""
+    """Outcome of one experiment."""
 
     name: str
     folder: Path
-    seconds: float  #: of wall time; of the run that made it, if it was kept
-    cpu_seconds: float = 0.0  #: of all threads and children
-    kept: bool = False  #: nothing was done: the same result is there
-    problem: str = ""  #: why there is no result; empty when there is one
+    seconds: float  #: of wall time; of the original run, if the result was kept
+    cpu_seconds: float = 0.0  #: of all threads and child processes
+    kept: bool = False  #: not run: the same result exists already
+    problem: str = ""  #: why there is no result; empty if there is one
 
 
 def reproduce(
@@ -72,30 +72,30 @@ def reproduce(
     Parameters
     ----------
     name
-        Of :data:`EXPERIMENTS`; ``fig3.2`` and ``3.2`` are understood as well.
+        Of :data:`EXPERIMENTS`; ``fig3.2`` and ``3.2`` are accepted as well.
     folder
-        Made if it does not exist.
+        Created if it does not exist.
     seed, quick
         See :class:`.Output`.
     force
-        Run even if the same result is there.
+        Run even if the same result exists.
 
     Returns
     -------
     ExperimentOutcome
-        With the problem, if the experiment failed by an error of the library.
+        Contains the problem if the experiment failed with an error of the library.
 
     Raises
     ------
     InputError
-        There is no experiment of this name.
+        Unknown experiment.
     """
     key = known_name(name)
     target = Path(folder) / key
     target.mkdir(parents=True, exist_ok=True)
     if not force and (before := kept_outcome(key, folder, seed=seed, quick=quick)) is not None:
         return before
-    (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
+    (target / "result.json").unlink(missing_ok=True)  # an incomplete result must not look complete
     out = Output(target, seed, quick)
     begin, begin_cpu = time.perf_counter(), _cpu_s()
 
@@ -111,7 +111,7 @@ def reproduce(
     except VisuohapticError as error:
         return ended(str(error))
     except Exception as error:
-        # A mistake in one experiment must not cost the others their hour.
+        # An error in one experiment must not stop the others.
         log.debug("%s", key, exc_info=True)
         return ended(f"unexpected {type(error).__name__}: {error}")
     if not (out.rows and (out.pictures or out.comparisons)):
@@ -134,7 +134,7 @@ def reproduce(
 def kept_outcome(
     name: str, folder: Path | str, *, seed: int = 0, quick: bool = False
 ) -> ExperimentOutcome | None:
-    """The outcome of an earlier run with the same result; ``None`` where there is none.
+    """The outcome of an earlier run with the same result; ``None`` if there is none.
 
     Parameters
     ----------
@@ -156,13 +156,13 @@ def _made_of(seed: int, quick: bool) -> dict[str, Any]:
 
 
 def _cpu_s() -> float:
-    """CPU time of this process and of its children that have ended [s]."""
+    """CPU time of this process and its finished child processes [s]."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 def read_result(folder: Path | str) -> dict[str, Any] | None:
-    """Result of an experiment in its folder; ``None`` if it is missing or not complete.
+    """Result of an experiment in its folder; ``None`` if it is missing or incomplete.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def read_result(folder: Path | str) -> dict[str, Any] | None:
 
 
 def known_name(name: str) -> str:
-    """Name of an experiment as :data:`EXPERIMENTS` has it.
+    """Canonical name of an experiment, as in :data:`EXPERIMENTS`.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def known_name(name: str) -> str:
     Raises
     ------
     InputError
-        There is no such experiment.
+        Unknown experiment.
     """
     plain = name.lower().replace("_", "-").replace(" ", "-")
     for key in EXPERIMENTS:
@@ -207,7 +207,7 @@ def _module(key: str) -> ModuleType:
 
 
 def title_and_caption(module: ModuleType) -> tuple[str, str]:
-    """What an experiment shows, and how: from its docstring ``TITLE (Fig. 3.2).`` and the text below.
+    """Title and caption of an experiment: from its docstring ``TITLE (Fig. 3.2).`` and the text below.
 
     Parameters
     ----------

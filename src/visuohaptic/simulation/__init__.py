@@ -1,4 +1,4 @@
-"""Worlds, robots and cameras that make the truth of tests and demo; never what is tested."""
+"""Simulated worlds, robots and cameras: ground truth for tests and demo, independent of the code under test."""
 
 from ..core.front_door import attach
 

@@ -1,7 +1,7 @@
-"""Faults that can be switched on: wrappers of the robot protocols, and wrong maps; repeatable by their generator.
+"""Fault injection: wrappers of the robot protocols, and wrong maps; reproducible by their generator.
 
-Whatever a task is told through these wrappers may be wrong; what the simulated
-world does stays true. Slip in the hand and falling objects are switches of
+The data that a task gets through these wrappers may be wrong; the state of the simulated
+world is not affected. Slip in the hand and falling objects are switches of
 the worlds themselves (:class:`~visuohaptic.simulation.tabletop.kitchen.KitchenTable`).
 """
 
@@ -34,7 +34,7 @@ __all__ = [
 
 
 class FaultKind(StrEnum):
-    """The switches."""
+    """Kinds of faults."""
 
     DROPPED_FRAMES = "dropped_frames"
     LATE_FRAMES = "late_frames"
@@ -49,32 +49,32 @@ class FaultKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FrameFaults:
-    """What happens to frames; all off by default."""
+    """Faults of camera frames; all off by default."""
 
-    drop: float = field(default=0.0, metadata=within(0, 1))  #: share that never arrives
-    duplicate: float = field(default=0.0, metadata=within(0, 1))  #: share that arrives twice
-    late: float = field(default=0.0, metadata=within(0, 1))  #: share that arrives after its followers
+    drop: float = field(default=0.0, metadata=within(0, 1))  #: fraction that is lost
+    duplicate: float = field(default=0.0, metadata=within(0, 1))  #: fraction that is duplicated
+    late: float = field(default=0.0, metadata=within(0, 1))  #: fraction that arrives after later frames
     late_frames: int = field(default=3, metadata=at_least(1))  #: by how many frames
-    bump_at_s: float = math.inf  #: the camera is knocked then, after the first frame's time
+    bump_at_s: float = math.inf  #: time of a bump that displaces the camera, after the first frame's time
     bump_px: tuple[float, float] = (12.0, -7.0)
     bump_rad: float = 0.02
-    light_at_s: float = math.inf  #: the light changes then
-    light_s: float = field(default=0.5, metadata=POSITIVE)  #: and takes so long to change
+    light_at_s: float = math.inf  #: time of a change of light
+    light_s: float = field(default=0.5, metadata=POSITIVE)  #: duration of that change
     light_gain: float = 0.45
     light_offset: float = 5.0
-    end_at_s: float = math.inf  #: the cable is pulled
+    end_at_s: float = math.inf  #: time at which the cable is disconnected
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
 
 def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
-    """Faults of the camera of one kind; none for kinds that are not the camera's.
+    """Camera faults of one kind; none for kinds that do not concern the camera.
 
     Parameters
     ----------
     kind
-        What fails.
+        Kind of fault.
     at_s
         Time of the fault [s].
     """
@@ -88,14 +88,14 @@ def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
 
 
 class FaultyFrames(Closing):
-    """A ``robots.FrameSource`` that loses, repeats, delays and spoils the frames of another one.
+    """A ``robots.FrameSource`` that drops, repeats, delays and corrupts the frames of another one.
 
     Parameters
     ----------
     source
         Camera without faults.
     faults
-        What fails, and when.
+        Faults and their times.
     rng
         Source of randomness.
     """
@@ -106,22 +106,22 @@ class FaultyFrames(Closing):
 
     @property
     def camera(self) -> Camera | None:
-        """The model that everybody believes in; a bump does not change it."""
+        """The model assumed by all users; a bump does not change it."""
         return self.source.camera
 
     @property
     def frame_count(self) -> int | None:
-        """Of the source; how many arrive is not known."""
+        """Number of frames of the source; the number that arrives is unknown."""
         return self.source.frame_count
 
     def __iter__(self) -> Iterator[Frame]:
-        held: list[tuple[int, Frame]] = []  #: late frames, and how many more go first
+        held: list[tuple[int, Frame]] = []  #: late frames, and number of frames to deliver before each
         for frame in self.source:
             if math.isnan(self._start_s):
                 self._start_s = frame.t_s
             if frame.t_s - self._start_s >= self.faults.end_at_s:
                 return
-            # One draw for each fault and frame: a switched-on fault does not move another's dice.
+            # One random number per fault and frame: enabling a fault does not change the others.
             dropped, twice, late = self._rng.random(3) < (
                 self.faults.drop,
                 self.faults.duplicate,
@@ -164,15 +164,15 @@ class FaultyFrames(Closing):
 
 @dataclass(frozen=True, slots=True)
 class PoseFaults:
-    """What happens to the pose that a platform reports; all off by default. Times since the first state."""
+    """Faults of the pose that a platform reports; all off by default. Times since the first state."""
 
-    jump_at_s: float = math.inf  #: the pose is lost then and taken up elsewhere
+    jump_at_s: float = math.inf  #: localisation is lost and resumes at another pose
     jump: tuple[float, float, float] = (0.6, -0.4, 0.5)  #: (x [m], y [m], heading [rad])
-    freeze_at_s: float = math.inf  #: from then on the pose stays as it is, though time goes on
+    freeze_at_s: float = math.inf  #: from then on the pose is frozen, while time advances
     freeze_s: float = math.inf
-    slip_at_s: float = math.inf  #: the wheels slip then: odometry counts on, the platform stays behind
+    slip_at_s: float = math.inf  #: the wheels slip: odometry continues, the platform lags behind
     slip_s: float = 1.0
-    slip_fraction: float = field(default=0.5, metadata=within(0, 1))  #: of the commanded speed that is lost
+    slip_fraction: float = field(default=0.5, metadata=within(0, 1))  #: lost fraction of the commanded speed
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -186,36 +186,36 @@ class FaultyBase(MobileBase):
     base
         Platform without faults.
     faults
-        What fails, and when.
+        Faults and their times.
     """
 
     def __init__(self, base: MobileBase, faults: PoseFaults) -> None:
         self._base, self.faults = base, faults
         self._start_s = base.state().t_s
         self._frozen: BaseState | None = None
-        self._lead_m = 0.0  #: way that odometry has counted and the platform has not gone
+        self._lead_m = 0.0  #: distance counted by odometry but not travelled
         self._told = (0.0, 0.0)
         self._last_s = self._start_s
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; while the wheels slip less of the speed arrives."""
+        """Set the velocities; during slip the speed is reduced."""
         self._told = (speed_m_s, turn_rate_rad_s)
         self._base.drive(speed_m_s * (1.0 - self._slip()), turn_rate_rad_s)
 
     def stop(self) -> None:
-        """Stand still."""
+        """Stop."""
         self._told = (0.0, 0.0)
         self._base.stop()
 
     def state(self) -> BaseState:
-        """What is reported."""
+        """Reported state."""
         true, f = self._base.state(), self.faults
         age, dt = true.t_s - self._start_s, true.t_s - self._last_s
         if dt > 0:
             slip = self._slip()
             if slip > 0 and true.speed_m_s != 0.0:
                 self._lead_m += true.speed_m_s / max(1.0 - slip, 0.05) * slip * dt
-            # The slip begins and ends without anybody telling the wheels anew.
+            # The slip starts and ends without a new command to the wheels.
             self._base.drive(self._told[0] * (1.0 - slip), self._told[1])
             self._last_s = true.t_s
         c, s = math.cos(true.heading_rad), math.sin(true.heading_rad)
@@ -255,9 +255,9 @@ def wrong_map(
     rng
         Source of randomness.
     shift_cells
-        In a random direction; what comes in at the border is unknown.
+        Shift in a random direction; new cells at the border are unknown.
     blocks
-        So many squares of 8 cells are turned from free to occupied, and as many emptied.
+        Number of squares of 8 cells that are turned from free to occupied, and vice versa.
     """
     cells = np.asarray(cells)
     if cells.ndim != 2 or cells.size == 0:

@@ -1,6 +1,6 @@
-"""Simulated worlds for :func:`visuohaptic.io.remote.start_robot`: each function returns the parts of the robot in one.
+"""Simulated worlds for :func:`visuohaptic.io.remote.start_robot`: each function returns the parts of the robot.
 
-What is true of the world stays in its process; the robot's side is told the arguments that it gives, and nothing else.
+Ground truth stays in the world's process; the robot's side receives only the given arguments.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ __all__ = ["floor", "kitchen"]
 def floor(
     map: str, start_m: Sequence[float], objects: Sequence[dict[str, Any]] = (), seed: int = 0
 ) -> dict[str, Any]:
-    """A round platform on a floor with objects that slide.
+    """A round platform on a floor with sliding objects.
 
     Parameters
     ----------
     map
-        Map file; what is occupied is a wall.
+        Map file; occupied cells are walls.
     start_m
         Pose of the platform: x, y [m], heading [rad].
     objects
         Fields of :class:`~visuohaptic.simulation.floor.FloorObject`.
     seed
-        Of the errors of what is sensed.
+        Seed of the sensor errors.
     """
     items = [FloorObject(**{**one, "footprint_m": np.array(one["footprint_m"])}) for one in objects]
     world = FloorWorld(OccupancyMap.load(map), items, start_m)
@@ -53,11 +53,11 @@ def kitchen(
     Parameters
     ----------
     stiffness_N_per_m
-        Of the container's wall, the same everywhere.
+        Stiffness of the container's wall, the same everywhere.
     radius_m, height_m
-        Of the container.
+        Dimensions of the container.
     seed
-        Of the errors of arm and sensors.
+        Seed of the errors of arm and sensors.
     """
     heights_m, depths_m = np.linspace(0.0, height_m, 3), np.linspace(0.0, 0.02, 25)
     force_N = stiffness_N_per_m * np.ones((3, 1)) * depths_m

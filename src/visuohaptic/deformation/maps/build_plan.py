@@ -1,4 +1,4 @@
-"""Plans of data sets: which classes, how many variants, in which states (Alt 2016, Sec. 6.4.1)."""
+"""Build plans of data sets: classes, number of variants, states (Alt 2016, Sec. 6.4.1)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .features import HEIGHTS
 
 __all__ = ["BUILD_FORMAT", "BuildJob", "BuildPlan", "load_plan", "plan_jobs"]
 
-#: Changes with the meaning of what is written: older results are computed again.
+#: Format version; incremented when the meaning of the results changes, so that older results are recomputed.
 BUILD_FORMAT = 2
 
 
@@ -30,12 +30,12 @@ class _Part(BaseModel):
 class ClassEntry(_Part):
     """One class of the plan."""
 
-    source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file beside the plan
+    source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file in the plan's folder
     variants: int = Field(50, ge=1, le=100_000)  #: random members of the class
 
 
 class State(_Part):
-    """What is inside."""
+    """Contents of the container."""
 
     closed: bool = True  #: whether air and liquid are enclosed
     fill: float = Field(0.0, ge=0, le=1)  #: fill level
@@ -44,8 +44,8 @@ class State(_Part):
 class Curves(_Part):
     """Features from force-deformation curves instead of linear elasticity."""
 
-    around: int = Field(32, ge=16, le=512, multiple_of=4)  #: vertices round the wall, for the curves
-    heights: tuple[int, ...] = tuple(range(1, HEIGHTS + 1))  #: of 1 .. 16; the others lie between
+    around: int = Field(32, ge=16, le=512, multiple_of=4)  #: vertices around the wall, for the curves
+    heights: tuple[int, ...] = tuple(range(1, HEIGHTS + 1))  #: out of 1 .. 16; the others are interpolated
 
     @field_validator("heights")
     @classmethod
@@ -56,12 +56,12 @@ class Curves(_Part):
 
 
 class BuildPlan(_Part):
-    """What is to be built; read from YAML."""
+    """Description of a data set to build; read from YAML."""
 
     classes: list[ClassEntry] = Field(min_length=1, max_length=1000)  #: containers to compute
-    seed: int = Field(0, ge=0, lt=2**63)  #: of the random variants
-    around: int = Field(48, ge=16, le=512, multiple_of=4)  #: vertices round the wall; a multiple of 4
-    band: bool = True  #: maps with a standard deviation; half as fast
+    seed: int = Field(0, ge=0, lt=2**63)  #: seed of the random variants
+    around: int = Field(48, ge=16, le=512, multiple_of=4)  #: vertices around the wall; a multiple of 4
+    band: bool = True  #: maps with a standard deviation; takes twice as long
     #: of the features
     states: list[State] = Field([State(closed=False, fill=0.0)], min_length=1, max_length=16)
     nonlinear: Curves | None = None  #: linear features by default
@@ -69,7 +69,7 @@ class BuildPlan(_Part):
 
 @dataclass(frozen=True, slots=True)
 class BuildJob:
-    """One object to compute; plain data, so that it can travel."""
+    """One object to compute; plain data, so that it can be sent to another process."""
 
     name: str  #: of the class
     variant: int
@@ -78,12 +78,12 @@ class BuildJob:
     around: int
     band: bool
     states: tuple[tuple[bool, float], ...]
-    curve_around: int = 0  #: vertices round the wall for force-deformation curves; 0: linear features
+    curve_around: int = 0  #: vertices around the wall for force-deformation curves; 0: linear features
     curve_heights: tuple[int, ...] = ()
 
     @property
     def file(self) -> str:
-        """Relative to the folder of the build."""
+        """Path of the result relative to the build folder."""
         return f"{self.name}/{self.name}-{self.variant:05d}.npz"
 
     def description(self) -> ContainerDescription:
@@ -92,7 +92,7 @@ class BuildJob:
 
     @property
     def key(self) -> str:
-        """Of all that the result depends on, and the library's version."""
+        """Hash of everything that the result depends on, including the library's version."""
         text = json.dumps([BUILD_FORMAT, __version__, asdict(self)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -103,14 +103,14 @@ def load_plan(path: Path | str, *, nonlinear: bool = False) -> tuple[BuildPlan, 
     Parameters
     ----------
     path
-        YAML file; classes are shipped ones, or YAML files beside it.
+        YAML file; classes are shipped ones, or YAML files in the same folder.
     nonlinear
-        Features from curves, with default settings where the plan has none.
+        Compute features from curves, with default settings if the plan has none.
 
     Raises
     ------
     InputError
-        An invalid plan or description, a class that is named twice, or one whose name cannot be a folder.
+        An invalid plan or description, a duplicate class, or a class name that is not a valid folder name.
     """
     plan = load_yaml_model(path, BuildPlan)
     if nonlinear and plan.nonlinear is None:
@@ -132,14 +132,14 @@ def load_plan(path: Path | str, *, nonlinear: bool = False) -> tuple[BuildPlan, 
 
 
 def plan_jobs(plan: BuildPlan, descriptions: Sequence[ContainerDescription]) -> list[BuildJob]:
-    """All objects of a plan, variants of the same class together.
+    """All objects of a plan, grouped by class.
 
     Parameters
     ----------
     plan
         Settings and number of variants.
     descriptions
-        Of the plan's classes, in its order.
+        Descriptions of the plan's classes, in its order.
     """
     states = tuple((state.closed, state.fill) for state in plan.states)
     curves = (plan.nonlinear.around, plan.nonlinear.heights) if plan.nonlinear else (0, ())

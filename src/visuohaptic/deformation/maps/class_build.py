@@ -1,8 +1,8 @@
 """Data sets of container classes: maps and features of many variants, resumable (Alt 2016, Sec. 6.4.1).
 
 A job is (class, variant, seed) with its settings; its result depends on nothing else. Results are
-written whole or not at all, so a build that was killed goes on where it was, and ends with the
-same content hash as one that was not.
+written atomically, so an interrupted build resumes where it stopped and ends with the same content
+hash as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class BuildReport:
-    """What a build came to."""
+    """Result of a build."""
 
     objects: int
-    computed: int  #: the others were there already
+    computed: int  #: the others existed already
     failed: tuple[tuple[str, str], ...]  #: file and reason
-    content_sha256: str  #: of all arrays of all objects
+    content_sha256: str  #: hash of all arrays of all objects
 
 
 def compute(job: BuildJob) -> tuple[bytes, str]:
-    """Map and features of one object.
+    """Compute map and features of one object.
 
     Parameters
     ----------
     job
-        Of :func:`.plan_jobs`.
+        A job of :func:`.plan_jobs`.
 
     Returns
     -------
     tuple
-        The bytes of an NPZ file and no reason; or no bytes and the reason.
+        The bytes of an NPZ file and an empty string; or empty bytes and the reason of the failure.
     """
     try:
         shell = mesh_container(job.description(), around=job.around)
@@ -107,7 +107,7 @@ def build(
     workers: int | str = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> BuildReport:
-    """Compute what is missing and write the manifest.
+    """Compute missing results and write the manifest.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def build(
     workers
         See :func:`.map_tasks`.
     progress
-        Called with how many are done, of how many.
+        Called with the number of finished jobs and the total.
     """
     folder = Path(folder)
     try:
@@ -128,7 +128,7 @@ def build(
         raise InputError(folder, f"cannot create it ({error.strerror})") from error
     with _locked(folder):
         for part in folder.glob("*/.*.part.npz"):
-            part.unlink(missing_ok=True)  # of a build that was killed
+            part.unlink(missing_ok=True)  # left over from an interrupted build
         digests = {job.file: digest for job in jobs if (digest := _existing(folder / job.file, job.key))}
         missing = [job for job in jobs if job.file not in digests]
         failed: dict[str, str] = {}
@@ -159,7 +159,7 @@ def build(
 
 
 def _existing(path: Path, key: str) -> str:
-    """Digest of a result that is there and whole, or nothing."""
+    """Digest of a result file if it exists and is complete, else an empty string."""
     if not path.is_file():
         return ""
     try:
@@ -171,7 +171,7 @@ def _existing(path: Path, key: str) -> str:
 
 
 def _digest(data: Mapping[str, np.ndarray]) -> str:
-    """Of names, types, shapes and values: does not depend on how they were packed."""
+    """Digest of names, types, shapes and values; independent of the compression of the file."""
     out = hashlib.sha256()
     for name, values in sorted(data.items()):
         out.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
@@ -209,7 +209,7 @@ def _manifest(jobs: Sequence[BuildJob], digests: dict[str, str], report: BuildRe
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Only one build at a time in a folder; the lock goes with the process."""
+    """Allow only one build at a time in a folder; the lock is released when the process ends."""
     with (folder / ".lock").open("w") as handle:
         try:
             lock(handle)

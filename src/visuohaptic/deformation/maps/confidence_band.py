@@ -1,7 +1,7 @@
-"""Stiffness maps with a standard deviation from the spread of wall and material.
+"""Stiffness maps with a standard deviation, from the uncertainty of wall thickness and material.
 
-The wall dominates: with ``k ~ t^p`` and p about 2, a wall that is known to 10 % leaves 20 % in k. The
-exponent is not taken from a rule: the map is computed a second time with a wall 2 % thicker.
+The wall thickness dominates: with ``k ~ t^p`` and p about 2, an uncertainty of 10 % in thickness causes 20 % in k. The
+exponent is computed, not assumed: the map is computed a second time with a wall 2 % thicker.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..shells.stiffness_map import DualTips, dual_tip_map, opposing_points
 
 __all__ = ["object_map", "object_stiffness"]
 
-#: Relative step of the differences.
+#: Relative step of the finite differences.
 STEP = 0.02
 
 
@@ -35,12 +35,12 @@ def object_map(
     contents
         Open by default.
     band
-        False leaves the second factorisation out; sigma is NaN.
+        False skips the second factorisation; sigma is NaN.
 
     Returns
     -------
     StiffnessMap
-        Infinite where both tips are on what is held, NaN where there is nothing opposite.
+        Infinite where both tips are on fixed vertices, NaN where there is no opposite wall.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def object_map(
 def object_stiffness(
     container: ShellObject, tips: DualTips, contents: Contents | None = None, *, band: bool = True
 ) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
-    """Stiffness of some pinches and its standard deviation [N/m].
+    """Stiffness of selected pinches and its standard deviation [N/m].
 
     Parameters
     ----------
@@ -68,15 +68,15 @@ def object_stiffness(
     tips
         Pairs of opposing contacts on it, see :func:`.opposing_points`.
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
     band
-        False leaves the second factorisation out; sigma is NaN.
+        False skips the second factorisation; sigma is NaN.
 
     Returns
     -------
     tuple
-        Stiffness and standard deviation of the m pairs [N/m]; infinite where both tips are held, NaN where nothing
-        is opposite.
+        Stiffness and standard deviation of the m pairs [N/m]; infinite where both tips are fixed, NaN where there is
+        no opposite wall.
     """
     stiffness = _stiffness(container, container.material, 1.0, tips, contents)
     if not band:
@@ -119,9 +119,9 @@ def nearest_value(
     values: Float[np.ndarray, "v"],
     point_m: Float[np.ndarray, "3"],
 ) -> tuple[float, Float[np.ndarray, "3"]]:
-    """A map at the surface point nearest to a point, and that point.
+    """Map value at the surface point nearest to a point, and that surface point.
 
-    Between vertices the compliance is linear: it is finite where the wall is held.
+    Between vertices the compliance is interpolated linearly: it is finite where the wall is fixed.
     """
     corners = vertices_m[faces]
     fraction = _nearest_in_triangles(corners, point_m)
@@ -130,19 +130,19 @@ def nearest_value(
     share = fraction[best]
     with np.errstate(divide="ignore"):
         compliance = 1.0 / values[faces[best]]
-        value = float(1.0 / np.sum(np.where(share > 0, share * compliance, 0.0)))  # infinite on the held base
+        value = float(1.0 / np.sum(np.where(share > 0, share * compliance, 0.0)))  # infinite on a fixed base
     return value, places[best]
 
 
 def barycentric(
     corners: Float[np.ndarray, "f 3 3"], points: Float[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, "f 3"]:
-    """Weights of the corners of triangles for the foot of a point on the plane of each.
+    """Barycentric weights of the projection of a point onto the plane of each triangle.
 
     Parameters
     ----------
     corners, points
-        Triangles, and a point of each, or one of all.
+        Triangles, and one point per triangle or one for all.
     """
     sides, away = corners[:, 1:] - corners[:, :1], points - corners[:, 0]
     (ee, ef), (_, ff) = np.moveaxis(np.einsum("fai,fbi->fab", sides, sides), 0, -1)
@@ -153,7 +153,7 @@ def barycentric(
 
 
 def _nearest_in_triangles(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Weights of the nearest point of each triangle: of its plane if that is inside, or of one of its sides."""
+    """Barycentric weights of the nearest point of each triangle, which is its projection or on an edge."""
     found = barycentric(corners, point)
     nearest = np.where((found >= 0).all(axis=1), 0.0, np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):

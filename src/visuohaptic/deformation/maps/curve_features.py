@@ -1,13 +1,13 @@
-"""Stiffness features from force-deformation curves: i, I and II of every place (Alt 2016, Sec. 6.1.6).
+"""Stiffness features from force-deformation curves: i, I and II at every location (Alt 2016, Sec. 6.1.6).
 
-A curve takes a hundred times what a linear stiffness takes, so curves are computed on a coarser
-mesh, or at a few heights. What they say is how a coefficient departs from the linear stiffness of
-the same point and mesh; this departure is put between the heights and on the finer mesh, where the
-linear stiffness itself is exact at each place. On smooth walls the departure varies slowly along the
+A curve takes a hundred times as long as a linear stiffness, so curves are computed on a coarser
+mesh, or at a few heights. From each curve, the deviation of a coefficient from the linear stiffness of
+the same point and mesh is computed; this deviation is interpolated between the heights and to the finer mesh, where the
+linear stiffness itself is exact at each location. On smooth walls the deviation varies slowly with
 height; where grooves snap through it does not.
 
-What the mesh decides is not silently given: where a curve ends early, or the wall snaps through, or a
-parabola is no picture of the curve, coefficients are marked as not valid, with the reason.
+Coefficients that depend on the mesh are marked: where a curve ends early, the wall snaps through, or a
+parabola does not fit the curve, coefficients are not valid, and the reason is given.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from .grasp_curves import DEFORMATIONS_m, GraspCurve, PinchPlane
 
 __all__ = ["nonlinear_features"]
 
-#: Of Newton's method for one curve: three times what most need. A wall that snaps through again and
-#: again gets the coefficients of what was reached.
+#: Maximum Newton iterations for one curve: three times what most curves need. A wall that snaps through repeatedly
+#: gets the coefficients of the part that was computed.
 MAX_ITERATIONS = 100
-#: Root mean square distance of a curve from its parabola, by that of its forces, above which II says little.
+#: RMS distance between curve and fitted parabola, relative to the RMS force, above which II is not meaningful.
 MAX_RESIDUAL = 0.2
-#: Cells of the curves' mesh to what holds the wall, below which II is that of the mesh.
+#: Distance in cells of the curves' mesh to a fixed boundary, below which II depends on the mesh.
 MIN_CELLS = 2.0
 #: Reason where no curve was requested.
 NO_CURVE = "no curve was computed here"
@@ -66,15 +66,15 @@ def nonlinear_features(
     contents
         Open by default.
     deformation_m
-        Mean deformations of both tips; a curve ends earlier where the walls touch. Where linear
-        elasticity asks for more than the nominal 50 N at 3 mm, all are less in the same proportion.
+        Mean deformations of both tips; a curve ends earlier at self-contact. Where linear
+        elasticity predicts more than the nominal 50 N at 3 mm, all are reduced in the same proportion.
     heights
-        Of 1 .. 16, where curves are computed; all by default.
+        Heights out of 1 .. 16 at which curves are computed; all by default.
     fill_in
-        Put the departure from the linear stiffness between these heights; NaN there otherwise.
+        Interpolate the deviation from the linear stiffness between these heights; NaN there otherwise.
     coarse
-        The same object with a coarser mesh, for the curves. Its vertices are pinched: let it have some
-        where the features are, as with ``mesh_container(..., levels=16)``.
+        The same object with a coarser mesh, for the curves. Its vertices are pinched, so it needs vertices
+        at the heights of the features, as with ``mesh_container(..., levels=16)``.
     """
     chosen = list(range(1, HEIGHTS + 1)) if heights is None else sorted(set(heights))
     if not chosen or not 1 <= chosen[0] <= chosen[-1] <= HEIGHTS:
@@ -109,7 +109,7 @@ def nonlinear_features(
             grid[:, 2:] = grid[:, :2]
     if fill_in:
         departure, valid, reason = _between(departure, at_m, points[..., 2], valid, reason)
-    # II has the unit of stiffness by deformation: it goes with the linear stiffness as well.
+    # II has the unit of stiffness per deformation: it also scales with the linear stiffness.
     values = linear.values[..., :1] * departure
     return StiffnessFeatures(
         values, linear.points_m, valid & np.isfinite(values), reason.astype(np.str_), reached
@@ -117,9 +117,9 @@ def nonlinear_features(
 
 
 def _close_to_an_end(body: ShellObject) -> Shaped[np.ndarray, "v"]:
-    """Says for each vertex what holds the wall within two cells of it, or nothing.
+    """For each vertex, the fixed boundary within two cells of it, or an empty string.
 
-    The wall stiffens steeply there, and cells that are as large as the way to the foot don't show how.
+    The stiffness increases steeply there, and cells as large as the distance to the foot do not resolve this.
     """
     points, faces = body.mesh.vertices_m, body.surface_faces
     sides = points[faces[:, 1:]] - points[faces[:, :1]]
@@ -138,7 +138,7 @@ def _close_to_an_end(body: ShellObject) -> Shaped[np.ndarray, "v"]:
 def _departure(
     plane: PinchPlane, vertex: int, deformation_m: Sequence[float], contents: Contents | None
 ) -> tuple[Float[np.ndarray, "2 3"], float, Bool[np.ndarray, "3"], str]:
-    """i, I, II of both tips by the linear stiffness of the same mesh; how far the curve got; what is valid."""
+    """i, I, II of both tips relative to the linear stiffness of the same mesh; range of the curve; validity."""
     out = np.full((2, 3), np.nan)
     compliance = plane.linear(vertex, contents)
     fraction = min(1.0, NOMINAL_N * float(compliance.mean()) / LOW_m)
@@ -155,9 +155,9 @@ def _departure(
 def _judged(
     curve: GraspCurve, wanted_m: Float[np.ndarray, "k"], got: float
 ) -> tuple[Bool[np.ndarray, "3"], str]:
-    """Which of i, I, II say what they should, and why not the others."""
+    """Which of i, I, II are valid, and the reason if one is not."""
     if len(curve.force_N) < len(wanted_m):
-        # i is of the deformations up to 3 mm, I and II of all.
+        # i is fitted to the deformations up to 3 mm, I and II to all.
         low = wanted_m[wanted_m <= LOW_m * (1 + 1e-9)]
         enough = bool(len(low)) and len(curve.force_N) >= len(low)
         return np.array([enough, False, False]), f"the curve ends at {100 * got:.0f} %: {curve.reason}"
@@ -180,7 +180,7 @@ def _between(
     valid: Bool[np.ndarray, "16 4 3"],
     reason: Shaped[np.ndarray, "16 4"],
 ) -> tuple[Float[np.ndarray, "16 4 3"], Bool[np.ndarray, "16 4 3"], Shaped[np.ndarray, "16 4"]]:
-    """Curves' departures at all levels; between two curves what is valid for both is valid."""
+    """Deviations of the curves at all levels; interpolated values are valid where both curves are valid."""
     from scipy.interpolate import PchipInterpolator
 
     out, sure, why = departure.copy(), valid.copy(), reason.copy()

@@ -1,7 +1,7 @@
 """Stiffness features: 16 heights, 4 sides, 3 coefficients (Alt 2016, Sec. 6.1.6).
 
 Sides are x+, x-, y+, y- of the object's axes; heights are at (h - 1/2) / 16 of the wall's height,
-h = 1 .. 16 from below. Coefficients, all of the deformation of that side's own point:
+h = 1 .. 16 from below. Coefficients, all with respect to the deformation at the point of that side:
 
 - i: linear, up to 3 mm [N/m]
 - I: linear, full range [N/m]
@@ -34,29 +34,29 @@ __all__ = [
 
 HEIGHTS = 16
 SIDES = ("x+", "x-", "y+", "y-")
-#: Low deformation [m]; nominal force [N] and deformation [m] of the quadratic coefficient.
+#: Limit of low deformation [m]; nominal force [N] and deformation [m] of the quadratic coefficient.
 LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
-#: Reasons for a feature that is not there.
+#: Reasons for a missing feature.
 HELD, NOTHING_OPPOSITE = "the wall is held", "nothing is opposite"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StiffnessFeatures:
-    """Features of one object; NaN where a coefficient was not computed or nothing is opposite.
+    """Features of one object; NaN where a coefficient was not computed or there is no opposite wall.
 
-    A coefficient that is not ``valid`` is a finite number all the same; ``reason`` says why it is not to be trusted.
+    A coefficient that is not ``valid`` is still a finite number; ``reason`` states why it is not reliable.
     """
 
     values: Float[np.ndarray, "16 4 3"]  #: coefficients i, I [N/m] and II [1]
-    points_m: Float[np.ndarray, "16 4 3"]  #: where on the surface
-    #: Whether a coefficient is to be trusted: a curve may end early, or snap through.
+    points_m: Float[np.ndarray, "16 4 3"]  #: points on the surface
+    #: Whether a coefficient is reliable: a curve may end early, or snap through.
     valid: Bool[np.ndarray, "16 4 3"]
-    reason: Shaped[np.ndarray, "16 4"]  #: why not all three are, or nothing
-    #: Of a curve: fraction of the requested deformations that was reached; NaN without a curve there.
+    reason: Shaped[np.ndarray, "16 4"]  #: why not all three are valid, or empty
+    #: Fraction of the requested deformations that the curve reached; NaN without a curve.
     reached: Float[np.ndarray, "16 4"] | None = None
 
     def normalised(self, scheme: str = "centre") -> Float[np.ndarray, "16 4 2"]:
-        """Linear coefficients i and I without scale, see :func:`normalised`.
+        """Scale-free linear coefficients i and I, see :func:`normalised`.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class StiffnessFeatures:
 
 
 def normalised(feature: Float[np.ndarray, "16 4"], scheme: str = "centre") -> Float[np.ndarray, "16 4"]:
-    """Features without scale.
+    """Scale-free features.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def normalised(feature: Float[np.ndarray, "16 4"], scheme: str = "centre") -> Fl
         One linear coefficient.
     scheme
         ``norm``: ``F' / |F'|`` with ``F' = F - median(F)``, Eq. (6.4); ``centre``: ``F / mean(F at
-        x8+, x8-, y8+, y8-) - 1``, Eq. (6.5); ``point``: the same by F at x8+ alone.
+        x8+, x8-, y8+, y8-) - 1``, Eq. (6.5); ``point``: the same with F at x8+ alone.
     """
     feature = np.asarray(feature, dtype=float)
     if feature.shape != (HEIGHTS, len(SIDES)):
@@ -97,15 +97,15 @@ def curve_coefficients(
 ) -> tuple[float, float, float]:
     """Least squares through the origin: i [N/m], I [N/m], II [1].
 
-    II is the quadratic coefficient of ``F = a d + b d^2``, times (1 cm)^2 / 50 N. NaN where too few
+    II is the quadratic coefficient of ``F = a d + b d^2``, times (1 cm)^2 / 50 N. NaN if too few
     points are in the range.
 
     Parameters
     ----------
     deformation_m
-        Of the side's own point [m].
+        Deformation at the side's own point [m].
     force_N
-        Of one tip at these deformations [N].
+        Force of one tip at these deformations [N].
 
     Raises
     ------
@@ -134,7 +134,7 @@ def linear_features(container: ShellObject, contents: Contents | None = None) ->
     container
         Parametric or imported container.
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
     """
     model = container.model()
     points, corners, weights = feature_locations(container)
@@ -143,7 +143,7 @@ def linear_features(container: ShellObject, contents: Contents | None = None) ->
     own = _own(container, model, tips, contents)
     tips_valid = (tips.valid[inverse].reshape(corners.shape) | (weights == 0)).all(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Between vertices the compliance is linear: it is finite where the wall is held.
+        # Between vertices the compliance is interpolated linearly: it is finite where the wall is fixed.
         value = 1.0 / np.einsum("hsk,hsk->hs", weights, own[inverse].reshape(corners.shape))
     values = np.stack([value, value, np.where(np.isfinite(value), 0.0, np.nan)], axis=-1)
     known = np.isfinite(values)
@@ -158,7 +158,7 @@ def _own(
     own = np.where(tips.valid, own_compliance(model, tips, np.nan_to_num(pinch)), np.nan)
     if contents is None or not contents.closed:
         return own
-    # The gas takes the same pressure at both tips; each tip moves back by its own fraction of w.
+    # The gas exerts the same pressure at both tips; each tip moves back by its own fraction of w.
     a = enclosed_gradient(container, model)
     w = model.solve(a)
     along = tip_approach(tips, w, model.mesh.vertices_m)
@@ -186,7 +186,7 @@ def feature_locations(
     Raises
     ------
     InputError
-        There is no wall at one of the places.
+        There is no wall at one of the locations.
     """
     mesh = container.mesh
     faces = container.surface_faces

@@ -1,7 +1,7 @@
-"""Force against deformation of one grasp on a container, under large deformation (Alt 2016, Sec. 6.1.6).
+"""Force-deformation curve of one grasp on a container, under large deformation (Alt 2016, Sec. 6.1.6).
 
-Where object and pinch are mirrored only a half or a quarter of the object is computed; the result
-is that of the whole.
+Where object and pinch are symmetric, only a half or a quarter of the object is computed; the result
+is that of the whole object.
 """
 
 from __future__ import annotations
@@ -35,25 +35,25 @@ _WALKS: dict[str, Any] = {"deformation_m": follow_displacement, "force_N": reach
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspCurve:
-    """Force against deformation of one dual-tip grasp, without the resting state."""
+    """Force-deformation curve of one dual-tip grasp, without the undeformed state."""
 
     force_N: Float[np.ndarray, "k"]  #: of one tip
     deformation_m: Float[np.ndarray, "k"]  #: mean of both tips
     first_m: Float[np.ndarray, "k"]  #: of the first tip
-    second_m: Float[np.ndarray, "k"]  #: of the tip opposite
-    gauge_Pa: Float[np.ndarray, "k"]  #: pressure of what is enclosed; 0 when open
-    stable: Bool[np.ndarray, "k"]  #: the state holds itself at this force
+    second_m: Float[np.ndarray, "k"]  #: of the opposite tip
+    gauge_Pa: Float[np.ndarray, "k"]  #: pressure of the contents; 0 when open
+    stable: Bool[np.ndarray, "k"]  #: the state is stable at this force
     stress_Pa: Float[np.ndarray, "k"]  #: largest von Mises stress, see :func:`.surface_stress`
-    point_m: Float[np.ndarray, "3"]  #: of the first tip, at rest
+    point_m: Float[np.ndarray, "3"]  #: of the first tip, undeformed
     opposite_m: Float[np.ndarray, "3"]  #: of the second
     complete: bool  #: every requested point was reached
     reason: str  #: why it was not
-    copies: int  #: 4: a quarter was computed, 2: a half, 1: the whole
-    nodes: int  #: vertices that were computed
-    iterations: int  #: of Newton's method
+    copies: int  #: symmetry: 4: a quarter was computed, 2: a half, 1: the whole
+    nodes: int  #: number of computed vertices
+    iterations: int  #: Newton iterations
 
     def force_at(self, deformation_m: float) -> float:
-        """Force [N] at a mean deformation of both tips, by a monotone curve through the points.
+        """Force [N] at a mean deformation of both tips, by monotone interpolation between the points.
 
         NaN beyond the last point.
 
@@ -71,18 +71,18 @@ class GraspCurve:
 
 
 class PinchPlane:
-    """All pinches of an object along one direction: what they share is computed once.
+    """All pinches of an object along one direction: their common data are computed once.
 
     Parameters
     ----------
     container
         The object.
     angle_rad
-        Direction round the height axis, from x+ towards y+.
+        Direction about the height axis, from x+ towards y+.
     symmetric
-        False computes the whole object even if it is mirrored.
+        False computes the whole object even if it is symmetric.
     one_way
-        Half the triangles, see :func:`.symmetric_part`.
+        Halve all cells along the same diagonal, see :func:`.symmetric_part`.
     """
 
     def __init__(
@@ -116,20 +116,20 @@ class PinchPlane:
         Parameters
         ----------
         vertex
-            Where the first tip is.
+            Location of the first tip.
         deformation_m
             Mean deformations of both tips, ascending [m].
         force_N
-            Instead of these: forces of one tip, ascending [N].
+            Alternative: forces of one tip, ascending [N].
         contents
-            What is enclosed; open by default.
+            Contents; open by default.
         max_iterations
-            Newton iterations of the whole curve, which ends where they are used up.
+            Maximum Newton iterations of the whole curve, which ends when they are used up.
 
         Raises
         ------
         InputError
-            The vertex is held, has nothing opposite, or does not lie in this plane.
+            The vertex is fixed, has no opposite wall, or does not lie in this plane.
         """
         tips, load = self._pinch(vertex)
         shell = self._shell.with_pressure(self._law(contents))
@@ -145,9 +145,9 @@ class PinchPlane:
         Parameters
         ----------
         vertex
-            Where the first tip is.
+            Location of the first tip.
         contents
-            What is enclosed; open by default.
+            Contents; open by default.
         """
         tips, load = self._pinch(vertex)
         if contents not in self._rest:
@@ -157,23 +157,23 @@ class PinchPlane:
         return self._tips_moved(self.part.expand(moved[:, :3]), tips)
 
     def can_pinch(self, vertex: int) -> bool:
-        """Whether the vertex can move and there is a wall across from it.
+        """Whether the vertex can move and has an opposite wall.
 
         Parameters
         ----------
         vertex
-            Where the first tip would be.
+            Location of the first tip.
         """
         return bool(not self.container.fixed[vertex] and self._across(vertex).valid[0])
 
     def _across(self, vertex: int) -> DualTips:
         whole = self.part.whole
-        # Along the plane's direction, even where a vertex stands a little beside the axis.
+        # Along the plane's direction, even where a vertex is slightly off the axis.
         beside = float(whole.mesh.vertices_m[vertex, 1])
         return opposing_points(whole.mesh, np.array([vertex]), axis_point_m=(0.0, beside))
 
     def _pinch(self, vertex: int) -> tuple[DualTips, Float[np.ndarray, "p 6"]]:
-        """The pair, and the part's fraction of the load of 1 N on each tip."""
+        """The pair of tips, and the fraction of the load of 1 N on each tip that acts on the part."""
         part, whole = self.part, self.part.whole
         tips = self._across(vertex)
         points = self.container.mesh.vertices_m
@@ -196,7 +196,7 @@ class PinchPlane:
         return np.array([first, second])
 
     def _law(self, contents: Contents | None) -> PressureLaw | None:
-        # The part's own volume at rest: with cells cut one way it differs a little from the whole's.
+        # The part's own undeformed volume: with cells halved along one diagonal it differs slightly from that of the whole.
         copies = self.part.copies
         rest_m3 = copies * self._shell.volume(self._shell.rest)
         law = None if contents is None else contents.law(rest_m3)
@@ -258,25 +258,25 @@ def grasp_curve(
     contents: Contents | None = None,
     symmetric: bool = True,
 ) -> GraspCurve:
-    """Force against deformation of one grasp.
+    """Force-deformation curve of one grasp.
 
     Parameters
     ----------
     container
         Parametric or imported container, see :func:`.load_object`.
     height_m, side
-        Where: height above the foot, on the side x+, x-, y+ or y-; half the height by default.
+        Location: height above the foot, on the side x+, x-, y+ or y-; half the height by default.
     point_m
-        Instead of these: the vertex nearest to this point is pinched.
+        Alternative: the vertex nearest to this point is pinched.
     deformation_m
         Mean deformations of both tips, ascending.
     force_N
-        Instead of these: forces of one tip, ascending. Where the wall snaps through, the next state
-        at this force is taken that holds itself.
+        Alternative: forces of one tip, ascending. Where the wall snaps through, the next stable state
+        at this force is taken.
     contents
         Open by default.
     symmetric
-        False computes the whole object even where it is mirrored.
+        False computes the whole object even if it is symmetric.
 
     Examples
     --------
@@ -318,7 +318,7 @@ def side_vertex(container: ShellObject, side: str = "x+", height_m: float | None
     axis, sign = "xy".index(side[0]), 1.0 if side[1] == "+" else -1.0
     used = np.unique(container.surface_faces)
     some = points[used]
-    # On the side: as near to the level and to the plane as any vertex is, and not on a cap.
+    # On the side: as close to level and plane as any vertex, and not on a cap.
     reach = sign * some[:, axis]
     score = np.hypot(some[:, 2] - level, some[:, 1 - axis])
     score[reach <= 0.25 * reach.max()] = np.inf

@@ -1,4 +1,4 @@
-"""Grasps made of single contacts: finite finger tips, several contacts, own deformation (Alt 2016, Sec. 6.1.4)."""
+"""Grasps with several contacts: finite fingertips, coupled contacts, deformation of single tips (Alt 2016, Sec. 6.1.4)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["GraspCoupling", "contact_loads", "couple", "own_compliance"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspCoupling:
-    """How contacts work on each other.
+    """Coupled compliance of several contacts.
 
     ``compliance[i, j]`` is the deformation along contact i per newton at contact j [m/N]; it is
     symmetric. A pinch is a contact of two tips.
@@ -26,7 +26,7 @@ class GraspCoupling:
     compliance: Float[np.ndarray, "m m"]
 
     def deformation_m(self, force_N: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
-        """Deformations of all contacts acting at once, by superposition [m].
+        """Deformations of all simultaneous contacts, by superposition [m].
 
         Parameters
         ----------
@@ -37,7 +37,7 @@ class GraspCoupling:
         return out
 
     def force_N(self, deformation_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
-        """Forces that give the contacts these deformations [N].
+        """Forces that cause these deformations of the contacts [N].
 
         Parameters
         ----------
@@ -49,7 +49,7 @@ class GraspCoupling:
 
     @property
     def stiffness_N_per_m(self) -> Float[np.ndarray, "m"]:
-        """Local stiffness of each contact alone, force by approach."""
+        """Local stiffness of each contact alone, force per approach."""
         out: np.ndarray = 1.0 / np.diag(self.compliance)
         return out
 
@@ -57,10 +57,10 @@ class GraspCoupling:
 def contact_loads(
     model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0
 ) -> Float[np.ndarray, "n m"]:
-    """Loads of 1 N on both tips of each pair; a finite tip spreads it.
+    """Loads of 1 N on both tips of each pair; a finite tip distributes its load.
 
-    A tip of radius r presses with ``1 - (d / r)^2`` at distance d, as a soft finger does; with
-    r = 0 it is a point. Vertices on the far side of the wall are out of its reach.
+    A tip of radius r presses with ``1 - (d / r)^2`` at distance d, like a soft finger; r = 0 is
+    a point load. Vertices on the opposite wall are excluded.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def contact_loads(
             away = mesh.vertices_m - place
             weight = area * np.maximum(1 - np.einsum("vi,vi->v", away, away) / tip_radius_m**2, 0.0)
             if not weight.any():
-                # Finer than the mesh: a point.
+                # The tip is smaller than the mesh cells: a point load.
                 weight[np.argmin(np.einsum("vi,vi->v", away, away))] = 1.0
             weight /= weight.sum()
             for vertex in np.flatnonzero(weight):
@@ -103,7 +103,7 @@ def contact_loads(
 
 
 def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> GraspCoupling:
-    """Compliance matrix of several pinches on one object, without approximation.
+    """Exact compliance matrix of several pinches on one object.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> G
 def own_compliance(
     model: ShellModel, tips: DualTips, pinch_compliance: Float[np.ndarray, "m"]
 ) -> Float[np.ndarray, "m"]:
-    """Deformation of the first tip alone per newton of the pinch [m/N].
+    """Deformation at the first tip alone per newton of the pinch [m/N].
 
     With unit loads a and b of the tips, ``a^T K^-1 (a - b) = (c_a - c_b + c) / 2``: two more
     compliances instead of a displacement field for each pinch.
@@ -135,12 +135,12 @@ def own_compliance(
     model, tips
         As of :func:`contact_loads`.
     pinch_compliance
-        Approach of both tips of each pair per newton [m/N], see :func:`.dual_tip_compliance`.
+        Approach of the two tips of each pair per newton [m/N], see :func:`.dual_tip_compliance`.
     """
     first = np.repeat(tips.first[:, None], 3, axis=1)
     alone = []
     both = tip_loads(model.nodes, tips, model.mesh.vertices_m)
-    # The same pair with its second tip on the first: the loads of the first alone, twice.
+    # The same pair with its second tip at the first: the loads of the first alone, doubled.
     here = DualTips(tips.first, first, np.tile([-1.0, 0.0, 0.0], (len(tips), 1)), tips.direction, tips.valid)
     one = tip_loads(model.nodes, here) / 2
     for loads in (one, one - both):

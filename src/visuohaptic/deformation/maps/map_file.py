@@ -1,4 +1,4 @@
-"""Stiffness maps as files: NPZ to compute with, VTU for ParaView, GLB with colours to look at."""
+"""Stiffness map files: NPZ for computation, VTU for ParaView, GLB with colours for viewers."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from ...core.objects import StiffnessMap
 __all__ = ["check_suffix", "colours", "load_map", "plot_map", "save_map"]
 
 _ARRAYS = ("vertices_m", "faces", "stiffness_N_per_m", "stiffness_sigma_N_per_m")
-#: From soft to stiff: viridis, whose lightness rises evenly.
+#: From soft to stiff: viridis, which is perceptually uniform.
 _COLOURS = np.array(
     [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]], float
 )
 
 
-#: Suffixes of maps and of figures.
+#: File suffixes of maps and figures.
 MAP_SUFFIXES, PLOT_SUFFIXES = (".npz", ".vtu", ".glb"), (".png", ".pdf", ".svg")
 
 
 def check_suffix(out: Path | None, plot: Path | None) -> None:
-    """Refuse file names that cannot be written, before the work is done.
+    """Reject file names that cannot be written, before the computation starts.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def check_suffix(out: Path | None, plot: Path | None) -> None:
     Raises
     ------
     InputError
-        Another suffix, or a folder that does not exist.
+        An unknown suffix, or a folder that does not exist.
     """
     for path, known in ((out, MAP_SUFFIXES), (plot, PLOT_SUFFIXES)):
         if path is None:
@@ -52,12 +52,12 @@ def check_suffix(out: Path | None, plot: Path | None) -> None:
 
 
 def save_map(path: Path | str, found: StiffnessMap) -> None:
-    """Write a stiffness map, completely or not at all.
+    """Write a stiffness map atomically.
 
     Parameters
     ----------
     path
-        With the suffix .npz (to compute with), .vtu (ParaView) or .glb (coloured mesh).
+        With the suffix .npz (for computation), .vtu (ParaView) or .glb (coloured mesh).
     found
         Map.
     """
@@ -69,7 +69,7 @@ def save_map(path: Path | str, found: StiffnessMap) -> None:
 
 
 def load_map(path: Path | str) -> StiffnessMap:
-    """Read an NPZ map and check it.
+    """Read and validate an NPZ map.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def load_map(path: Path | str) -> StiffnessMap:
     Raises
     ------
     InputError
-        There is no such file, or its arrays are not a stiffness map.
+        The file does not exist, or its arrays are not a stiffness map.
     """
     arrays = read_npz(path, "a stiffness map", names=_ARRAYS, remedy="write it with save_map")
     vertices, faces = arrays["vertices_m"], arrays["faces"]
@@ -106,7 +106,7 @@ def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3
     Parameters
     ----------
     stiffness_N_per_m
-        Of each vertex [N/m]; not finite is drawn as the stiffest.
+        Stiffness of each vertex [N/m]; non-finite values get the colour of the stiffest.
     """
     value, low, high = _logarithm(stiffness_N_per_m)
     fraction = np.nan_to_num((value - low) / max(high - low, 1e-12), nan=1.0, posinf=1.0)
@@ -116,7 +116,7 @@ def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3
 
 
 def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
-    """Two views and the profile over the height, like figure 6.5.
+    """Plot two views and the profile over the height, like figure 6.5.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     found
         Map.
     title
-        Above the figure.
+        Title of the figure.
 
     Examples
     --------
@@ -229,7 +229,7 @@ def _save_glb(path: Path, found: StiffnessMap) -> None:
         "asset": {"version": "2.0", "generator": "visuohaptic"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        # glTF has y up: turn z up by -90 degrees about x.
+        # glTF is y-up: rotate by -90 degrees about x.
         "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],
         "materials": [
             {"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}

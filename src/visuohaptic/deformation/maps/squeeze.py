@@ -1,4 +1,4 @@
-"""A squeeze as a user asks for it: force against deformation, where it stops being linear, yields, or gives way."""
+"""Squeeze of a container: force-deformation curve, and the limits of linearity, yield and stability."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from .grasp_curves import GraspCurve, PinchPlane, nearest_vertex, side_vertex
 
 __all__ = ["SqueezeResult", "plot_squeeze", "save_squeeze", "squeeze"]
 
-#: A secant stiffness that differs by more from the one at rest is not linear.
+#: Relative deviation of the secant stiffness from the initial stiffness, above which the curve is not linear.
 LINEAR_FRACTION = 0.1
-#: Points of a curve by default.
+#: Default number of points of a curve.
 POINTS = 8
 _COLUMNS = ("deformation_m", "force_N", "first_m", "second_m", "gauge_Pa", "stress_Pa")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SqueezeResult:
-    """A force-deformation curve and what to know about it; NaN where something does not occur within it."""
+    """A force-deformation curve and its limits; NaN for a limit that does not occur within the curve."""
 
     curve: GraspCurve
-    stiffness_N_per_m: float  #: at rest: force of one tip by the mean deformation of both
-    stiffness_sigma_N_per_m: float  #: of wall and modulus together
+    stiffness_N_per_m: float  #: undeformed: force of one tip per mean deformation of both
+    stiffness_sigma_N_per_m: float  #: from wall thickness and modulus together
     linear_to_N: float  #: largest computed force at which the secant is within a tenth of that stiffness
-    yield_stress_Pa: float  #: of the material; NaN where it is not known
-    yield_force_N: float  #: at which the stress reaches it, between two points
-    buckling_force_N: float  #: above which the wall gives way: the next state at a lower force, or one that does not hold itself
-    distance_m: float  #: from the place that was requested to the vertex that is pinched
+    yield_stress_Pa: float  #: strength of the material; NaN if unknown
+    yield_force_N: float  #: force at which the stress reaches the strength, interpolated between two points
+    buckling_force_N: float  #: above it the wall buckles: the next state is at a lower force, or unstable
+    distance_m: float  #: distance from the requested point to the pinched vertex
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """For people."""
+        """Summary for display."""
         curve, found = self.curve, []
         if np.isfinite(self.linear_to_N):
             found.append(f"linear to {self.linear_to_N:.3g} N (within {100 * LINEAR_FRACTION:.0f} %)")
@@ -79,27 +79,27 @@ def squeeze(
     container
         Parametric or imported container, see :func:`.load_object`.
     point_m
-        Where the first tip is [m]: the nearest vertex is pinched, the second tip is opposite.
+        Location of the first tip [m]: the nearest vertex is pinched, the second tip is opposite.
     side, height_m
-        Instead of it: side x+, x-, y+ or y-, and height above the foot [m]; half the height by default.
+        Alternative: side x+, x-, y+ or y-, and height above the foot [m]; half the height by default.
     force_N
         Largest force of one tip [N].
     deformation_m
-        Instead of it: largest mean deformation of both tips [m]; 5 mm by default.
+        Alternative: largest mean deformation of both tips [m]; 5 mm by default.
     points
-        Of the curve, equally spaced.
+        Number of points of the curve, equally spaced.
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
 
     Returns
     -------
     SqueezeResult
-        Forces are resolved to the spacing of the points, yield between them.
+        The resolution of the forces is the spacing of the points; yield is interpolated.
 
     Raises
     ------
     InputError
-        Both limits, one that is not positive, or a place that is held or has nothing opposite.
+        Both limits given, a limit that is not positive, or a location that is fixed or has no opposite wall.
 
     Examples
     --------
@@ -143,7 +143,7 @@ def squeeze(
 
 
 def _crossing(curve: GraspCurve, strength: float) -> float:
-    """Force at which the stress first reaches a strength, NaN where it does not."""
+    """Force at which the stress first reaches a strength, NaN if it does not."""
     stress, force = np.r_[0.0, curve.stress_Pa], np.r_[0.0, curve.force_N]
     over = np.flatnonzero(stress > strength)
     if not len(over):
@@ -153,21 +153,21 @@ def _crossing(curve: GraspCurve, strength: float) -> float:
 
 
 def _limit_force(curve: GraspCurve) -> float:
-    """Force before the first drop, snap or state that does not hold itself; NaN where there is none."""
+    """Force before the first drop, snap-through or unstable state; NaN if there is none."""
     force = np.r_[0.0, curve.force_N]
     lost = np.flatnonzero((np.diff(force) < 0) | ~curve.stable)
     return float(force[: lost[0] + 1].max()) if len(lost) else float("nan")
 
 
 def save_squeeze(path: Path | str, found: SqueezeResult) -> None:
-    """Write the curve as CSV, from rest on.
+    """Write the curve as CSV, including the undeformed state.
 
     Parameters
     ----------
     path
         CSV to write.
     found
-        A squeeze.
+        Result of a squeeze.
     """
     table = np.stack([getattr(found.curve, name) for name in _COLUMNS], axis=1)
     rows = [",".join(_COLUMNS), ",".join(["0"] * len(_COLUMNS))]
@@ -176,16 +176,16 @@ def save_squeeze(path: Path | str, found: SqueezeResult) -> None:
 
 
 def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> None:
-    """Force against deformation, with the stiffness at rest and its standard deviation.
+    """Plot force against deformation, with the initial stiffness and its standard deviation.
 
     Parameters
     ----------
     path
         Figure to write, .png, .pdf or .svg.
     found
-        A squeeze.
+        Result of a squeeze.
     title
-        Above the figure.
+        Title of the figure.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

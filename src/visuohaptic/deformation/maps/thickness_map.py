@@ -1,4 +1,4 @@
-"""Wall thickness by place, as an ultrasonic gauge or a cut sample gives it: read from CSV, put on a container."""
+"""Measured wall thickness by location, from an ultrasonic gauge or cut samples: read from CSV, applied to a container."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from ..shells.shell import ShellMesh
 
 __all__ = ["load_thickness_map", "with_thickness_map"]
 
-#: Columns of a profile over the height, and of places.
+#: Columns of a height profile, and of a table of points.
 PROFILE, PLACES = ("z_m", "thickness_m"), ("x_m", "y_m", "z_m", "thickness_m")
 MAX_BYTES = 16 * 1024 * 1024
-#: Places between which a triangle is interpolated, and how far they may be from it, as a fraction of the height.
+#: Number of points that a triangle is interpolated from, and their maximum distance as a fraction of the height.
 NEIGHBOURS, FARTHEST = 3, 0.25
 
 
 def load_thickness_map(path: Path | str) -> Float[np.ndarray, "n c"]:
-    """Read thickness by height (z_m, thickness_m) or by place (x_m, y_m, z_m, thickness_m) [m].
+    """Read thickness by height (z_m, thickness_m) or by point (x_m, y_m, z_m, thickness_m) [m].
 
     Parameters
     ----------
     path
-        CSV with those columns, in the frame of the map that is written.
+        CSV with those columns, in the frame of the stiffness map.
 
     Raises
     ------
     InputError
-        Other columns, a cell that is no number, or a thickness that is not positive; with its line.
+        Wrong columns, a cell that is not a number, or a thickness that is not positive; with the line number.
     """
     rows = list(csv.reader(io.StringIO(read_text(path, MAX_BYTES))))
     names = tuple(name.strip() for name in rows[0]) if rows else ()
@@ -64,7 +64,7 @@ def load_thickness_map(path: Path | str) -> Float[np.ndarray, "n c"]:
 
 
 def with_thickness_map(container: ShellObject, values: Float[np.ndarray, "n c"], where: str) -> ShellObject:
-    """The object with a wall of varying thickness.
+    """The object with a variable wall thickness.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def with_thickness_map(container: ShellObject, values: Float[np.ndarray, "n c"],
     Raises
     ------
     InputError
-        Places that are far from the surface: another frame or unit.
+        Points that are far from the surface: probably another frame or unit.
     """
     mesh = container.mesh
     middle = mesh.vertices_m[mesh.faces].mean(axis=1)

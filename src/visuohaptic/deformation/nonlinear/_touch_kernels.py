@@ -1,4 +1,4 @@
-"""Which vertices of a surface are close to its faces, and which edges go through them (:mod:`.self_contact`)."""
+"""Kernels of self-contact: vertices close to faces, and edges that intersect faces (:mod:`.self_contact`)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...core.kernels import kernel
 
 @kernel
 def distance_to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """From a point to the nearest point of a triangle (Ericson 2005, Sec. 5.1.5)."""
+    """Vector from a point to the nearest point of a triangle (Ericson 2005, Sec. 5.1.5)."""
     ab0, ab1, ab2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     ac0, ac1, ac2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     ap0, ap1, ap2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
@@ -43,7 +43,7 @@ def distance_to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndar
 
 @kernel
 def goes_through(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
-    """Whether the line from p to q meets a triangle between its ends (Moeller and Trumbore 1997)."""
+    """Whether the segment from p to q intersects a triangle (Moeller and Trumbore 1997)."""
     e10, e11, e12 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     e20, e21, e22 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     d0, d1, d2 = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -68,10 +68,10 @@ def goes_through(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray, c: 
 def meetings(
     points: np.ndarray, faces: np.ndarray, edges: np.ndarray, near: float, cell: float, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices nearer than ``near`` to a face that is not theirs, and edges through such a face.
+    """Vertices nearer than ``near`` to a non-adjacent face, and edges through such a face.
 
     Returns the vertex (of an edge its first), the face, and the distance, zero for an edge. Faces are
-    sorted into cells of a grid, so that only neighbours are looked at.
+    sorted into a grid, so that only neighbours are tested.
     """
     low = np.empty(3)
     size = np.empty(3, dtype=np.int64)
@@ -154,7 +154,7 @@ def meetings(
 
 @kernel
 def distances(points: np.ndarray, faces: np.ndarray, vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """From vertices to faces, pair by pair."""
+    """Distances from vertices to faces, pair by pair."""
     out = np.empty(vertex.size)
     for k in range(vertex.size):
         a, b, c = points[faces[face[k], 0]], points[faces[face[k], 1]], points[faces[face[k], 2]]

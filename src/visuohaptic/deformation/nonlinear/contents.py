@@ -1,9 +1,9 @@
-"""What is inside a container: nothing, enclosed air, or liquid below air (Alt 2016, Sec. 6.1.5).
+"""Contents of a container: none, enclosed air, or liquid below air (Alt 2016, Sec. 6.1.5).
 
 All pressures are gauge pressures, p = P - P_0: an open container has p = 0. With V_L the volume of
-the liquid, Boyle and Mariotte's law is ``p(V) = P_0 (V_0 - V_L) / (V - V_L) - P_0``, Eq. (6.3) less
+the liquid, Boyle's law is ``p(V) = P_0 (V_0 - V_L) / (V - V_L) - P_0``, Eq. (6.3) minus
 P_0. For small deformation it is ``p = -kappa dV`` with ``kappa = P_0 / (V_0 - V_L)``: a rank-one
-term of the stiffness, so the closed map of all pinches costs one solve more than the open one.
+term of the stiffness, so the map of all pinches of a closed container costs one more solve than that of an open one.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ __all__ = [
     "liquid_level_m",
 ]
 
-#: P_0 of the dissertation.
+#: P_0 in the dissertation.
 AMBIENT_PRESSURE_Pa = 1e5
 
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """What is enclosed.
+    """Contents of a container.
 
     >>> Contents(fill=0.95).bulk_stiffness(1e-3)
     2000000000.0...
     """
 
-    closed: bool = True  #: nothing can escape
+    closed: bool = True  #: the contents cannot escape
     #: fraction of the volume that is liquid; 1 is incompressible
     fill: float = field(default=0.0, metadata=within(0, 1))
     ambient_Pa: float = field(default=AMBIENT_PRESSURE_Pa, metadata=POSITIVE)  #: absolute pressure outside
@@ -68,8 +68,8 @@ class Contents:
     def law(self, volume_m3: float) -> PressureLaw | None:
         """Gauge pressure and its derivative by volume; None when open.
 
-        Below a thousandth of the gas's volume at rest the law goes on as a straight line: a step
-        of Newton's method may reach there, a solution does not.
+        Below a thousandth of the undeformed gas volume, the law is extrapolated linearly: an intermediate step
+        of Newton's method may reach that range, a solution does not.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class Contents:
         """
         if not self.closed:
             return None
-        # Without any gas: a bulk modulus as of water.
+        # Without gas: a bulk modulus like that of water.
         liquid = min(self.fill, 1 - 1e-4) * volume_m3
         gas = volume_m3 - liquid
         least = 1e-3 * gas
@@ -93,7 +93,7 @@ class Contents:
 
 
 def enclosed_gradient(container: ShellObject, model: ShellModel) -> Float[np.ndarray, "v 6"]:
-    """Gradient a = dV/du of the enclosed volume [m^2], the lid over an open mouth included, zero where held.
+    """Gradient a = dV/du of the enclosed volume [m^2], including the lid over an open mouth; zero at fixed vertices.
 
     Parameters
     ----------
@@ -116,9 +116,9 @@ def closed_compliance(
     compliance: Float[np.ndarray, "m"],
     contents: Sequence[Contents],
 ) -> Float[np.ndarray, "c m"]:
-    """Compliance of all pinches for several contents, from that of the open container and one solve.
+    """Compliance of all pinches for several contents, from that of the open container and one more solve.
 
-    ``c - (f . w)^2 / (1 / kappa + a . w)`` with ``w = K^-1 a``, by Sherman and Morrison's formula.
+    ``c - (f . w)^2 / (1 / kappa + a . w)`` with ``w = K^-1 a``, by the Sherman-Morrison formula.
 
     Parameters
     ----------
@@ -127,9 +127,9 @@ def closed_compliance(
     tips
         The m pairs.
     compliance
-        Of the open container: approach of both tips per newton [m/N].
+        Compliance of the open container: approach of both tips per newton [m/N].
     contents
-        The c contents.
+        The c contents to evaluate.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def tip_approach(
     displacement: Float[np.ndarray, "v 6"],
     vertices_m: Float[np.ndarray, "v 3"] | None = None,
 ) -> Float[np.ndarray, "m"]:
-    """f . u: how far the tips of each pair have come closer to each other [m], as in :func:`.tip_loads`."""
+    """f . u: approach of the tips of each pair towards each other [m], as in :func:`.tip_loads`."""
     first = np.einsum("mi,mi->m", tips.direction, displacement[tips.first, :3])
     second = np.einsum("mki,mki->m", bent_loads(tips, vertices_m), displacement[tips.second])
     return first - second
@@ -166,22 +166,22 @@ def contained_curve(
     deformation_m: Sequence[float],
     contents: Contents | None = None,
 ) -> EquilibriumPath:
-    """Force against deformation of one pinch under large deformation, with contents.
+    """Force-deformation curve of one pinch under large deformation, with contents.
 
-    The path ends before the walls would pass through each other; ``reason`` says so.
+    The path ends before self-intersection; ``reason`` then states this.
 
     Parameters
     ----------
     container, model
         As of :func:`closed_compliance`.
     tips
-        Of which one is pinched.
+        Candidate pairs, one of which is pinched.
     which
-        Number of the pair that is pinched.
+        Index of the pinched pair.
     deformation_m
         Mean deformations of both tips, ascending [m].
     contents
-        What is enclosed; open by default.
+        Contents; open by default.
     """
     law = None if contents is None else contents.law(container.volume_m3)
     shell = CorotationalShell(model, pressure=law, lid=container.lid)
@@ -212,12 +212,12 @@ def liquid_level_m(container: ShellObject, fill: float) -> float:
     from scipy.optimize import brentq
 
     mesh, top = container.mesh, container.height_m
-    # An imported mesh need not stand at z = 0.
+    # An imported mesh does not necessarily start at z = 0.
     foot = float(mesh.vertices_m[:, 2].min())
     whole = container.volume_m3
 
     def missing(level: float) -> float:
-        # What is above the level is pressed flat onto it and becomes the lid.
+        # Vertices above the level are projected onto it and become the lid.
         cut = mesh.vertices_m.copy()
         cut[:, 2] = np.minimum(cut[:, 2], foot + level)
         return (

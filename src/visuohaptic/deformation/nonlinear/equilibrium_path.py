@@ -1,4 +1,4 @@
-"""Results of load stepping: states of equilibrium in the order they were reached."""
+"""Results of load stepping: equilibrium states in the order they were reached."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ __all__ = ["EquilibriumPath", "PathPoint"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPoint:
-    """One state of equilibrium."""
+    """One equilibrium state."""
 
     load: float  #: lambda, times the reference load
     control_m: float  #: control displacement
     state: ShellState
-    iterations: int  #: Newton iterations that this point took, cut steps included
-    stable: bool  #: the tangent's determinant is positive
+    iterations: int  #: Newton iterations of this point, including steps that were cut
+    stable: bool  #: the determinant of the tangent is positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquilibriumPath:
-    """Points in the order they were reached, without the undeformed one."""
+    """Points in the order they were reached, without the undeformed state."""
 
     points: tuple[PathPoint, ...]
     complete: bool  #: every requested point was reached
@@ -47,7 +47,7 @@ class EquilibriumPath:
         return sum(point.iterations for point in self.points)
 
     def position_m(self, vertex: int, axis: int) -> Float[np.ndarray, "k"]:
-        """Where one vertex is at each point of the path [m].
+        """Position of one vertex at each point of the path [m].
 
         Parameters
         ----------

@@ -1,9 +1,9 @@
 """Equilibrium paths of shells: load, displacement and arc-length control.
 
-A path is walked in steps. Each step solves ``lambda q = f(u)`` together with one equation that
-says how far to go: a load, a displacement of the control, or an arc length. Newton's method with
-the exact tangent takes three to six iterations; a step that does not converge is cut in half, and
-where the control itself turns back (snap-back) the walk goes on by arc length.
+A path is followed in steps. Each step solves ``lambda q = f(u)`` together with a constraint equation:
+a load, a displacement of the control, or an arc length. Newton's method with
+the exact tangent takes three to six iterations; a step that does not converge is halved, and
+at a snap-back of the control the path is continued by arc length.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-#: Iterations after which a step is given up and cut.
+#: Iterations after which a step is rejected and halved.
 MAX_ITERATIONS = 16
-#: Arc lengths after which a snap-back is given up.
+#: Maximum number of arc-length steps through a snap-back.
 MAX_ARCS = 60
-#: Points by arc length after which a path ends where it is.
+#: Maximum number of arc-length points; a longer path ends there.
 MAX_POINTS = 200
 #: Residual force at which a step has converged, relative to the larger of load and reactions.
 TOLERANCE = 1e-5
@@ -46,10 +46,10 @@ def follow_displacement(
     control: Float[np.ndarray, "v 6"] | None = None,
     max_iterations: int = 5000,
 ) -> EquilibriumPath:
-    """Drive the control displacement to each of ``targets_m`` and find the load that it takes.
+    """Increase the control displacement to each of ``targets_m`` and compute the required load.
 
-    Where the control turns back (snap-back) the path is followed by arc length until the control has
-    come forward again: a target is then the next state with that displacement.
+    At a snap-back of the control, the path is followed by arc length until the control has
+    advanced again: a target is then the next state with that displacement.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def follow_displacement(
         Displacements of the control.
     control
         Weights c of the control ``c . u``, displacements only. By default the load divided by the
-        sum of its forces: the mean displacement of what is loaded, along the load.
+        sum of its forces: the mean displacement of the loaded vertices, along the load.
     max_iterations
-        Of the whole path, which ends where they are used up.
+        Maximum Newton iterations of the whole path, which ends when they are used up.
     """
     return _Walk(shell, load, control, max_iterations).run(list(targets_m), "displacement")
 
@@ -76,10 +76,10 @@ def reach_loads(
     past_limits: bool = True,
     max_iterations: int = 5000,
 ) -> EquilibriumPath:
-    """Raise the load to each of ``factors``.
+    """Increase the load to each of ``factors``.
 
-    Where the load cannot be raised the path is followed by arc length until it can: the point of a factor is then
-    the next state on the path that carries it.
+    Where the load cannot be increased, the path is followed by arc length until it can: the point of a factor is then
+    the next state on the path at that load.
 
     Parameters
     ----------
@@ -88,9 +88,9 @@ def reach_loads(
     factors
         Load factors, in the order in which they are reached.
     past_limits
-        Whether the path goes on beyond a limit load; otherwise it ends there.
+        Whether to continue beyond a limit load; otherwise the path ends there.
     max_iterations
-        Newton iterations of the whole path, which ends where they are used up.
+        Newton iterations of the whole path, which ends when they are used up.
     """
     walk = _Walk(shell, load, max_iterations=max_iterations)
     return walk.run(list(factors), "load", past_limits=past_limits)
@@ -103,9 +103,9 @@ def follow_arc(
     first: float,
     until: float,
 ) -> EquilibriumPath:
-    """Follow the path by arc-length control until the load factor passes a bound.
+    """Follow the path by arc-length control until the load factor exceeds a bound.
 
-    The arc length follows the number of iterations. Limit points and snap-back are passed.
+    The arc length is adapted to the number of iterations. Limit points and snap-back are passed.
 
     Parameters
     ----------
@@ -126,15 +126,15 @@ _Kind = Literal["load", "displacement", "arc"]
 
 @dataclass(frozen=True, slots=True)
 class _Constraint:
-    """The equation that says how far a step goes."""
+    """Constraint equation of a step."""
 
     kind: _Kind
     target: float  #: load factor, displacement of the control [m], or arc length [m]
-    direction: float = 1.0  #: of a first step by arc length: +1 raises the load, -1 lowers it
+    direction: float = 1.0  #: of a first step by arc length: +1 increases the load, -1 decreases it
 
 
 class _Walk:
-    """Where the walk is, and how it got there."""
+    """Current state of the path-following, with its history."""
 
     def __init__(
         self,
@@ -194,7 +194,7 @@ class _Walk:
         return EquilibriumPath(tuple(points), True)
 
     def _pass_turning_point(self, kind: _Kind, target: float) -> bool:
-        """Walk by arc length until the target is passed in its own direction, then go to it."""
+        """Follow the path by arc length until the target is passed in its own direction, then converge to it."""
         if self.last_step is None:
             return False
         kept = self.state, self.factor, self.last_step, self.last_factor, self.last_advance
@@ -207,7 +207,7 @@ class _Walk:
             if self._step(_Constraint("arc", arc), arc):
                 at = self.factor if kind == "load" else self._control(self.state)
                 if (at - target) * ahead >= 0:
-                    self.last_step = None  # going back does not continue the path
+                    self.last_step = None  # moving backwards does not continue the path
                     if self._step(_Constraint(kind, target), target - at):
                         return True
                     break
@@ -252,7 +252,7 @@ class _Walk:
         step = np.zeros_like(self.load)
         ratio = advance / self.last_advance if self.last_step is not None and self.last_advance else 0.0
         if self.last_step is not None and 0 < ratio <= 3:
-            # Go on as before: the first residual is then of second order in the step.
+            # Extrapolate the previous step: the first residual is then of second order in the step.
             step = ratio * self.last_step
             state, factor = start.moved(step), start_factor + ratio * self.last_factor
         best = error = np.inf
@@ -260,7 +260,7 @@ class _Walk:
         for iteration in range(min(MAX_ITERATIONS, self.left)):
             self.spent += 1
             self.left -= 1
-            # Close to the goal Newton's next residual is likely small enough: look before factoring.
+            # Near convergence Newton's next residual is likely small enough: test it before factorising.
             tangent = None
             if iteration > 0 and error < 3e-3:
                 internal = self.shell.internal_force(state)
@@ -288,7 +288,7 @@ class _Walk:
             change = by_residual + more * by_load
             largest = float(np.abs(change[:, 3:]).max())
             if not np.isfinite(largest) or largest > 3.0:
-                # Turning a vertex by half a turn at once means that the step is out of reach.
+                # A rotation of a vertex by half a turn in one iteration means that the step is too large.
                 return False
             state, factor = state.moved(change), factor + more
             step = step + change
@@ -323,10 +323,10 @@ class _Walk:
         return missing / slope if slope else 0.0
 
     def _gap(self, constraint: _Constraint, state: ShellState, factor: float, step: np.ndarray) -> float:
-        """How far a state is from its constraint, relative."""
+        """Relative residual of the constraint."""
         target = constraint.target
         if constraint.kind == "arc":
-            # The arc only paces the walk: a tenth off is as good.
+            # The arc length only sets the step size: a tolerance of a tenth is sufficient.
             return 1e-5 * abs(float(np.linalg.norm(self._lengths(step))) / target - 1.0)
         reached = factor if constraint.kind == "load" else self._control(state)
         return abs(target - reached) / max(abs(target), 1e-300)
@@ -340,7 +340,7 @@ class _Walk:
         return float(np.sqrt(np.sum(forces[:, :3] ** 2) + np.sum(forces[:, 3:] ** 2) / self.length_m**2))
 
     def _lengths(self, step: np.ndarray) -> np.ndarray:
-        # Only displacements count: spins have another unit and follow from them.
+        # Only displacements count: rotations have another unit and follow from them.
         return step[:, :3]
 
     def _solved(self, tangent: Tangent, load: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Pinches under large deformation: two opposing tips closed on a wall by displacement control."""
+"""Pinches under large deformation: two opposing tips close on a wall under displacement control."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def pinch_curve(
     Raises
     ------
     InputError
-        The pair has nothing opposite.
+        The pair has no opposite wall.
     """
     if not tips.valid[which]:
         raise InputError("pinch_curve", f"pair {which} has no wall across the axis")

@@ -1,4 +1,4 @@
-"""Walls that touch each other: the elasticity here knows no contact, so a curve has to end there."""
+"""Detection of self-contact: the shell model has no contact forces, so a curve has to end there."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ..shells.stiffness_map import DualTips, opposing_points
 
 __all__ = ["SelfContactGuard", "wall_gap_m"]
 
-#: Walls touch when they are nearer than the wall is thick, but at most this [m].
+#: Walls are in contact when their distance is below the wall thickness, at most this [m].
 TOUCH_m = 1e-3
-#: A gap that was narrow from the start counts when so much of it is left.
+#: An initially narrow gap counts as closed when this fraction of it is left.
 REST_FRACTION = 0.25
-#: Cosine of two normals that face each other.
+#: Cosine of the angle between two normals that face each other.
 FACING = -0.2
-#: Pairs that are looked at; more than enough to find one that counts.
+#: Maximum number of tested pairs; more than enough to find a relevant one.
 MAX_PAIRS = 20_000
 
 
 def wall_gap_m(points_m: Float[np.ndarray, "v 3"], tips: DualTips) -> Float[np.ndarray, "m"]:
-    """Distance of the walls at each pair along the pinch; negative when they have passed each other [m].
+    """Distance of the walls at each pair along the pinch; negative after interpenetration [m].
 
     Parameters
     ----------
@@ -37,15 +37,15 @@ def wall_gap_m(points_m: Float[np.ndarray, "v 3"], tips: DualTips) -> Float[np.n
 
 
 class SelfContactGuard:
-    """Looks whether walls touch anywhere in a deformed state of an object.
+    """Detects self-contact anywhere in a deformed state of an object.
 
-    Across the axis the gap of each vertex to what is opposite has a sign, so that walls that have
-    passed each other in one step are noticed. Anywhere else a vertex must not come nearer to a face
-    than the wall is thick while their normals face each other, and no edge may go through a face.
+    Across the axis, the gap between each vertex and the opposite wall is signed, so that walls that have
+    interpenetrated within one step are detected. Elsewhere, a vertex must not be closer to a face
+    than the wall thickness while their normals face each other, and no edge may intersect a face.
     """
 
     def __init__(self, container: ShellObject) -> None:
-        """Prepare what does not change with the deformation.
+        """Precompute what does not change with the deformation.
 
 
         Parameters
@@ -69,12 +69,12 @@ class SelfContactGuard:
         self._always: set[tuple[int, int]] | None = None
 
     def vertex(self, points_m: Float[np.ndarray, "v 3"]) -> int | None:
-        """A vertex where walls touch, or None.
+        """A vertex in self-contact, or None.
 
         Parameters
         ----------
         points_m
-            Of the whole object; it may have been moved as a rigid body.
+            Vertices of the whole object; a rigid motion is allowed.
         """
         short = wall_gap_m(points_m, self._across) - self._min_m
         if len(short) and short.min() < 0:
@@ -97,7 +97,7 @@ class SelfContactGuard:
         from . import _touch_kernels as kernels
 
         near = min(float(self.wall_m.max()), TOUCH_m)
-        # At most a few million cells, however thin and long the object is.
+        # At most a few million cells, even for a long and thin object.
         cell = max(self._cell_m, float(np.prod(np.ptp(points_m, axis=0) + 2 * near) / 1e6) ** (1 / 3))
         points = np.ascontiguousarray(points_m)
         return kernels.meetings(points, self.faces, self.edges, near, cell, MAX_PAIRS)

@@ -1,4 +1,4 @@
-"""Containers as parameters or as meshes, and their shell meshes (Alt 2016, Sec. 6.1.1)."""
+"""Parametric and imported containers, and their shell meshes (Alt 2016, Sec. 6.1.1)."""
 
 from ...core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""Crossings of rays from the height axis with a mesh: kernels."""
+"""Kernels: intersections of rays from the height axis with a mesh."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ...core.kernels import kernel
 def ring_crossings(
     points: Any, faces: Any, heights: Any, first_row: Any, around: int, radius: Any, count: Any
 ) -> None:
-    """Radii at which the rays from (0, 0) at ``around`` angles cross the mesh, at each height.
+    """Radii at which the rays from (0, 0) at ``around`` angles intersect the mesh, at each height.
 
-    ``heights`` ascend, ``first_row`` is the first of each face that is not below it. ``radius`` (h, around, most) is filled in no order, ``count`` (h, around)
-    says how many there are, also beyond ``most``. Each wall is hit once: edges count half open.
+    ``heights`` ascend, ``first_row`` is for each face the first height that is not below it. ``radius`` (h, around, most) is unsorted,
+    ``count`` (h, around) is the number of intersections, which may exceed ``most``. Each wall is hit once: edges are half-open.
     """
     step = 2 * np.pi / around
     segment = np.empty((2, 2))
@@ -28,7 +28,7 @@ def ring_crossings(
             found = 0
             for corner in range(3):
                 a, b = faces[face, corner], faces[face, (corner + 1) % 3]
-                # The same edge from both of its triangles has to give the same point to the bit.
+                # The same edge has to give exactly the same point from both of its triangles.
                 if a > b:
                     a, b = b, a
                 if (points[a, 2] >= z) != (points[b, 2] >= z):
@@ -44,7 +44,7 @@ def ring_crossings(
                     begin, end = 1, 0
                     first, second = second, first
                 if second - first > np.pi:
-                    # Across the angle pi.
+                    # The angle interval contains pi.
                     begin, end = end, begin
                     first, second = second, first + 2 * np.pi
                 px, py = segment[begin, 0], segment[begin, 1]

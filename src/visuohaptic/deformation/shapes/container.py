@@ -1,8 +1,8 @@
-"""Containers from a few parameters: base, sections, cap, rim, rings, dents (Alt 2016, Sec. 6.1.2).
+"""Parametric containers: base, sections, cap, rim, rings, dents (Alt 2016, Sec. 6.1.2).
 
 A description is YAML. Every number may be a range, ``[30 mm, 40 mm]``; a description with ranges is
-a class, of which variants are drawn. The shape is ``(r_x(z) c(a), shift(z) + r_y(z) s(a))`` over the
-height z, where (c, s) runs round a unit circle or, flattened, round ``|x|^n + |y|^2 = 1``.
+a class, from which variants are sampled. The shape is ``(r_x(z) c(a), shift(z) + r_y(z) s(a))`` over the
+height z, where (c, s) is on a unit circle or, flattened, on ``|x|^n + |y|^2 = 1``.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class Base(_Part):
 
     shape: Literal["circle", "ellipse", "flattened"] = "circle"
     radius: Length  #: half-axis along x
-    radius_y: Length | None = None  #: half-axis along y; of a circle it is the radius
-    flatness: Fraction = (0.0, 0.0)  #: 0 is an ellipse, towards 1 the sides y+ and y- become planes
+    radius_y: Length | None = None  #: half-axis along y; for a circle, the radius
+    flatness: Fraction = (0.0, 0.0)  #: 0 is an ellipse; towards 1, the sides y+ and y- become planes
 
     @model_validator(mode="after")
     def _fits_the_shape(self) -> Base:
@@ -48,33 +48,33 @@ class Base(_Part):
 
 
 class Section(_Part):
-    """A stretch of the side wall, from below upwards."""
+    """A section of the side wall; sections are listed from below upwards."""
 
-    height: Length  #: of this stretch
+    height: Length  #: of this section
     radius: Length | None = None  #: half-axis x at its upper end; by default as at its lower end
     radius_y: Length | None = None  #: by default in the same proportion as below
     flatness: Fraction | None = None  #: at its upper end; by default as below
-    bulge: Length = (0.0, 0.0)  #: sagitta of its arc, > 0 bends outwards
+    bulge: Length = (0.0, 0.0)  #: sagitta of its arc, > 0 is convex
     shift: Length | None = None  #: of the centre along y at its upper end; by default as below
     wall: Length | None = None  #: thickness; by default that of the container
 
 
 class Ring(_Part):
-    """A ring round the wall; depth > 0 stands out (reinforcement), < 0 is a groove."""
+    """A ring around the wall; depth > 0 is a rib (reinforcement), < 0 is a groove."""
 
-    z: Length  #: height of its middle
-    depth: Length  #: > 0 stands out, < 0 is a groove
+    z: Length  #: height of its centre
+    depth: Length  #: > 0 is a rib, < 0 is a groove
     width: Length  #: along the height
     wall: Length | None = None  #: thickness inside the ring
 
 
 class Dent(_Part):
-    """A hollow on one side."""
+    """A dent on one side."""
 
-    z: Length  #: height of its middle
-    angle: Angle = (0.0, 0.0)  #: round the height axis from x+ towards y+
-    depth: Length  #: at its middle
-    width: Length  #: round the wall
+    z: Length  #: height of its centre
+    angle: Angle = (0.0, 0.0)  #: angle about the height axis from x+ towards y+
+    depth: Length  #: at its centre
+    width: Length  #: around the wall
     height: Length  #: along the height axis
 
 
@@ -86,10 +86,10 @@ class Rim(_Part):
 
 
 class Top(_Part):
-    """What closes the upper end."""
+    """Closure of the upper end."""
 
     kind: Literal["open", "closed", "stiff"] = "open"
-    wall: Length | None = None  #: thickness of the cap: as the wall when closed, 5 mm when stiff
+    wall: Length | None = None  #: thickness of the cap: that of the wall when closed, 5 mm when stiff
 
 
 class ContainerDescription(_Part):
@@ -98,15 +98,15 @@ class ContainerDescription(_Part):
     name: str = Field("container", pattern=r"^[A-Za-z0-9_.-]{1,64}$")  #: of the container or class
     base: Base  #: cross-section at the foot
     sections: list[Section] = Field(min_length=1, max_length=64)  #: of the side wall, from the foot upwards
-    blend: Length = (0.0, 0.0)  #: length over which neighbouring sections are rounded into each other
-    top: Top = Top()  #: what closes the upper end
+    blend: Length = (0.0, 0.0)  #: length over which adjacent sections are blended
+    top: Top = Top()  #: closure of the upper end
     rim: Rim | None = None  #: thicker band at the upper end
-    rings: list[Ring] = Field(default=[], max_length=256)  #: round the wall
+    rings: list[Ring] = Field(default=[], max_length=256)  #: around the wall
     dents: list[Dent] = Field(default=[], max_length=256)  #: on one side
     wall: Length = (0.0005, 0.0005)  #: thickness
-    wall_spread: Fraction = (0.1, 0.1)  #: relative standard deviation of the thickness of one piece
-    material: str = "PET"  #: of the library
-    youngs_modulus: Pressure | None = None  #: instead of the material's
+    wall_spread: Fraction = (0.1, 0.1)  #: relative standard deviation of the thickness between specimens
+    material: str = "PET"  #: material of the library
+    youngs_modulus: Pressure | None = None  #: overrides that of the material
 
     @field_validator("material")
     @classmethod
@@ -130,11 +130,11 @@ class ContainerDescription(_Part):
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
-        """Paths of the numbers that are ranges."""
+        """Paths of the parameters that are ranges."""
         return tuple(path for path, (low, high) in _spans(self) if low != high)
 
     def at(self, fractions: Any) -> ContainerDescription:
-        """One container, each range at a fraction of the way from its low to its high end.
+        """One container, each range at a given fraction between its lower and upper limit.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class ContainerDescription(_Part):
         Raises
         ------
         InputError
-            Another number of fractions, or one outside 0 to 1.
+            Wrong number of fractions, or one outside 0 to 1.
         """
         fractions = np.asarray(fractions, dtype=float)
         names = self.free_parameters
@@ -161,7 +161,7 @@ class ContainerDescription(_Part):
         return ContainerDescription.model_validate(_fixed(self, "", by_name))
 
     def middle(self) -> ContainerDescription:
-        """The container in the middle of all ranges."""
+        """The container at the centre of all ranges."""
         return self.at(np.full(len(self.free_parameters), 0.5))
 
 
@@ -176,7 +176,7 @@ def load_container(source: Path | str) -> ContainerDescription:
     Raises
     ------
     InputError
-        With every field that is wrong.
+        Lists all invalid fields.
     """
     path = Path(source)
     if not path.suffix and not path.exists() and str(source) in class_names():
@@ -190,7 +190,7 @@ def load_container(source: Path | str) -> ContainerDescription:
 
 
 def class_names() -> tuple[str, ...]:
-    """Classes that are shipped (Alt 2016, Sec. 6.4.1)."""
+    """Shipped classes (Alt 2016, Sec. 6.4.1)."""
     return tuple(
         sorted(
             entry.name.removesuffix(".yaml") for entry in _classes().iterdir() if entry.name[-5:] == ".yaml"

@@ -1,4 +1,4 @@
-"""How much of the surface of a mesh a container stands for: its wall, foot and lid."""
+"""Fraction of a mesh's surface that the container model represents: its wall, foot and lid."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from .resample import Wall
 
 __all__ = ["check_container", "check_represented", "has_top", "represented_fraction", "represented_parts"]
 
-#: Points spread over the mesh: a fraction of one half is known to 0.5 / sqrt(10 000) = 0.5 %.
+#: Sample points on the mesh: a fraction of one half has the standard error 0.5 / sqrt(10 000) = 0.5 %.
 SAMPLES = 10_000
-#: Heights and angles of the wall's points.
+#: Heights and angles at which the wall is sampled.
 LEVELS, ANGLES = 200, 96
-#: A container stands on this much of its height at most without a wall all round, and a handle is at most 1.6
+#: Maximum height above ground without a closed wall, as a fraction of a container's height; a handle is at most 1.6
 #: times as long as the radius of the container.
 LEGS, LONGEST_REACH = 0.1, 2.6
-#: A ledge is this fraction of the radius within a two-hundredth of the height, in that fraction of the directions.
+#: A ledge is a change of radius by this fraction within a two-hundredth of the height, in that fraction of the directions.
 LEDGE = 0.25
-#: A lid is level to 10 degrees within the uppermost tenth; a ball has ``pi (r sin 10)^2`` of that.
+#: A lid is level within 10 degrees in the uppermost tenth; a ball has ``pi (r sin 10)^2`` of that.
 LEVEL_rad, TOP = np.radians(10.0), 0.1
 
 
@@ -38,21 +38,21 @@ def represented_fraction(
     Parameters
     ----------
     vertices_m
-        Of the mesh [m].
+        Vertices of the mesh [m].
     faces
-        Of the mesh.
+        Triangles of the mesh.
     wall
         The star-shaped wall found in it.
     closed
         There is a lid at the upper end of the wall.
     parts
-        Number of the part that each triangle is of, from 0; all are one by default.
+        Index of the part of each triangle, from 0; one part by default.
 
     Notes
     -----
-    A point is of the wall when it is within half its thickness of the middle. The wall is known at places
-    ``d`` apart (the diagonal of their grid), so that any point of it has one within ``d / 2``. Foot and lid
-    are what is inside the wall's lowest and highest ring and below, or above: both are clamped or stiff,
+    A point belongs to the wall if it is within half its thickness of the mid-surface. The wall is sampled at points
+    ``d`` apart (the diagonal of their grid), so that any point of it has a sample within ``d / 2``. Foot and lid
+    are inside the wall's lowest and highest ring and below, or above: both are clamped or stiff,
     whatever their shape.
     """
     from scipy.spatial import cKDTree
@@ -87,12 +87,12 @@ def represented_fraction(
 
 
 def _spread(vertices: np.ndarray, faces: np.ndarray) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n"]]:
-    """Points of equal fractions of the area, in each triangle by a sequence of low discrepancy, and the triangles."""
+    """Low-discrepancy points, uniform over the area, and their triangles."""
     corner, first, second = (vertices[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(first - corner, second - corner), axis=1)
     place = (np.arange(SAMPLES) + 0.5) / SAMPLES
     face = np.searchsorted(np.cumsum(area) / area.sum(), place).clip(max=len(faces) - 1)
-    # Roberts' R2 sequence: fractions of the powers of the plastic number.
+    # Roberts' R2 sequence: fractional parts of multiples of the plastic number's powers.
     u, v = np.modf(np.arange(1, SAMPLES + 1)[:, None] / 1.324717957244746 ** np.array([1, 2]))[0].T
     folded = u + v > 1
     u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
@@ -100,7 +100,7 @@ def _spread(vertices: np.ndarray, faces: np.ndarray) -> tuple[Float[np.ndarray, 
 
 
 def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
-    """How much of the mesh is a container, in words.
+    """Check that a container model represents most of the mesh; returns a note about the fraction.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
     Raises
     ------
     InputError
-        It is less than half: most of what can be touched is not in the model.
+        It is less than half: most of the touchable surface is not in the model.
     """
     fraction = float(represented_fraction(state.vertices, state.faces, wall, closed=closed)[0])
     if fraction < 0.5:
@@ -129,7 +129,7 @@ def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
 
 
 def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
-    """Refuse what is no container although rays from an axis meet it all round.
+    """Reject a mesh that is not a container although rays from an axis hit it all around.
 
     Parameters
     ----------
@@ -141,8 +141,8 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
     Raises
     ------
     InputError
-        It stands on legs or reaches far beyond its wall. Of one surface without a mouth: its top is as round as a
-        ball, or it overhangs like a tool. One surface says nothing of what is inside, so that it must look like a
+        It stands on legs or extends far beyond its wall. For one surface without a mouth: its top is as round as a
+        ball, or it overhangs like a tool. A single surface contains no information about the interior, so it must look like a
         container: a lid, and a wall without ledges.
     """
     points = state.vertices[np.unique(state.faces)]
@@ -156,7 +156,7 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
         reason = f"it reaches {1e3 * reach:.0f} mm from its axis, its wall {1e3 * widest:.0f} mm"
     elif not wall.double:
         cut = float((wall.low_m - points[:, 2].min()) / height)
-        ends = int(TOP * LEVELS)  # foot and lid may be sunk
+        ends = int(TOP * LEVELS)  # foot and lid may be recessed
         overhang = (np.diff(radius[ends:-ends], axis=0) > LEDGE * widest).any(axis=0).mean()
         if cut > LEGS:
             reason = (
@@ -178,10 +178,10 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
 
 
 def _ball_area(wall: Wall, top_m: float, height: float) -> float:
-    """Area that is level of the top of a ball as wide as the wall [m^2].
+    """Area of the level part of the top of a ball as wide as the wall [m^2].
 
-    Its radius is that of the ball through the top and the ring below the uppermost tenth: that of what ends the wall, which
-    may be a nozzle on a wide body. No ball is wider than the wall.
+    Its radius is that of the ball through the top and the ring below the uppermost tenth, i.e. of the end of the wall, which
+    may be a nozzle on a wide body; at most that of the wall.
     """
     deep = TOP * height
     ring, widest = (
@@ -193,7 +193,7 @@ def _ball_area(wall: Wall, top_m: float, height: float) -> float:
 
 
 def _level_area(state: MeshState, height: float) -> float:
-    """Area of the top that is level [m^2]."""
+    """Area of the level part of the top [m^2]."""
     faces = state.faces
     area = area_vectors(state.vertices, faces)
     size = np.linalg.norm(area, axis=1)
@@ -203,7 +203,7 @@ def _level_area(state: MeshState, height: float) -> float:
 
 
 def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[MeshState, list[str]]:
-    """A mesh without the parts that are not joined to it and are no container, like a handle.
+    """Remove unconnected parts of a mesh that are not part of the container, like a handle.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[Me
     Returns
     -------
     tuple
-        The mesh, and what was left out, for people.
+        The mesh, and a description of the removed parts for display.
     """
     number = face_parts(state.faces)
     if not number.any():
@@ -231,7 +231,7 @@ def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[Me
 
 
 def has_top(state: MeshState, wall: Wall) -> bool:
-    """Whether a mesh is closed at the top: rays straight down near the axis meet it close below.
+    """Whether a mesh is closed at the top: vertical rays near the axis hit it close below the top.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Containers from imported meshes: checked, repaired or refused (Alt 2016, Sec. 6.1.1).
+"""Containers from imported meshes: checked, repaired or rejected (Alt 2016, Sec. 6.1.1).
 
-A mesh whose triangles suit a shell is taken as it is, any other is repaired on the surface that it has
-(:mod:`.mesh_repair`). Of a wall with two sides the middle is sampled on rings round its height axis
-(:mod:`.resample`), which needs a wall that every ray from the axis meets; any other mesh is only on request.
+A mesh whose triangles suit a shell is used unchanged, any other is repaired on its own surface
+(:mod:`.mesh_repair`). For a two-sided wall, the mid-surface is sampled on rings around its height axis
+(:mod:`.resample`), which requires a wall that every ray from the axis hits; other meshes are sampled only on request.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from .wall_properties import WallProperties, wall_thickness
 
 __all__ = ["MeshConvention", "import_container"]
 
-#: Metres by unit.
+#: Metres per unit.
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
-#: Largest extent of a container that a hand holds [m].
+#: Largest extent of a hand-held container [m].
 SMALLEST_m, LARGEST_m = 0.03, 0.6
-#: Ratio of the two smallest fractions of the normals from which a mesh runs along an axis, and how far it may lean.
+#: Ratio of the two smallest eigenvalues of the normals above which a mesh has a distinct axis, and its maximum tilt.
 RUNS_ALONG, MAX_LEAN_DEGREES = 1.6, 15.0
-#: Separate surfaces farther apart than this fraction of the radius are two shells, not two sides of one wall.
+#: Surfaces farther apart than this fraction of the radius are two shells, not two sides of one wall.
 NESTED_FRACTION = 0.1
-#: Heights at which the wall's thickness is held against its radius; fraction of it that is worth a note.
+#: Heights at which the wall's thickness is compared with its radius; ratio above which a note is added.
 THICK_LEVELS, ROUGH_FRACTION = 20, 0.1
-#: Of a wall thicker than this fraction of its radius a shell is no model: the inner side is half as long as the outer.
+#: Thickness-to-radius ratio above which the shell model does not apply: the inner side is half as long as the outer.
 THICKEST_FRACTION = 1 / 3
 
 #: Mesh, clamped vertices, lid, height axis, and notes.
@@ -47,16 +47,16 @@ _Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[f
 
 @dataclass(frozen=True, slots=True)
 class MeshConvention:
-    """How a mesh file is meant, and what may be done to its triangles.
+    """Convention of a mesh file, and the permitted changes to its triangles.
 
-    ``auto`` repairs what the triangles that carry load need, on their own surface; ``never`` takes them as they are
-    or refuses; ``cast`` samples the wall anew on rings, where details between the rings are lost. The middle of a
-    wall with two sides is always sampled, but for ``never``. Notes of the container say what sampling costs.
+    ``auto`` repairs the load-bearing triangles where needed, on their own surface; ``never`` uses them unchanged
+    or rejects them; ``cast`` resamples the wall on rings, which removes details between the rings. The mid-surface of a
+    two-sided wall is always sampled, except for ``never``. Notes of the container state the effect of sampling.
     """
 
-    unit: str | None = None  #: of its numbers: m, dm, cm, mm or in; None guesses
+    unit: str | None = None  #: unit of length: m, dm, cm, mm or in; None guesses
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"  #: axis that points up
-    remesh: Literal["auto", "cast", "never"] = "auto"  #: repair, sample anew on rings, or neither
+    remesh: Literal["auto", "cast", "never"] = "auto"  #: repair, resample on rings, or neither
 
     def __post_init__(self) -> None:
         if self.remesh not in {"auto", "cast", "never"}:
@@ -76,22 +76,22 @@ def import_container(
     Parameters
     ----------
     path
-        STL, PLY, OBJ, GLB or DAE; its surface is the middle of the wall, or its two sides.
+        STL, PLY, OBJ, GLB or DAE; its surface is the mid-surface of the wall, or its two sides.
     wall
-        Properties of the whole wall. By default it is of PET, and as thick as inner and outer surface are apart
-        at each height, or 0.5 mm known to 10 % where the mesh has one surface only.
+        Properties of the whole wall. By default PET, with the distance of inner and outer surface as thickness
+        at each height, or 0.5 mm with 10 % uncertainty if the mesh has one surface only.
     convention
-        Unit and height axis of the file, and what may be done to its triangles. By default the unit is guessed from the size of a container, which
-        ``notes`` say, and z points up.
+        Unit and height axis of the file, and permitted changes to its triangles. By default, the unit is guessed from the
+        size of a container (stated in ``notes``), and z points up.
     open_top
-        Take the top off if the mesh has one.
+        Remove the top if the mesh has one.
     around
-        Vertices round the wall where it is sampled anew or simplified.
+        Vertices around the wall where it is resampled or simplified.
 
     Raises
     ------
     InputError
-        The mesh cannot be used, with the defect and its place; or it is not a thin-walled container, with the reason.
+        The mesh cannot be used, with the defect and its location; or it is not a thin-walled container, with the reason.
     """
     where = str(path)
     given, convention = wall or WallProperties(), convention or MeshConvention()
@@ -149,7 +149,7 @@ def import_container(
 def _suitable(
     state: MeshState, thickness_m: float, around: int, where: str, *, repair: bool
 ) -> tuple[MeshState, list[str]]:
-    """The triangles as they are, or repaired; refused where that is not enough."""
+    """The triangles unchanged, or repaired; rejected if that is not sufficient."""
     suits = why_not_as_it_is(state)
     notes: list[str] = []
     if suits and repair:
@@ -162,7 +162,7 @@ def _suitable(
 
 
 def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) -> _Shape:
-    """The triangles of the file, turned to look outwards."""
+    """The triangles of the file, oriented outwards."""
     notes: list[str] = []
     faces = state.faces
     if enclosed_volume(state.vertices - state.vertices.mean(axis=0), faces) < 0:
@@ -173,7 +173,7 @@ def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) 
     if open_top:
         faces, loops = _without_top(state.vertices, faces, low, high)
     lid = [ring_lid(loop[::-1]) for loop in loops]
-    # Faces look outwards, so a boundary walked along them has the wall on its left: lids run against.
+    # Faces look outwards, so the wall is on the left of its boundary: lids are oriented the other way.
     mesh = ShellMesh(state.vertices, faces, thickness_m)
     used = state.vertices[np.unique(faces)]
     middle, axis_notes = _foot_centre(used, clamped_foot(used))
@@ -182,7 +182,7 @@ def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) 
     slab = np.clip(np.searchsorted(level, used[:, 2], side="right") - 1, 0, THICK_LEVELS - 1)
     reach = np.zeros(THICK_LEVELS)
     np.maximum.at(reach, slab, np.linalg.norm(used[:, :2] - middle, axis=1))
-    seen = np.flatnonzero(reach > 0)  # a slab without vertices says nothing
+    seen = np.flatnonzero(reach > 0)  # a slab without vertices is ignored
     notes += _thick(level[seen], reach[seen], np.full(len(seen), thickness_m), where)
     lids = np.concatenate(lid) if lid else np.zeros((0, 3), dtype=np.int64)
     return mesh, clamped_foot(state.vertices), lids, middle, notes
@@ -219,9 +219,9 @@ def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[
 def _foot_centre(
     points: Float[np.ndarray, "v 3"], foot: Bool[np.ndarray, "v"]
 ) -> tuple[tuple[float, float], list[str]]:
-    """The height axis goes through the middle of the foot, as that of a description does.
+    """Move the height axis to the centre of the foot, as in a description.
 
-    Where there is next to no foot it goes through the middle of all.
+    If there is almost no foot, it is moved to the centre of the whole object.
     """
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     whole, size = 0.5 * (low + high), high - low
@@ -239,9 +239,9 @@ def _foot_centre(
 
 
 def _check_upright(state: MeshState, where: str) -> None:
-    """Refuse what lies on its side or leans: its wall runs along another axis, and it has no foot to stand on.
+    """Reject an object that lies on its side or is tilted: its wall has another axis, and it has no foot to stand on.
 
-    The normals of a wall are across its axis. Trays and pouches may also be longer than high, but their
+    The normals of a wall are perpendicular to its axis. Trays and pouches may also be longer than high, but their
     foot is about as long and as wide as they are.
     """
     a, b, c = (state.vertices[state.faces[:, k]] for k in range(3))
@@ -273,7 +273,7 @@ def _check_upright(state: MeshState, where: str) -> None:
 
 
 def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
-    """Refuse two shells inside each other: their middle is the wall of neither."""
+    """Reject two nested shells: their mid-surface is the wall of neither."""
     middle = 0.5 * (wall.low_m + wall.high_m)
     around = float(np.median(wall.radius_m(np.array([middle]), 48)))
     if not wall.double or wall.wall_m < NESTED_FRACTION * around:
@@ -307,7 +307,7 @@ def _without_top(
 
 
 def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, around: int) -> _Shape:
-    """The wall on rings round the height axis."""
+    """Sample the wall on rings around the height axis."""
     fine = np.linspace(wall.low_m, wall.high_m, 241)
     mean = wall.radius_m(fine, around).mean(axis=1)
     slant = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(fine), np.diff(mean)))])
@@ -326,7 +326,7 @@ def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, 
         times = zones(np.interp(heights, fine, slant))[1]
     counts = ring_counts(times, around)
     points = []
-    # One look at the wall for all: coarser rings are every second or fourth place of the finest.
+    # One sampling for all densities: coarser rings are every second or fourth sample of the finest.
     most = int(counts.max())
     radius = wall.radius_m(heights, most)
     thick = np.interp(heights, *thickness_m.T)
@@ -354,7 +354,7 @@ def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, 
 def _cast_cost(
     mesh: ShellMesh, wall: Wall, thickness_m: Float[np.ndarray, "k 2"], *, closed: bool, around: int
 ) -> str:
-    """What sampling on rings changes, by Richardson's extrapolation from rings half as dense (second order)."""
+    """Effect of the sampling on rings, by Richardson extrapolation from rings of half the density (second order)."""
     rows = np.linspace(wall.low_m, wall.high_m, 33)[4:-4]
     found = []
     for shell in (mesh, _resampled(wall, thickness_m, closed, max(16, around // 8 * 4))[0]):
@@ -376,7 +376,7 @@ def _cast_cost(
 
 
 def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, where: str) -> list[str]:
-    """Refuse a wall that is thicker than what it goes round; note where a shell is a rough model of it."""
+    """Reject a wall that is too thick for its radius; add a note where the shell model is inaccurate."""
     row = int(np.argmin(radius / thickness_m))
     if radius[row] <= thickness_m[row]:
         raise InputError(

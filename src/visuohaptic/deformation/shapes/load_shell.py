@@ -1,4 +1,4 @@
-"""One container from whatever names it: a description, a shipped class, or a mesh."""
+"""Load one container from any source: a description, a shipped class, or a mesh."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ def load_object(
     seed: int = 0,
     convention: MeshConvention | None = None,
 ) -> ShellObject:
-    """Read a container and make a shell of it.
+    """Read a container and create its shell.
 
     Parameters
     ----------
     source
         YAML description, name of a shipped class, or mesh (STL, PLY, OBJ, GLB, DAE).
     wall
-        Properties of the wall instead of those of the description. A mesh is of PET by default, as thick as its
-        two surfaces are apart; with one surface it is 0.5 mm, known to 10 %.
+        Properties of the wall that override those of the description. A mesh is PET by default, with the distance of
+        its two surfaces as thickness; with one surface it is 0.5 mm, with 10 % uncertainty.
     open_top
-        Without a cap.
+        Remove the cap.
     base_N_per_m
         Stiffness of an elastic base [N/m]; clamped by default.
     around
-        Vertices round the wall, a multiple of 4; 72 by default, 96 for a mesh.
+        Vertices around the wall, a multiple of 4; 72 by default, 96 for a mesh.
     variant, seed
-        Number and seed of a member of a class, see :func:`.draw_variant`; the middle of its ranges by default.
+        Number and seed of a member of a class, see :func:`.draw_variant`; the centre of its ranges by default.
     convention
         Unit, height axis and remeshing of a mesh; by default the unit is guessed and z points up.
 
     Raises
     ------
     InputError
-        No such file or class, or one that cannot be used, with the reason.
+        File or class does not exist or cannot be used, with the reason.
 
     Examples
     --------
@@ -91,12 +91,12 @@ def load_object(
 def _changed(
     container: ContainerDescription, wall: WallProperties, *, open_top: bool
 ) -> ContainerDescription:
-    """The description with what is given instead."""
+    """The description with the given properties replaced."""
     changes: dict[str, object] = {}
     if open_top:
         changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
     if (whole_m := wall.whole_m) is not None:
-        # The whole wall: a mesh has no other, and so it is the same for both.
+        # The whole wall: a mesh has only one, so both behave the same.
         sections = [section.model_copy(update={"wall": None}) for section in container.sections]
         changes |= {"wall": (whole_m, whole_m), "sections": sections}
     if wall.thickness_spread is not None:

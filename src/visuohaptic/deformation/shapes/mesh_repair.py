@@ -1,4 +1,4 @@
-"""Whether the triangles of an imported mesh suit a shell, and how they are made to on the surface that they have."""
+"""Suitability of imported triangles for a shell model, and local repair on the original surface."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts
 
 __all__ = ["clamped_foot", "repair_mesh", "why_not_as_it_is"]
 
-#: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
+#: Requirements on triangles: their number, largest angle, and number of edges around. The error of a triangle is
 #: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
-#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
+#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees have errors up to 19 %, of 164 degrees 80 %.
 MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 50_000, 150.0, 64
-#: Fractions of the height from the lowest vertex up to which a mesh that is used as it is stands clamped: the first with
-#: vertices in every sector round the foot. A chamfer of 1 mm that is clamped makes a tub a fifth stiffer; scans are uneven.
+#: Fractions of the height above the lowest vertex up to which an unchanged mesh is clamped: the first with
+#: vertices in every sector around the foot. A clamped chamfer of 1 mm makes a tub a fifth stiffer; scans are uneven.
 FOOT_FRACTIONS, FOOT_SECTORS = (0.002, 0.01), 12
-#: A boundary loop is a mouth where it is this close to an end of the mesh, and this wide, as fractions of the mesh.
+#: A boundary loop is a mouth if it is this close to an end of the mesh, and this wide, as fractions of the mesh.
 MOUTH_BELOW, MOUTH_WIDTH = 0.05, 0.2
-#: A wall that moves by this fraction of its thickness is 0.4 % stiffer: waves of amplitude a add ``t a^2 / 2`` to
+#: A wall that is displaced by this fraction of its thickness is 0.4 % stiffer: waves of amplitude a add ``t a^2 / 2`` to
 #: the second moment ``t^3 / 12`` of a strip.
 MOVED_FRACTION = 0.025
-#: Standard deviation over median of absolute values of a normal distribution, and the factor by which the residual
+#: Standard deviation over median absolute value of a normal distribution, and the factor by which the residual
 #: of ``_noise`` exceeds the noise of a vertex with six neighbours.
 NORMAL, RESIDUAL = 1.4826, 1.36
 
 
 def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
-    """Which vertices of a mesh that is used as it is are clamped: the lowest five-hundredth of the height.
+    """Clamped vertices of an unchanged mesh: the lowest five-hundredth of the height.
 
-    Where these are not all round, as in an uneven scan, it is the lowest hundredth.
+    If these do not surround the foot, as in an uneven scan, the lowest hundredth.
 
     Parameters
     ----------
     vertices
-        Of the mesh [m], z up.
+        Vertices of the mesh [m], z up.
     """
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     foot: Bool[np.ndarray, "v"] = np.zeros(len(vertices), dtype=bool)
@@ -59,10 +59,10 @@ def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
 
 
 def why_not_as_it_is(state: MeshState) -> str:
-    """The first reason against using the triangles as they are, or nothing.
+    """The first reason why the triangles cannot be used unchanged, or nothing.
 
-    Number, shape, and size are those of the triangles that carry load. One with three clamped corners does
-    not deform, whatever its shape (the fan of a flat foot); of these only the orientation counts, for the volume.
+    Number, shape, and size are those of the load-bearing triangles. One with three clamped corners does
+    not deform, whatever its shape (the fan of a flat foot); for these only the orientation matters, for the volume.
 
     Parameters
     ----------
@@ -89,24 +89,24 @@ def why_not_as_it_is(state: MeshState) -> str:
 
 
 def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[MeshState, list[str]]:
-    """Make the triangles suit a shell by local changes that keep the surface.
+    """Make the triangles suitable for a shell by local changes that preserve the surface.
 
-    The sides are made to agree, small holes closed, coarse triangles divided, slivers flipped or contracted, and
-    too many triangles simplified. Parts that are not joined, and edges of more than two triangles, stay.
+    Orientations are made consistent, small holes closed, coarse triangles divided, slivers flipped or collapsed, and
+    too many triangles simplified. Unconnected parts, and edges of more than two triangles, remain.
 
     Parameters
     ----------
     state
         The imported mesh, scaled to metres.
     thickness_m
-        Of its wall: the surface moves by a fortieth of it, or by twice the noise of a scan.
+        Thickness of its wall: the surface moves by at most a fortieth of it, or by twice the noise of a scan.
     around
-        Edges round the wall of a mesh that is simplified.
+        Edges around the wall of a simplified mesh.
 
     Returns
     -------
     tuple
-        The mesh, and what was done to it, for people.
+        The mesh, and a description of the changes for display.
     """
     notes: list[str] = []
     if state.branching_edges or _parts(state) > 1:
@@ -132,7 +132,7 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
         state = _state(state, vertices, faces)
     if holes or _usual_length(vertices, _loaded(state)) > limit:
         vertices, faces = split_edges(vertices, faces, limit, clamped_foot(vertices))
-        # Halves of long triangles are as narrow as they are short: what is too narrow is one again.
+        # Halves of long triangles are as narrow as they are short: merge those that are too narrow.
         vertices, faces, _ = collapse_edges(vertices, faces, 0.75 * limit, 2 * tolerance)
     faces = flip_edges(vertices, faces, tolerance)
     state = _state(state, vertices, faces)
@@ -156,29 +156,29 @@ def _state(state: MeshState, vertices: np.ndarray, faces: np.ndarray) -> MeshSta
 
 
 def _loaded(state: MeshState) -> Int[np.ndarray, "n 3"]:
-    """Triangles that carry load."""
+    """Load-bearing triangles."""
     return state.faces[~clamped_foot(state.vertices)[state.faces].all(axis=1)]
 
 
 def _parts(state: MeshState) -> int:
-    """Number of parts that carry load and are not joined, not even by the clamped foot."""
+    """Number of unconnected load-bearing parts; the clamped foot connects parts."""
     loaded = ~clamped_foot(state.vertices)[state.faces].all(axis=1)
     return len(np.unique(face_parts(state.faces)[loaded]))
 
 
 def _round_m(vertices: np.ndarray) -> float:
-    """Rough length once round the wall [m]."""
+    """Approximate circumference of the wall [m]."""
     return np.pi * float(np.ptp(vertices[:, :2], axis=0).mean())
 
 
 def _usual_length(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Longest side of nine triangles in ten [m]."""
+    """90 % quantile of the triangles' longest sides [m]."""
     sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
     return float(np.percentile(np.linalg.norm(sides, axis=2).max(axis=1), 90))
 
 
 def _holes(state: MeshState) -> list[Int[np.ndarray, "l"]]:
-    """Boundary loops that are no mouth and no open foot."""
+    """Boundary loops that are neither a mouth nor an open foot."""
     low, high = state.vertices.min(axis=0), state.vertices.max(axis=0)
     margin = MOUTH_BELOW * (high[2] - low[2])
     found = []
@@ -194,17 +194,17 @@ def _holes(state: MeshState) -> list[Int[np.ndarray, "l"]]:
 def _filled(
     vertices: np.ndarray, faces: np.ndarray, holes: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fans over holes, as round as the wall beside them."""
+    """Fill holes with fans that continue the curvature of the wall around them."""
     normal = vertex_normals(vertices, faces)
     for loop in holes:
         edge, side = vertices[loop], normal[loop]
         middle = edge.mean(axis=0)
-        # The tangent planes of an arc meet twice as high above its chord as the arc is.
+        # The tangent planes of an arc intersect at twice the arc's height above its chord.
         gram = side.T @ side / len(loop) + 1e-3 * np.eye(3)
         peak = np.einsum("li,li->l", side, edge - middle) @ side / len(loop)
         vertices = np.concatenate([vertices, [middle + 0.5 * np.linalg.solve(gram, peak)]])
         apex = np.full(len(loop), len(vertices) - 1)
-        # A boundary walked along its triangles has them on its left.
+        # Triangles are on the left of their boundary.
         faces = np.concatenate([faces, np.stack([np.roll(loop, -1), loop, apex], axis=1)])
     return vertices, faces
 
@@ -212,7 +212,7 @@ def _filled(
 def _noise(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Standard deviation of the noise of a scan along the normals [m].
 
-    A vertex differs from the mean of its neighbours by curvature and noise; how much more than its neighbours do
+    A vertex differs from the mean of its neighbours by curvature and noise; its difference in excess of that of its neighbours
     is noise alone.
     """
     edges, _opposite, _times = mesh_edges(faces)

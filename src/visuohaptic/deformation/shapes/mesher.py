@@ -27,32 +27,32 @@ __all__ = [
     "with_elastic_base",
 ]
 
-#: Thickness of a stiff cap that has none of its own [m].
+#: Default thickness of a stiff cap [m].
 STIFF_CAP_M = 0.005
-#: Towards a free rim: distance in cells of the wall, height of the cells relative to the others, how often round.
-#: A force on an edge bends it within a few cells, as sharply round the rim as along the wall: finer rings
-#: alone don't help.
+#: Refinement towards a free rim: distance in cells of the wall, relative height of the cells, number of doublings around.
+#: A force on an edge bends it within a few cells, as sharply around the rim as along the wall: finer rings
+#: alone are not sufficient.
 RIM_ZONES = ((3.0, 0.5, 2), (1.5, 0.35, 4))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShellObject:
-    """A container as a shell: what is needed for stiffness maps."""
+    """A container as a shell: the input of a stiffness map."""
 
     mesh: ShellMesh  #: z is the height axis, the foot is at z = 0
     fixed: Bool[np.ndarray, "v"]  #: vertices of the foot
-    lid: Int[np.ndarray, "l 3"]  #: triangles that close the volume; they have no stiffness
+    lid: Int[np.ndarray, "l 3"]  #: triangles that close the volume; without stiffness
     axis_point_m: tuple[float, float]  #: x and y of the height axis
     material: IsotropicMaterial | Laminate
     youngs_modulus_spread: float = 0.0  #: relative standard deviation
     wall_spread: float = 0.1  #: relative standard deviation of the thickness
     name: str = "object"
-    notes: tuple[str, ...] = ()  #: what was guessed or repaired, for people
+    notes: tuple[str, ...] = ()  #: guesses and repairs, for display
     springs: Float[np.ndarray, "v 6"] | None = None  #: elastic base [N/m], see :func:`with_elastic_base`
 
     @property
     def height_m(self) -> float:
-        """From the foot to the highest vertex."""
+        """Distance from the foot to the highest vertex."""
         return float(np.ptp(self.mesh.vertices_m[:, 2]))
 
     @property
@@ -62,22 +62,22 @@ class ShellObject:
 
     @property
     def covers_once(self) -> Bool[np.ndarray, "f"]:
-        """Which triangles cover the wall once."""
+        """Mask of triangles that cover the wall once."""
         fraction = np.asarray(self.mesh.fraction)
-        # Of the four halves of a crossed cell, the first two are one way to cut it.
+        # Of the four halves of a cell with both diagonals, the first two belong to one diagonal.
         out: np.ndarray = (fraction == 1.0) | (np.arange(len(fraction)) % 4 < 2)
         return out
 
     @property
     def volume_m3(self) -> float:
-        """Enclosed volume, the foot and the mouth taken as planes."""
+        """Enclosed volume, with plane foot and mouth."""
         mesh = self.mesh
         return enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) + enclosed_volume(
             mesh.vertices_m, self.lid
         )
 
     def model(self) -> ShellModel:
-        """Linear elastic shell, the foot clamped or on its springs."""
+        """Linear elastic shell with the foot clamped or on its springs."""
         return ShellModel(self.mesh, self.material, self.fixed, springs=self.springs)
 
 
@@ -91,12 +91,12 @@ def mesh_container(
     container
         Description; see :meth:`.ContainerDescription.middle` and ``variant`` for classes.
     around
-        Vertices round the wall, a multiple of 4. Rings are about as far apart as these, closer
-        at reinforcement rings; towards a free rim they are closer and have two to four times as many.
+        Vertices around the wall, a multiple of 4. The distance of the rings is about the same, smaller
+        at reinforcement rings; towards a free rim they are closer and have two to four times as many vertices.
     even
         The same number of vertices in all rings.
     levels
-        Divide the height into this many equal parts and put a ring in the middle of each, where features are.
+        Divide the height into this many equal parts with a ring at the centre of each, where the features are.
     """
     if around % 4 or not 8 <= around <= 2048:
         raise InputError(
@@ -145,8 +145,8 @@ def with_elastic_base(container: ShellObject, stiffness_N_per_m: float) -> Shell
     container
         Container with a clamped foot.
     stiffness_N_per_m
-        Of the whole foot in each direction, spread evenly along it; the foot may turn and go out of
-        round, as on a soft mat.
+        Stiffness of the whole foot in each direction, distributed evenly along it; the foot may rotate and become
+        non-circular, as on a soft mat.
     """
     if not 0 < stiffness_N_per_m < float("inf"):
         raise InputError("with_elastic_base", f"found {stiffness_N_per_m} N/m, expected > 0")
@@ -181,14 +181,14 @@ def mesh_rings(
         m rings of vertices, counter-clockwise from above; each has as many as the one below, a
         multiple of 4, or twice as many.
     thickness_m
-        Of the m - 1 bands between rings.
+        Thickness of the m - 1 bands between rings.
     cap_m
         Thickness of the cap, or None for an open mouth.
 
     Returns
     -------
     ShellMesh, lid
-        Vertices ring after ring; then those of the cap. ``lid`` closes an open mouth.
+        Vertices, ring by ring, then those of the cap. ``lid`` closes an open mouth.
     """
     counts = [len(ring) for ring in points]
     begin = np.concatenate([[0], np.cumsum(counts)])
@@ -225,7 +225,7 @@ def mesh_rings(
 
 
 def _doubling_faces(below: int) -> Int[np.ndarray, "f 3"]:
-    """Between a ring and one of twice as many vertices above it; each cell is its own mirror image."""
+    """Triangles between a ring and one of twice as many vertices above it; each cell is mirror-symmetric."""
     a = np.arange(below)
     b = (a + 1) % below
     c, d, e = below + 2 * a, below + 2 * a + 1, below + 2 * b
@@ -233,12 +233,12 @@ def _doubling_faces(below: int) -> Int[np.ndarray, "f 3"]:
 
 
 def ring_lid(loop: Int[np.ndarray, "n"]) -> Int[np.ndarray, "l 3"]:
-    """Triangles over a ring of vertices that join each to its mirror image.
+    """Triangles that connect each vertex of a ring to its mirror image.
 
     Parameters
     ----------
     loop
-        Vertex numbers round the ring, an even number; the first and the middle one are on the mirror plane.
+        Vertex numbers around the ring, an even number; the first and the middle one are on the mirror plane.
     """
     around = len(loop)
     out = []
@@ -255,33 +255,33 @@ def ring_lid(loop: Int[np.ndarray, "n"]) -> Int[np.ndarray, "l 3"]:
 def rim_zones(
     cells: Float[np.ndarray, "m"], rim_cell: float = 1.0
 ) -> tuple[Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
-    """Height of cells by that of the others, and how often the rings are doubled, towards a free rim.
+    """Relative height of cells, and number of doublings of the rings, towards a free rim.
 
     Parameters
     ----------
     cells
         Distance from the rim in cells of the wall.
     rim_cell
-        Width of a cell at the rim if it were not doubled, by the height of the others: a narrow neck
-        needs less.
+        Width of a cell at the rim without doubling, relative to the height of the others: a narrow neck
+        needs fewer.
     """
     fraction, times = np.ones(len(cells)), np.ones(len(cells), dtype=np.int64)
     for begin, height, more in RIM_ZONES:
         inside = cells <= begin + 1e-6
         fraction[inside] = height
-        # To within a factor of sqrt 2 of the width wanted.
+        # To within a factor of sqrt 2 of the target width.
         wanted = np.clip(np.ceil(np.log2(rim_cell * more / np.sqrt(2.0))), 0, np.log2(more))
         times[inside] = 2 ** int(wanted)
     return fraction, times
 
 
 def ring_counts(times: Int[np.ndarray, "m"], around: int) -> Int[np.ndarray, "m"]:
-    """Vertices of rings from the foot upwards: at most doubled from one to the next.
+    """Numbers of vertices of the rings from the foot upwards: at most doubled from one to the next.
 
     Parameters
     ----------
     times
-        Wanted number of vertices of each ring, as a multiple of ``around``.
+        Target number of vertices of each ring, as a multiple of ``around``.
     around
         Vertices of the lowest ring.
     """
@@ -304,7 +304,7 @@ def _ring_heights(
     cell = 2 * np.pi * float(np.max(mean)) / around
     fine = z
     if free:
-        # The zones begin between the knots.
+        # The zones start between the knots.
         edges = np.clip(length[-1] - np.array([zone[0] for zone in RIM_ZONES]) * cell, 0.0, None)
         edges = np.interp(np.concatenate([edges - 1e-6 * cell, edges + 1e-6 * cell]), length, z)
         fine = np.unique(np.concatenate([z, edges]))
@@ -317,7 +317,7 @@ def _ring_heights(
     density = (
         np.concatenate([[0.0], np.cumsum(np.diff(at) * 0.5 * (1 / fraction[1:] + 1 / fraction[:-1]))]) / cell
     )
-    # A level close to a break is left to it: no slivers.
+    # A level close to a break is dropped to avoid slivers.
     apart = np.abs(levels_m[:, None] - profile.breaks_m).min(axis=1) > 0.25 * cell
     heights = np.sort(np.concatenate([profile.breaks_m, levels_m[apart]]))
     marks = np.interp(heights, fine, density)

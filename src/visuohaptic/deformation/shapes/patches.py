@@ -1,4 +1,4 @@
-"""Structured triangle meshes of simple shells, for checks, references and quick estimates."""
+"""Structured triangle meshes of simple shells, for checks, reference solutions and quick estimates."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def grid_faces(
     columns, rows
         Cells.
     closed
-        Join the last column to the first.
+        Connect the last column to the first.
     crossed
-        Give the two triangles of both diagonals, to be used with ``fraction=0.5``. Alternating diagonals make
-        vertices of two kinds, and the stiffness of a round tube scatters round the ring by a percent; crossed ones
-        don't.
+        Return the two triangles of both diagonals, to be used with ``fraction=0.5``. Alternating diagonals cause
+        two kinds of vertices, and the stiffness of a round tube varies around the ring by a percent; with both diagonals
+        it does not.
     """
     width = columns if closed else columns + 1
     row, column = (part.ravel() for part in np.mgrid[:rows, :columns])
@@ -58,7 +58,7 @@ def grid_mesh(
     columns, rows
         Cells.
     thickness_m
-        Of the wall [m]; one number, or one for each face.
+        Thickness of the wall [m]; one number, or one for each face.
     crossed
         Both diagonals in each cell, see :func:`grid_faces`.
     """
@@ -76,9 +76,9 @@ def tube_mesh(
     Parameters
     ----------
     radius_m, height_m, thickness_m
-        Of the tube [m].
+        Dimensions of the tube [m].
     around, along
-        Cells round the tube and along it.
+        Cells around the tube and along it.
     crossed
         Both diagonals in each cell, see :func:`grid_faces`.
     """

@@ -53,7 +53,7 @@ def quantity(found: Any, kind: str) -> float:
         found = float(match[1]) * units[match[2]]
     if not math.isfinite(found):
         raise ValueError("expected a finite number")
-    # 35 * 1e-3 is 0.035000000000000003: what was written is meant.
+    # 35 * 1e-3 is 0.035000000000000003: return the decimal number as written.
     return float(f"{found:.12g}")
 
 

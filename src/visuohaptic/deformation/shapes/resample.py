@@ -1,7 +1,7 @@
-"""The wall of a container by its distance from the height axis: holes, patches and seams drop out.
+"""Sample the wall of a container by its distance from the height axis: removes holes, patches and seams.
 
-Rays from the axis see a wall whatever its triangles are like. Where a mesh has an inner and an outer
-surface, the middle between them is the wall; what is farther out (a handle) is not part of it.
+Rays from the axis detect a wall independently of the quality of its triangles. If a mesh has an inner and an outer
+surface, the wall is the mid-surface; parts farther out (a handle) are not part of it.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from .wall_properties import harmonics, measured_thickness, row_median
 
 __all__ = ["Wall", "find_wall"]
 
-#: Heights and angles at which the wall is looked for first.
+#: Heights and angles of the first sampling.
 LEVELS, ANGLES = 160, 96
-#: Crossings of one ray that are kept.
+#: Number of stored intersections per ray.
 MAX = 8
 #: A second surface within this fraction of the radius is the other side of one wall.
 THICKEST_FRACTION = 0.25
-#: A ray this much longer than those above and below it has missed the wall.
+#: A ray longer than those above and below it by this factor has missed the wall.
 SPIKE = 1.15
 #: Fraction of a ring that may be missing.
 WIDEST_HOLE = 1 / 6
@@ -40,9 +40,9 @@ class Wall:
     wall_m: float  #: median horizontal distance of the two, NaN for one surface
     #: height and distance along the normal there; (0, 2) for one surface
     thickness_m: Float[np.ndarray, "k 2"]
-    #: Fourier coefficients of the thickness round the wall over that: 1, cos, sin, cos 2 ...
+    #: Fourier coefficients around the wall of the thickness relative to that: 1, cos, sin, cos 2 ...
     uneven: Float[np.ndarray, "k h"]
-    thickness_spread: float  #: relative standard deviation of what is left of it, NaN for one surface
+    thickness_spread: float  #: relative standard deviation of the remainder, NaN for one surface
     points_m: Float[np.ndarray, "v 3"]  #: of the mesh, about the axis
     faces: Int[np.ndarray, "f 3"]
     where: str
@@ -59,7 +59,7 @@ class Wall:
         return np.interp(heights_m, *self.thickness_m.T)
 
     def unevenness(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Thickness at points over the usual one at their height.
+        """Thickness at points relative to the typical one at their height.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class Wall:
         return out
 
     def radius_m(self, heights_m: Float[np.ndarray, "h"], around: int) -> Float[np.ndarray, "h a"]:
-        """Radius of the wall's middle about the axis [m]; small holes are bridged.
+        """Radius of the mid-surface about the axis [m]; small holes are bridged.
 
         Parameters
         ----------
@@ -86,14 +86,14 @@ class Wall:
         Raises
         ------
         InputError
-            A hole wider than a sixth of the circumference, with its place.
+            A hole wider than a sixth of the circumference, with its location.
         """
         first, pair, _ = _nearest(self.points_m, self.faces, heights_m, around)
         if self.double:
             # One surface only: the foot below the inner floor, or a solid stem.
             outer = first - np.minimum(self.wall_m / 2, first / 2)
             near = _thin(first, pair)
-            # Where a handle joins, what is behind the inner side is not the outer one: as elsewhere in the ring.
+            # Where a handle joins, the second surface is not the outer one: use the value of the rest of the ring.
             gap = np.where(near, pair - first, np.nan)
             usual = row_median(gap)
             pair = np.where(near & (gap > 1.8 * usual), first + usual, pair)
@@ -103,12 +103,12 @@ class Wall:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
-    """Where rays from the height axis meet a mesh: h heights, a angles."""
+    """Intersections of rays from the height axis with a mesh: h heights, a angles."""
 
     points_m: Float[np.ndarray, "v 3"]  #: vertices about the axis
-    first: Float[np.ndarray, "h a"]  #: radius of the nearest surface, inf where there is none
+    first: Float[np.ndarray, "h a"]  #: radius of the nearest surface, inf if there is none
     pair: Float[np.ndarray, "h a"]  #: radius of the next one
-    count: Int[np.ndarray, "h a"]  #: surfaces met
+    count: Int[np.ndarray, "h a"]  #: number of surfaces hit
 
 
 def find_wall(
@@ -116,7 +116,7 @@ def find_wall(
     faces: Int[np.ndarray, "f 3"],
     where: str,
 ) -> Wall:
-    """Find axis, usable heights and kind of wall.
+    """Determine axis, usable heights and type of wall.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def find_wall(
     Raises
     ------
     InputError
-        There is no wall round the axis, or a hole that is too large to bridge; with its place.
+        There is no wall around the axis, or a hole that is too large to bridge; with its location.
     """
     low, high = points_m[faces].min(axis=(0, 1)), points_m[faces].max(axis=(0, 1))
     if not (high - low > 0).all():
@@ -177,7 +177,7 @@ def find_wall(
         where,
         tuple(notes),
     )
-    found.radius_m(heights[used], ANGLES)  # refuses large holes here
+    found.radius_m(heights[used], ANGLES)  # rejects large holes here
     return found
 
 
@@ -187,7 +187,7 @@ def _centred_rays(
     heights: Float[np.ndarray, "h"],
     centre: Float[np.ndarray, "2"],
 ) -> tuple[Float[np.ndarray, "2"], _Rays]:
-    """The axis in the middle of the closed sections, and what is met from there."""
+    """The axis at the centre of the closed sections, and the intersections from there."""
     angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
     for _ in range(4):
         about = points_m - np.array([centre[0], centre[1], 0.0])
@@ -206,7 +206,7 @@ def _centred_rays(
 def _closed_rows(
     rays: _Rays, heights: Float[np.ndarray, "h"], centre: Float[np.ndarray, "2"], where: str
 ) -> tuple[int, int, list[str]]:
-    """Lowest and highest row with a wall all round; refuses a mesh that has next to none."""
+    """Lowest and highest row with a closed wall; rejects a mesh with almost none."""
     seen = rays.count > 0
     fraction = seen.mean(axis=1)
     rows = np.flatnonzero(fraction >= 0.97)
@@ -244,8 +244,8 @@ def _floor(
     heights: Float[np.ndarray, "h"],
     bottom: int,
 ) -> tuple[int, float]:
-    """First row above a solid foot, and the height where its two sides begin."""
-    # A foot may be hollow below the floor: what counts is the highest row without two sides.
+    """First row above a solid foot, and the height where the two-sided wall starts."""
+    # A foot may be hollow below the floor: the highest row without two sides decides.
     solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
     if not solid.any() or solid[-1]:
         return bottom, float(heights[0])
@@ -260,7 +260,7 @@ def _floor(
 
 
 def _without_folds(rays: _Rays, bottom: int, top: int) -> tuple[int, int]:
-    """Rows without a ragged end, or a lid with folds, which are no wall: a ring there would go through the axis."""
+    """Rows without a ragged end or a folded lid, which are not wall: a ring there would pass through the axis."""
     clear = rays.first > 0.3 * np.median(rays.first, axis=1, keepdims=True)
     folded = np.flatnonzero((~clear & (rays.count > 0)).any(axis=1))
     short = int(0.04 * LEVELS)
@@ -274,7 +274,7 @@ def _without_folds(rays: _Rays, bottom: int, top: int) -> tuple[int, int]:
 def _outside(
     rays: _Rays, faces: Int[np.ndarray, "f 3"], heights: Float[np.ndarray, "h"], used: slice, *, double: bool
 ) -> list[str]:
-    """Say what is farther out than the wall, like a handle."""
+    """Note parts that are farther out than the wall, like a handle."""
     radius, _count = _crossings(rays.points_m, faces, heights, ANGLES)
     radius[~np.isfinite(radius)] = 0.0
     last = np.where(np.isfinite(rays.pair), rays.pair, rays.first) if double else rays.first
@@ -292,11 +292,11 @@ def _outside(
 def _without_spikes(
     radius: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
 ) -> tuple[Float[np.ndarray, "h a"], float]:
-    """Rays that pass the wall where a handle or spout joins it see that instead: they count as holes.
+    """Rays that pass through the wall where a handle or spout joins hit that instead: they count as holes.
 
-    They are farther out than what is above and below them at the same angle, in a small part of the ring
-    only; where all of a ring is, it is the shape. What is behind the wall begins with a jump: where the radius
-    changes by less than the height from row to row, the wall itself bulges. Returns the fraction of such rays as well.
+    They are longer than the rays above and below at the same angle, in a small part of the ring
+    only; a whole ring of longer rays is part of the shape. The radius of a part behind the wall starts with a jump: where it
+    changes by less than the height from row to row, the wall itself bulges. Also returns the fraction of such rays.
     """
     from scipy.ndimage import binary_propagation, median_filter
 
@@ -310,15 +310,15 @@ def _without_spikes(
     spike &= spike.mean(axis=1, keepdims=True) < WIDEST_HOLE
     beside = np.pad(jump, ((1, 0), (0, 0))) | np.pad(jump, ((0, 1), (0, 0)))
     spike = binary_propagation(spike & beside, mask=spike)
-    # What is beside a spike is its flank.
+    # Rays next to a spike are on its flank.
     flank = spike | np.roll(spike, 1, axis=1) | np.roll(spike, -1, axis=1)
     return np.where(flank, np.inf, radius), float(spike.mean())
 
 
 def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:
-    """Where the second surface is the other side of the same wall: near, or seen all round.
+    """Where the second surface is the other side of the same wall: close, or visible all around.
 
-    The side of a shallow bowl is cut at a slant, there the two are far apart.
+    A horizontal ray cuts the side of a shallow bowl obliquely, there the two surfaces are far apart.
     """
     seen = np.isfinite(pair)
     return seen & ((pair < (1 + THICKEST_FRACTION) * first) | (seen.mean(axis=1, keepdims=True) > 0.9))
@@ -331,7 +331,7 @@ def _nearest(
     radius, count = _crossings(points, faces, heights, around)
     radius.sort(axis=2)
     first = radius[..., 0]
-    # Seams and doubled triangles are hit twice at one place.
+    # Seams and duplicate triangles are hit twice at one point.
     other = np.where(radius > first[..., None] * (1 + 1e-4), radius, np.inf)
     return first, other.min(axis=2), count
 

@@ -1,6 +1,6 @@
-"""The part of an object that a pinch needs: a quarter or a half where object and pinch are mirrored.
+"""Reduction of an object by symmetry: a quarter or a half if object and pinch are mirror-symmetric.
 
-The symmetry is looked for in the mesh, never assumed. What is cut away is replaced by its
+The symmetry is detected in the mesh, never assumed. The removed part is replaced by boundary
 conditions on the plane of the cut: no displacement across it, no rotation about the axes in it.
 """
 
@@ -24,16 +24,16 @@ TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Symmetry:
-    """What leaves an object as it is, to a fraction of its size."""
+    """Symmetries of an object, within a tolerance relative to its size."""
 
     mirror_x: bool  #: x to -x
     mirror_y: bool  #: y to -y
-    round: bool  #: any turn that the mesh allows, at least a quarter
+    round: bool  #: any rotation that the mesh allows, at least a quarter turn
 
 
 @dataclass(frozen=True, eq=False)
 class SymmetricPart:
-    """A part that stands for ``copies`` of itself.
+    """A part that represents ``copies`` copies of itself.
 
     Vertex v of the whole object is at ``signs[v] * points[image[v]]`` with the part's points.
     """
@@ -46,11 +46,11 @@ class SymmetricPart:
 
     @cached_property
     def lid(self) -> tuple[Int[np.ndarray, "l 3"], Float[np.ndarray, "l 3 3"]]:
-        """The lid of the whole in vertices of the part, and the signs of its corners."""
+        """The lid of the whole object in vertices of the part, and the signs of its corners."""
         return self.image[self.whole.lid], self.signs[self.whole.lid]
 
     def expand(self, points_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "v 3"]:
-        """Points of the whole from those of the part.
+        """Points of the whole object from those of the part.
 
         Parameters
         ----------
@@ -61,7 +61,7 @@ class SymmetricPart:
         return out
 
     def gather(self, values: Float[np.ndarray, "v 6"]) -> Float[np.ndarray, "p 6"]:
-        """Forces on the whole, as the sum over copies on the part (displacements work on them).
+        """Forces on the whole object, summed over the copies, on the part (work-conjugate to its displacements).
 
         Parameters
         ----------
@@ -69,21 +69,21 @@ class SymmetricPart:
             Forces and moments at the vertices of the whole [N], [N m].
         """
         out = np.zeros((self.model.nodes, 6))
-        # Moments turn with the rotations: a mirror keeps the one across it and turns the others.
+        # Moments are axial vectors: a mirror keeps the component across it and inverts the others.
         turning = self.signs[:, [1, 0, 0]] * self.signs[:, [2, 2, 1]]
         np.add.at(out, self.image, values * np.hstack([self.signs, turning]))
         return out
 
 
 def turned(container: ShellObject, angle_rad: float) -> ShellObject:
-    """The object with its axis at x = y = 0, turned so that what was at ``angle_rad`` is at x+.
+    """The object with its axis at x = y = 0, rotated so that the direction ``angle_rad`` becomes x+.
 
     Parameters
     ----------
     container
         Parametric or imported container.
     angle_rad
-        Round the height axis, from x+ towards y+ [rad].
+        About the height axis, from x+ towards y+ [rad].
     """
     mesh = container.mesh
     points = mesh.vertices_m - np.array([*container.axis_point_m, 0.0])
@@ -105,12 +105,12 @@ def symmetric_part(
     container
         The object.
     angle_rad
-        Direction of the pinch round the height axis, from x+ towards y+; it is x+ of the part.
+        Direction of the pinch about the height axis, from x+ towards y+; it is x+ of the part.
     reduce
-        False keeps the whole.
+        False keeps the whole object.
     one_way
-        Cut each cell of a structured mesh one way only: half the triangles. A part's mirrors make up
-        for the direction that this prefers; the result differs by the error of the mesh.
+        Halve each cell of a structured mesh along one diagonal only: half the triangles. The mirror images of a part
+        compensate the preferred direction; the result differs by the discretisation error.
     """
     whole = turned(container, angle_rad)
     mesh = whole.mesh
@@ -126,7 +126,7 @@ def symmetric_part(
         planes.append(axis)
         away = mesh.vertices_m[:, axis] < -near
         signs[away, axis] = -1.0
-        # The image of an image: first over one plane, then over the other.
+        # Compose the images: first over one plane, then over the other.
         image = np.where(away[image], other[image], image)
     inside = np.ones(count, dtype=bool)
     for axis in planes:
@@ -146,7 +146,7 @@ def symmetric_part(
         fixed[np.ix_(flat, held)] = True
     springs = None
     if whole.springs is not None:
-        # What stands on a plane of the cut belongs to several copies.
+        # Vertices on a plane of the cut belong to several copies.
         springs = whole.springs[inside] * np.bincount(number[image])[:, None] / 2 ** len(planes)
     part = ShellMesh(points, number[mesh.faces[kept]], np.asarray(mesh.thickness_m)[kept], fraction[kept])
     return SymmetricPart(
@@ -171,7 +171,7 @@ def detect_symmetry(container: ShellObject, *, tolerance: float = TOLERANCE) -> 
     whole = turned(container, 0.0)
     points = whole.mesh.vertices_m
     size = float(np.ptp(points, axis=0).max())
-    # Its own reflections and a quarter turn leave a square as it is, too: look at the radii of rings.
+    # A square is also invariant under its reflections and a quarter turn: test the radii of rings.
     radius = np.hypot(points[:, 0], points[:, 1])
     level = np.round(points[:, 2] / (1e-6 * size)).astype(np.int64)
     order = np.lexsort((radius, level))
@@ -201,7 +201,7 @@ def _image(container: ShellObject, axis: int, tolerance: float = TOLERANCE) -> I
 def _falls_on(
     container: ShellObject, moved: Float[np.ndarray, "v 3"], tolerance: float
 ) -> Int[np.ndarray, "v"] | None:
-    """Which vertex each moved one falls on, if wall and support there are the same."""
+    """The vertex at each transformed vertex, if wall and support there are the same."""
     from scipy.spatial import cKDTree
 
     mesh = container.mesh
@@ -224,6 +224,6 @@ def _falls_on(
 
 
 def _halves(mesh: ShellMesh, axis: int, near: float) -> Bool[np.ndarray, ""]:
-    """Whether the plane cuts no face."""
+    """Whether the plane intersects no face."""
     reach = mesh.vertices_m[mesh.faces, axis]
     return ((reach >= -near).all(axis=1) ^ (reach <= near).all(axis=1)).all()

@@ -1,4 +1,4 @@
-"""Containers drawn from a class: a low-discrepancy sequence over its ranges, of which invalid shapes are skipped."""
+"""Variants sampled from a class: a low-discrepancy sequence over its ranges; invalid shapes are skipped."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from .wall_profile import WallProfile
 
 __all__ = ["draw_variant", "draw_variants"]
 
-#: Points of the sequence that are tried for one variant.
+#: Maximum number of points of the sequence tried for one variant.
 ATTEMPTS = 16
-#: Length of the sequence: scipy's generator has 30 bits, and a class never needs a million members.
+#: Length of the sequence: scipy's generator has 30 bits, more than any class needs.
 MAX_VARIANTS = 2**20
 
 
 def draw_variants(container: ContainerDescription, count: int, seed: int) -> list[ContainerDescription]:
-    """Containers spread evenly over the ranges of a class (Sobol sequence, shifted by the seed).
+    """Containers distributed evenly over the ranges of a class (Sobol sequence, shifted by the seed).
 
     Parameters
     ----------
     container
         Class, with ranges.
     count
-        How many; variant k does not depend on it.
+        Number of variants; variant k does not depend on it.
     seed
-        Of the shift.
+        Seed of the shift.
     """
     return [draw_variant(container, index, seed) for index in range(count)]
 
@@ -41,7 +41,7 @@ def draw_variant(container: ContainerDescription, index: int, seed: int) -> Cont
     index
         Number of the variant, from 0.
     seed
-        Of the shift of the Sobol sequence.
+        Seed of the shift of the Sobol sequence.
 
     Raises
     ------
@@ -58,8 +58,8 @@ def draw_variant(container: ContainerDescription, index: int, seed: int) -> Cont
     if not names:
         return container.middle()
     for attempt in range(ATTEMPTS):
-        # Each retry has a shift of its own: variants do not move when another is skipped. The
-        # shift instead of scipy's scrambling keeps a seed's variants for all versions of scipy.
+        # Each retry has its own shift: variants do not change when another is skipped. A
+        # shift instead of scipy's scrambling keeps a seed's variants the same in all versions of scipy.
         shift = np.random.default_rng([seed, attempt]).random(len(names))
         sobol = qmc.Sobol(len(names), scramble=False)
         if index:

@@ -1,4 +1,4 @@
-"""The shape of one parametric container as functions of the height, checked (Alt 2016, Fig. 6.3a)."""
+"""The shape of one parametric container as functions of the height, validated (Alt 2016, Fig. 6.3a)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .container import ContainerDescription
 
 __all__ = ["WallProfile", "unit_section"]
 
-#: Heights at which the shape is looked at between its break points.
+#: Number of heights at which the shape is evaluated between its break points.
 FINE = 24
 
 
@@ -31,13 +31,13 @@ class WallProfile:
     exponent: Float[np.ndarray, "k"]  #: n of ``|x|^n + |y|^2 = 1``; 2 is an ellipse
     shift_m: Float[np.ndarray, "k"]  #: of the centre along y
     breaks_m: Float[np.ndarray, "b"]  #: heights where a mesh should have a ring
-    walls: tuple[tuple[float, float, float], ...]  #: from z, to z, thickness; later ones win
+    walls: tuple[tuple[float, float, float], ...]  #: from z, to z, thickness; later ones take precedence
     dents: tuple[tuple[float, float, float, float, float], ...]  #: z, angle, depth, width, height
     name: str
 
     @classmethod
     def of(cls, container: ContainerDescription) -> WallProfile:
-        """The profile of a description, checked.
+        """The validated profile of a description.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class WallProfile:
 
     @property
     def height_m(self) -> float:
-        """Of the mouth."""
+        """Radius of the mouth."""
         return float(self.z_m[-1])
 
     def wall_m(self, z_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
@@ -144,7 +144,7 @@ class WallProfile:
                 f"expected more than the wall of {wall[worst]:.4g} m: the wall would cut itself",
                 "sections",
             )
-        # Smallest radius of curvature round the section: b^2 / a at the tips of an ellipse.
+        # Smallest radius of curvature around the section: b^2 / a at the tips of an ellipse.
         tip = small**2 / np.maximum(self.radius_x_m, self.radius_y_m)
         if (tip < wall / 2).any():
             worst = int(np.argmin(tip - wall / 2))
@@ -186,7 +186,7 @@ def unit_section(
 ) -> Float[np.ndarray, "m n 2"]:
     """Closed curves ``|x/a|^n + |y/b|^2 = 1`` at equal arc lengths, the first point on x+.
 
-    One quarter is computed and mirrored, so that both mirror symmetries are exact to the bit.
+    One quarter is computed and mirrored, so that both mirror symmetries are exact in floating point.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def unit_section(
     n = exponent[:, None]
 
     def curve(c: np.ndarray, s: np.ndarray) -> np.ndarray:
-        # Newton from outside on a convex, rising function of the polar radius.
+        # Newton's method from outside on a convex, increasing function of the polar radius.
         r = 1.0 / np.maximum(np.maximum(c, s), 1e-300) * np.ones_like(n)
         for _ in range(30):
             power = (r * c) ** n
@@ -252,7 +252,7 @@ def _section_knots(
 def _wall_bands(
     container: ContainerDescription, height_m: float
 ) -> tuple[list[float], list[tuple[float, float, float]]]:
-    """Heights where rings and rim need a ring of the mesh; and the bands whose wall they change."""
+    """Heights where rings and rim need a ring of the mesh; and the bands whose wall thickness they change."""
     breaks: list[float] = []
     walls: list[tuple[float, float, float]] = []
     for ring in container.rings:
@@ -274,7 +274,7 @@ def _wall_bands(
 def _along(
     z: np.ndarray, ends: np.ndarray, values: np.ndarray, bulge: np.ndarray, blend: float
 ) -> np.ndarray:
-    """Sections from end to end, bent by their sagitta, rounded into each other over ``blend``."""
+    """Sections from end to end, curved by their sagitta, blended over ``blend``."""
 
     def plain(at: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         low, high = ends[index], ends[index + 1]
@@ -304,7 +304,7 @@ def _along(
 
 
 def _window(fraction: np.ndarray) -> np.ndarray:
-    """cos^2, one in the middle, zero from half a width on."""
+    """cos^2: one at the centre, zero beyond half a width."""
     return np.where(np.abs(fraction) < 0.5, np.cos(np.pi * fraction) ** 2, 0.0)
 
 

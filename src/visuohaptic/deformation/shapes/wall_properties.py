@@ -1,4 +1,4 @@
-"""What is known of a container's wall: given by the user, measured in an imported mesh, or the usual values."""
+"""Properties of a container's wall: given by the user, measured in an imported mesh, or defaults."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ __all__ = [
     "wall_thickness",
 ]
 
-#: Thickness of a wall of which neither mesh nor user say it [m], and its relative standard deviation.
+#: Default wall thickness if neither mesh nor user specify it [m], and its relative standard deviation.
 USUAL_WALL_m, USUAL_SPREAD = 0.0005, 0.1
 
-#: Waves round the wall by which its thickness may vary, and rows of levels over which they are averaged.
+#: Harmonics of the thickness around the wall, and rows of levels over which they are averaged.
 HARMONICS, ROWS_TOGETHER = 4, 9
 
 
 @dataclass(frozen=True, slots=True)
 class WallProperties:
-    """What a user says of a wall; what is None is as the description or the mesh has it."""
+    """Wall properties given by the user; None keeps that of the description or the mesh."""
 
     material: str | None = (
-        None  #: of the library, or a YAML file of plies; PET by default where a mesh is read
+        None  #: name of a material of the library, or a YAML file of plies; PET by default for a mesh
     )
     thickness_m: float | None = field(default=None, metadata=POSITIVE)  #: of the whole wall
     #: relative standard deviation
     thickness_spread: float | None = field(default=None, metadata=within(0, 0.5))
-    youngs_modulus_Pa: float | None = field(default=None, metadata=POSITIVE)  #: instead of the material's
-    poisson_ratio: float | None = None  #: instead of the material's
+    youngs_modulus_Pa: float | None = field(default=None, metadata=POSITIVE)  #: overrides the material's
+    poisson_ratio: float | None = None  #: overrides the material's
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     @property
     def whole_m(self) -> float | None:
-        """Thickness that is given, or that of the plies [m]."""
+        """The given thickness, or that of the plies [m]."""
         if self.thickness_m is None and self._plies is not None:
             return load_laminate(self._plies)[0].thickness_m
         return self.thickness_m
@@ -65,12 +65,12 @@ class WallProperties:
     def elastic_constants(
         self, material: IsotropicMaterial | Laminate, modulus_spread: float
     ) -> tuple[IsotropicMaterial | Laminate, float]:
-        """Constants of the wall, those that are given in place of the description's.
+        """Constants of the wall; given ones replace those of the description.
 
         Parameters
         ----------
         material
-            Constants where no material is given.
+            Constants if no material is given.
         modulus_spread
             Relative standard deviation of its Young's modulus.
 
@@ -82,7 +82,7 @@ class WallProperties:
         Raises
         ------
         InputError
-            No such material, or a modulus beside plies.
+            Unknown material, or a modulus together with plies.
         """
         if self._plies is not None:
             material, modulus_spread = load_laminate(self._plies)
@@ -97,7 +97,7 @@ class WallProperties:
                 remedy="write them into the file",
             )
         given = self.youngs_modulus_Pa is not None
-        # A material that was named keeps its name, and with it its density.
+        # A named material keeps its name, and with it its density.
         name = "given" if given and self.material is None else material.name
         constants = IsotropicMaterial(
             self.youngs_modulus_Pa or material.youngs_modulus_Pa,
@@ -113,12 +113,12 @@ class _PlyEntry(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     thickness: Length  #: of the ply
-    material: str | None = None  #: of the library; or else the moduli below
+    material: str | None = None  #: of the library; alternatively the moduli below
     along: Pressure | None = None  #: Young's modulus along the grain
     across: Pressure | None = None  #: Young's modulus across the grain
     shear: Pressure | None = None  #: in-plane shear modulus
-    poisson: float | None = None  #: Poisson's ratio of strain along the grain
-    angle: Angle = (0.0, 0.0)  #: of the grain, from the height axis
+    poisson: float | None = None  #: Poisson's ratio for loading along the grain
+    angle: Angle = (0.0, 0.0)  #: angle of the grain from the height axis
     density: float | None = None  #: [kg/m^3]
 
     @model_validator(mode="after")
@@ -143,13 +143,13 @@ def load_laminate(path: Path | str) -> tuple[Laminate, float]:
     ----------
     path
         YAML file: ``plies``, each with ``thickness`` and either ``material`` of the library or ``along`` the grain,
-        ``across``, ``shear``, ``poisson``, ``angle`` from the height, ``density`` [kg/m^3]. Of ranges the middle counts;
-        their halves are two standard deviations.
+        ``across``, ``shear``, ``poisson``, ``angle`` from the height, ``density`` [kg/m^3]. For a range, the centre is used;
+        its half-width is two standard deviations.
 
     Raises
     ------
     InputError
-        With every field that is wrong.
+        Lists all invalid fields.
     """
     plies, spreads = [], []
     for entry in load_yaml_model(path, _PlyFile).plies:
@@ -168,12 +168,12 @@ def load_laminate(path: Path | str) -> tuple[Laminate, float]:
 
 
 def thickness_range(low_m: float, high_m: float) -> tuple[float, float]:
-    """A thickness between two bounds: its mean [m] and relative standard deviation.
+    """Mean [m] and relative standard deviation of a thickness between two bounds.
 
     Parameters
     ----------
     low_m, high_m
-        Bounds between which every thickness is equally likely [m].
+        Bounds of a uniform distribution [m].
 
     Raises
     ------
@@ -196,9 +196,9 @@ def wall_thickness(
     measured_m
         Heights and the distance of two surfaces there [m]; empty for a mesh of one surface.
     measured_spread
-        Relative standard deviation of that distance round the wall.
+        Relative standard deviation of that distance around the wall.
     given
-        Thickness [m] and its relative standard deviation as the user has them, where they are not None.
+        Thickness [m] and its relative standard deviation given by the user, or None.
 
     Returns
     -------
@@ -229,24 +229,24 @@ def wall_thickness(
 def measured_thickness(
     first: Float[np.ndarray, "h a"], pair: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
 ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k h"], float]:
-    """Thickness by height, how it varies round the wall, and the relative standard deviation of the rest.
+    """Thickness by height, its variation around the wall, and the relative standard deviation of the remainder.
 
-    The horizontal distance of two near surfaces ``r = R(angle, z)`` is ``sqrt(1 + (R_angle / R)^2 + R_z^2)``
-    times that along the normal. A row is the median round the wall, in which a handle drops out. An uneven wall
-    (eccentric, oval, four corners) is a short Fourier series over it; what is left of each row (facets, noise of a
-    scan) is the deviation, by its median as well.
+    The horizontal distance of two close surfaces ``r = R(angle, z)`` is ``sqrt(1 + (R_angle / R)^2 + R_z^2)``
+    times that along the normal. A row is the median around the wall, which excludes a handle. An uneven wall
+    (eccentric, oval, four corners) is a short Fourier series over it; the remainder of each row (facets, noise of a
+    scan) is the deviation, also from the median.
 
     Parameters
     ----------
     first, pair
-        Radius of the inner and the outer surface at each height and angle [m], not finite where it is not met.
+        Radius of the inner and the outer surface at each height and angle [m], not finite where there is none.
     heights
-        Of the rows [m].
+        Heights of the rows [m].
 
     Returns
     -------
     tuple
-        Heights and thickness [m], coefficients of :func:`harmonics` by which it is multiplied, relative standard deviation.
+        Heights and thickness [m], coefficients of :func:`harmonics` (a factor on the thickness), relative standard deviation.
     """
     middle = (first + pair) / 2
     middle[~np.isfinite(middle)] = np.nan
@@ -261,7 +261,7 @@ def measured_thickness(
     left = np.abs(np.log(ratio / (uneven @ harmonics(step * np.arange(first.shape[1])).T)))
     spread = float(np.nanmedian(left) / 0.6745)  # of a normal distribution
     height, thick = heights[known], usual[:, 0]
-    # A lip is rounded off within one thickness of the rim: no shell sees that, and a force spreads as far.
+    # A lip is rounded within one thickness of the rim: a shell does not resolve this, and a force spreads as far.
     below = max(1, int(np.sum(height <= height[-1] - np.median(thick))))
     thick[below:], uneven[below:] = thick[below - 1], uneven[below - 1]
     return np.column_stack([height, thick]), uneven, spread
@@ -273,30 +273,30 @@ def harmonics(angle: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n h"]:
     Parameters
     ----------
     angle
-        Round the height axis [rad].
+        About the height axis [rad].
     """
     turns = np.arange(1, HARMONICS + 1) * angle[:, None]
     return np.concatenate([np.ones((len(angle), 1)), np.cos(turns), np.sin(turns)], axis=1)
 
 
 def _fitted(ratio: Float[np.ndarray, "k a"]) -> Float[np.ndarray, "k h"]:
-    """Coefficients of each row and those above and below it; what lies far off (a handle) counts as 1."""
+    """Coefficients of each row from those around it; outliers (a handle) count as 1."""
     from scipy.ndimage import uniform_filter1d
 
     clean = np.where(np.abs(np.log(ratio)) < np.log(2.0), ratio, 1.0)
     terms = harmonics(2 * np.pi * np.arange(ratio.shape[1]) / ratio.shape[1])
-    # Orthogonal on equal angles: least squares are means.
+    # Orthogonal on equally spaced angles: least squares are means.
     out = clean @ terms / np.einsum("ah,ah->h", terms, terms)
     return np.asarray(uniform_filter1d(out, ROWS_TOGETHER, axis=0, mode="nearest"))
 
 
 def row_median(values: Float[np.ndarray, "h a"]) -> Float[np.ndarray, "h 1"]:
-    """Median of each row without NaN; NaN for a row of those.
+    """Median of each row, ignoring NaN; NaN if a row contains only NaN.
 
     Parameters
     ----------
     values
-        Any.
+        Array of any values.
     """
     out = np.full((len(values), 1), np.nan)
     some = np.isfinite(values).any(axis=1)

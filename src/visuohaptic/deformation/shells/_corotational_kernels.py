@@ -1,7 +1,7 @@
 """Corotational shell triangle: forces and consistent tangent (:mod:`.corotational`).
 
 Notation of Felippa and Haugen 2005, "A unified formulation of small-strain corotational finite
-elements": P projects a motion onto what deforms, G gives the spin of the element's frame, H turns
+elements": P projects a motion onto its deformational part, G gives the spin of the element's frame, H converts
 a spin into the rate of a rotation vector.
 """
 
@@ -15,7 +15,7 @@ from ._shell_kernels import rotate_blocks, triangle_frame
 
 @kernel
 def rotation_vector(r: np.ndarray, out: np.ndarray) -> None:
-    """Axis times angle of a rotation matrix; exact near no rotation, angle below pi."""
+    """Rotation vector of a rotation matrix; exact for small rotations, angle below pi."""
     w0, w1, w2 = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
     sine = 0.5 * np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
     cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1.0)
@@ -107,11 +107,11 @@ def forces_and_tangent(
     forces: np.ndarray,
     tangent: np.ndarray,
 ) -> float:
-    """Internal forces (f, 18) and, if there is room for it, the tangent (f, 18, 18); returns the energy.
+    """Internal forces (f, 18) and, if its array is not empty, the tangent (f, 18, 18); returns the energy.
 
-    ``points`` (v, 3) and ``rotations`` (v, 3, 3) now; ``frames``, ``corners``, ``stiffness`` of the
-    undeformed elements. ``symmetric`` takes the symmetric part of the tangent, to which it comes in
-    equilibrium anyway.
+    ``points`` (v, 3) and ``rotations`` (v, 3, 3) of the current state; ``frames``, ``corners``, ``stiffness`` of the
+    undeformed elements. ``symmetric`` takes the symmetric part of the tangent, to which it converges in
+    equilibrium.
     """
     wanted = tangent.shape[0] > 0
     energy = 0.0
@@ -133,7 +133,7 @@ def forces_and_tangent(
     inner = np.empty((3, 3))
     for e in range(faces.shape[0]):
         side, xy, area = triangle_frame(points[faces[e, 0]], points[faces[e, 1]], points[faces[e, 2]])
-        # Turn the frame in its plane until it fits the undeformed corners best.
+        # Rotate the frame in its plane until it fits the undeformed corners best.
         mx, my = (xy[0, 0] + xy[1, 0] + xy[2, 0]) / 3, (xy[0, 1] + xy[1, 1] + xy[2, 1]) / 3
         sine = cosine = 0.0
         for k in range(3):
@@ -189,7 +189,7 @@ def forces_and_tangent(
                 fp[6 * k + 3 + i] = (
                     h[k, 0, i] * kd[6 * k + 3] + h[k, 1, i] * kd[6 * k + 4] + h[k, 2, i] * kd[6 * k + 5]
                 )
-        # P^T: take out what a rigid rotation of the element would feel.
+        # P^T: remove the part that does work in a rigid rotation of the element.
         moment = np.zeros(3)
         for i in range(18):
             for j in range(3):
@@ -284,7 +284,7 @@ def forces_and_tangent(
                 work[z, j] -= g[0, z] * left[j, 0] + g[1, z] * left[j, 1]
         if symmetric:
             for k in range(3):
-                # Only M in A is not symmetric.
+                # Only M in A is unsymmetric.
                 for i in range(6 * k + 3, 6 * k + 6):
                     for j in range(6 * k + 3, i):
                         work[i, j] = work[j, i] = 0.5 * (work[i, j] + work[j, i])
@@ -300,7 +300,7 @@ def pressure_tangent(
     for e in range(faces.shape[0]):
         scale = fraction[e] * pressure / 6.0
         for k in range(3):
-            # The face's area vector times 2 is the sum over corners of x_k x x_k+1.
+            # Twice the face's area vector is the sum over corners of x_k x x_k+1.
             following, previous = faces[e, (k + 1) % 3], faces[e, (k + 2) % 3]
             # d(a x b + b x c + c x a) by corner k: skew of (previous - following).
             ux = scale * (points[previous, 0] - points[following, 0])

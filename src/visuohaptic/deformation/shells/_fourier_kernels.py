@@ -22,7 +22,7 @@ def _strains(
 ) -> None:
     """Membrane and bending strain (6, 12) of one element's degrees of freedom at a point of the meridian.
 
-    Freedoms by node: (u_r, u_theta, u_z), then their derivatives by the parameter. ``h0, h1, h2``
+    Degrees of freedom by node: (u_r, u_theta, u_z), then their derivatives by the parameter. ``h0, h1, h2``
     are the four Hermite functions and their derivatives.
     """
     speed2 = rt * rt + zt * zt
@@ -138,8 +138,8 @@ def nodal_compliance(
 ) -> np.ndarray:
     """Compliance (harmonics, nodes) of a unit load of each harmonic at each node.
 
-    ``loads`` (nodes, 3) gives the load's direction in (r, theta, z); ``held`` (nodes, 6) what cannot
-    move. The inverse's diagonal blocks come from eliminating towards a node from both ends.
+    ``loads`` (nodes, 3) gives the load's direction in (r, theta, z); ``held`` (nodes, 6) the fixed degrees
+    of freedom. The inverse's diagonal blocks result from elimination towards a node from both ends.
     """
     nodes = held.shape[0]
     out = np.zeros((harmonics.size, nodes))
@@ -176,7 +176,7 @@ def nodal_compliance(
             for q in range(6):
                 schur[p, q] = 0.0
         for i in range(nodes - 1, -1, -1):
-            # ``schur`` holds what the part beyond this node leaves of its own block.
+            # ``schur`` is the Schur complement of the part beyond this node in its own block.
             for p in range(6):
                 for q in range(6):
                     total[p, q] = left[i, p, q] + schur[p, q]

@@ -19,7 +19,7 @@ def split(
     neighbours: np.ndarray,
     side: np.ndarray,
 ) -> bool:
-    """Cut a part in two with the smallest separator among cuts across x, y and z.
+    """Bisect a part with the smallest separator among cuts across x, y and z.
 
     ``label[n] == mark`` for the part's nodes; ``middle`` and ``extent`` (3,) are median and size of the part.
     Fills ``side`` (0 below, 1 above, 2 separator) for
@@ -33,7 +33,7 @@ def split(
     for axis in range(3):
         if extent[axis] <= 0:
             continue
-        # Rows of a structured mesh share a coordinate up to rounding: never cut through one.
+        # Nodes of a row of a structured mesh share a coordinate up to rounding: never cut through a row.
         for sign in (-1.0, 1.0):
             limit = middle[axis] + sign * 1e-7 * extent[axis]
             below = 0
@@ -131,7 +131,7 @@ def local_places(
     border: np.ndarray,
     total: int,
 ) -> np.ndarray:
-    """Where each of the positions in ``items`` (k, m) stands among pivots and border of its front.
+    """Local index of each of the positions in ``items`` (k, m) among pivots and border of its front.
 
     Items must come sorted by ``item_front``; a position of -1 stays -1.
     """
@@ -166,8 +166,8 @@ def add_blocks(
 ) -> None:
     """Add an array whose rows belong to local nodes ``places`` (``size`` rows each) to a front.
 
-    Of an element, or of a child front (extend-add). Only the lower triangle when not ``full``: a
-    child's places ascend, so of its update, too, only the lower triangle is read.
+    The array belongs to an element, or to a child front (extend-add). Only the lower triangle when not ``full``: a
+    child's places ascend, so only the lower triangle of its update is read.
     """
     split_at = f11.shape[0]
     rows = places.size * size

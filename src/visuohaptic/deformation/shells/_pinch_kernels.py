@@ -1,4 +1,4 @@
-"""Where horizontal rays through the height axis leave a mesh (:mod:`.stiffness_map`)."""
+"""Intersections of horizontal rays through the height axis with a mesh (:mod:`.stiffness_map`)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ...core.kernels import kernel
 def across(
     points: np.ndarray, faces: np.ndarray, first: np.ndarray, axis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Face hit furthest beyond the axis of each (m, 2) (-1: none), barycentric place, direction of the ray.
+    """Farthest face hit beyond the axis of each (m, 2) (-1: none), barycentric coordinates, direction of the ray.
 
-    Faces are sorted into slabs of height, so that a ray meets only those at its height.
+    Faces are sorted into height slabs, so that a ray is tested only against those at its height.
     """
     count = first.size
     slabs = max(1, int(np.sqrt(faces.shape[0])))

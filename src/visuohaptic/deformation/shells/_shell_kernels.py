@@ -1,4 +1,4 @@
-"""Flat triangular shell element: DKT bending and the optimal membrane with drilling freedom.
+"""Flat triangular shell element: DKT bending and the optimal membrane with drilling degrees of freedom.
 
 Nodal degrees of freedom are three displacements and three rotations. In the element's own frame the membrane
 has (u, v, theta_z) and the plate (w, theta_x, theta_y), which are uncoupled in a flat element.
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Places of the membrane's and of the plate's degrees of freedom among the 18 of an element.
+#: Indices of the membrane's and of the plate's degrees of freedom among the 18 of an element.
 MEMBRANE = np.array([0, 1, 5, 6, 7, 11, 12, 13, 17])
 PLATE = np.array([2, 3, 4, 8, 9, 10, 14, 15, 16])
 
@@ -184,7 +184,7 @@ def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None
 
 @kernel
 def rotate_elements(frames: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Element stiffness (f, 18, 18) in the global frame, from what :func:`element_frames` gives."""
+    """Element stiffness (f, 18, 18) in the global frame, from the results of :func:`element_frames`."""
     out = np.empty((len(frames), 18, 18))
     for e in range(len(frames)):
         rotate_blocks(stiffness[e], frames[e], out[e])
@@ -203,7 +203,7 @@ def element_frames(
     """Frames (f, 3, 3), corners about the centroid (f, 3, 2), local stiffness (f, 18, 18).
 
     ``membrane`` and ``plate`` (f, 3, 3): force per length and moment per length for unit strain
-    and curvature, in the element's frame; ``coupling``: force per length for unit curvature, none by no rows.
+    and curvature, in the element's frame; ``coupling``: force per length for unit curvature, empty if uncoupled.
     """
     count = faces.shape[0]
     frames = np.empty((count, 3, 3))
@@ -228,7 +228,7 @@ def element_frames(
                 stiffness[e, MEMBRANE[i], MEMBRANE[j]] = 0.5 * (in_plane[i, j] + in_plane[j, i])
                 stiffness[e, PLATE[i], PLATE[j]] = 0.5 * (across[i, j] + across[j, i])
         if len(coupling):
-            # Means over the triangle: definite with the membrane's and the plate's parts of constant strain.
+            # Means over the triangle: positive definite together with the constant-strain parts of membrane and plate.
             stretch = mean_strain(xy)
             for i in range(9):
                 for j in range(9):

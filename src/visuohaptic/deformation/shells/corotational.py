@@ -1,7 +1,7 @@
 """A shell under large displacements and rotations, small strains (Alt 2016, Sec. 6.1.3).
 
-Each triangle carries its linear element along with it: the frame that fits the deformed triangle
-best takes out the rigid motion, what is left goes through the linear stiffness. Forces are the
+Each triangle carries its linear element with it: the frame that best fits the deformed triangle
+removes the rigid motion, the remainder is passed to the linear stiffness. Forces are the
 exact gradient of the strain energy, the tangent is their exact derivative.
 """
 
@@ -31,8 +31,8 @@ PressureLaw = Callable[[float], tuple[float, float]]
 class ShellState:
     """A deformed shell."""
 
-    points_m: Float[np.ndarray, "v 3"]  #: where the vertices are
-    rotations: Float[np.ndarray, "v 3 3"]  #: how far they have turned
+    points_m: Float[np.ndarray, "v 3"]  #: positions of the vertices
+    rotations: Float[np.ndarray, "v 3 3"]  #: rotations of the vertices
 
     def moved(self, step: Float[np.ndarray, "v 6"]) -> ShellState:
         """The state after further displacements and spins.
@@ -51,7 +51,7 @@ class ShellState:
         Parameters
         ----------
         other
-            Of the same shell.
+            State of the same shell.
         """
         turn = np.einsum("vij,vkj->vik", other.rotations, self.rotations)
         out = np.empty((len(turn), 6))
@@ -69,13 +69,13 @@ class CorotationalShell:
     model
         Undeformed mesh, material, supports.
     pressure
-        Law of what is enclosed, or None for an open container. The pressure follows the wall.
+        Pressure law of the contents, or None for an open container. The pressure follows the wall.
     lid
         Triangles over the mouth that close the volume and carry no stiffness; pressure on them is
-        taken by their rim only through the volume's gradient.
+        transferred to their rim only through the volume's gradient.
     lid_signs, lid_fraction
-        Of a part that stands for several copies of itself (:mod:`.symmetry_reduction`): the lid's
-        corners are at these signs times the points, and so much of the lid belongs to the part.
+        For a part that represents several copies (:mod:`.symmetry_reduction`): the lid's
+        corners are at these signs times the points, and this fraction of the lid belongs to the part.
     """
 
     def __init__(
@@ -100,11 +100,11 @@ class CorotationalShell:
 
     @property
     def rest(self) -> ShellState:
-        """Undeformed."""
+        """The undeformed state."""
         return ShellState(self.model.mesh.vertices_m, np.tile(np.eye(3), (self.model.nodes, 1, 1)))
 
     def volume(self, state: ShellState) -> float:
-        """Enclosed volume [m^3], the lid included.
+        """Enclosed volume [m^3], including the lid.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class CorotationalShell:
         return self._evaluate(state, tangent=False)[2]
 
     def internal_force(self, state: ShellState) -> Float[np.ndarray, "v 6"]:
-        """Internal forces of wall and springs [N], [N m], less those of the enclosed pressure.
+        """Internal forces of wall and springs [N], [N m], minus those of the enclosed pressure.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class CorotationalShell:
         return self._assemble(state, self._evaluate(state, tangent=False)[0])
 
     def linearised(self, state: ShellState) -> tuple[Float[np.ndarray, "v 6"], Tangent]:
-        """Internal force and the factored tangent stiffness.
+        """Internal force and factorised tangent stiffness.
 
         Parameters
         ----------
@@ -184,7 +184,7 @@ class CorotationalShell:
         Parameters
         ----------
         pressure
-            Law of what is enclosed, or None for an open container.
+            Pressure law of the contents, or None for an open container.
         """
         other = CorotationalShell(
             self.model,
@@ -199,7 +199,7 @@ class CorotationalShell:
     def _factor(self, matrices: Float[np.ndarray, "f 18 18"]) -> Factor:
         tree, diagonal = self.model.tree, self.model.support_diagonal
         if self.pressure is None:
-            # A stable state has a definite tangent, and that factor takes half the time.
+            # A stable state has a definite tangent, and the Cholesky factorisation takes half the time.
             try:
                 return factorise(tree, matrices, diagonal)
             except InputError:
@@ -232,21 +232,21 @@ class CorotationalShell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tangent:
-    """Factored tangent stiffness, with the rank-one term of an enclosed gas."""
+    """Factorised tangent stiffness, with the rank-one term of an enclosed gas."""
 
     factor: Factor
     rank_one: tuple[np.ndarray, float] | None  #: a and s of ``K + s a a^T``
 
     @property
     def sign(self) -> int:
-        """Sign of the determinant: it turns at limit and bifurcation points."""
+        """Sign of the determinant: it changes at limit and bifurcation points."""
         if self.rank_one is None:
             return self.factor.negative
         a, s = self.rank_one
         return self.factor.negative * (1 if 1 + s * (a @ self.factor.solve(a)) >= 0 else -1)
 
     def solve(self, loads: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
-        """Sherman and Morrison's formula over the sparse factor."""
+        """Sherman-Morrison formula applied to the sparse factor."""
         if self.rank_one is None:
             return self.factor.solve(loads)
         a, s = self.rank_one

@@ -1,12 +1,12 @@
-"""Multifrontal factor of a mesh's stiffness, and solves that walk only the paths they need.
+"""Multifrontal factorisation of a mesh's stiffness, and solves restricted to the required paths of the tree.
 
 Each front of :class:`.ordering.FrontTree` is a small dense matrix, so nearly all work is done by
-BLAS. A symmetric positive definite matrix is factored as ``L L^T``; any other (the tangent past a
+BLAS. A symmetric positive definite matrix is factorised as ``L L^T``; any other (the tangent beyond a
 limit point, or with a follower load) by block elimination with pivoting inside the fronts.
 
 For loads F the compliances ``diag(F^T K^-1 F)`` are column sums of ``(L^-1 F)^2``. Column j of
-``L^-1 F`` is zero off the paths from its loaded nodes to the root, and only there it is computed:
-this is what makes a map of every surface point cost a few factorisations.
+``L^-1 F`` is zero off the paths from its loaded nodes to the root, and is computed only there:
+a map of every surface point thus costs only a few factorisations.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from .ordering import FrontTree
 
 __all__ = ["Factor", "factorise", "sparse_matrix"]
 
-#: Columns that are carried through the tree together; bounds the memory of a map.
+#: Number of columns that are processed together; bounds the memory of a map.
 BLOCK_COLUMNS = 2048
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
-    """A factored stiffness matrix with ``dofs`` unknowns per node.
+    """A factorised stiffness matrix with ``dofs`` unknowns per node.
 
     ``pivots`` holds L11, or the LU of the pivot block; ``below`` L21, or K21; ``right`` is None, or
     ``K11^-1 K12``.
@@ -38,20 +38,20 @@ class Factor:
 
     tree: FrontTree
     dofs: int  #: degrees of freedom of each node
-    definite: bool  #: factored as ``L L^T``
-    negative: int  #: negative pivots' parity for an indefinite matrix: sign of the determinant, +1 or -1
+    definite: bool  #: factorised as ``L L^T``
+    negative: int  #: parity of the negative pivots of an indefinite matrix: sign of the determinant, +1 or -1
     pivots: tuple[Any, ...]
     below: tuple[Float[np.ndarray, "b k"], ...]
     right: tuple[Float[np.ndarray, "k b"], ...]
 
     @one_blas_thread()
     def solve(self, loads: Float[np.ndarray, "n *m"]) -> Float[np.ndarray, "n *m"]:
-        """Displacements under one or several loads.
+        """Displacements under one or several load vectors.
 
         Parameters
         ----------
         loads
-            Forces (n,) or (n, m); the degrees of freedom of a node are neighbours in n.
+            Forces (n,) or (n, m); the degrees of freedom of a node are adjacent in n.
         """
         from scipy.linalg.blas import dtrsm
         from scipy.linalg.lapack import dgetrs
@@ -91,7 +91,7 @@ class Factor:
         Parameters
         ----------
         loads
-            The m sparse loads F, one a column.
+            The m sparse loads F, one per column.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class Factor:
             self._forward(loads[dofs], np.arange(count), out)
             return out
         out = np.zeros(count)
-        # Columns that start in the same corner of the tree share most of their path.
+        # Columns that start in the same branch of the tree share most of their path.
         lead = np.full(count, tree.order.size)
         columns = np.repeat(np.arange(count), np.diff(loads.indptr))
         np.minimum.at(lead, columns, tree.place[loads.indices // size])
@@ -194,24 +194,24 @@ def factorise(
     *,
     definite: bool = True,
 ) -> Factor:
-    """Factor the sum of element matrices.
+    """Factorise the sum of element matrices.
 
     Parameters
     ----------
     tree
-        Of the elements that ``matrices`` belong to.
+        Tree of the elements of ``matrices``.
     matrices
-        Element matrices; degrees of freedom of a node are neighbours.
+        Element matrices; degrees of freedom of a node are adjacent.
     diagonal
-        Added to the diagonal, by node and degree of freedom: springs, and something positive for degrees of freedom
+        Added to the diagonal, by node and degree of freedom: springs, and a positive value for degrees of freedom
         without any element.
     definite
-        Take ``L L^T``. Otherwise block elimination, which needs no definite matrix.
+        Use ``L L^T``. Otherwise block elimination, which does not require a definite matrix.
 
     Raises
     ------
     InputError
-        ``definite``, but the matrix is not: a mechanism, or nothing holds the object.
+        ``definite``, but the matrix is not: a mechanism, or missing supports.
     """
     from scipy.linalg.blas import dgemm, dsyrk, dtrsm
     from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf
@@ -241,7 +241,7 @@ def factorise(
         else:
             lu, swaps, info = dgetrf(f11, overwrite_a=1)
             if info > 0:
-                # An exact zero pivot: at a limit point. A tiny one keeps the direction it stands for.
+                # An exact zero pivot: at a limit point. A tiny pivot preserves the singular direction.
                 lu[info - 1, info - 1] = 1e-14 * np.abs(lu).max() or 1.0
             negative = np.count_nonzero(np.diagonal(lu) < 0) + np.count_nonzero(swaps != np.arange(len(f11)))
             sign *= -1 if negative % 2 else 1
@@ -301,7 +301,7 @@ def sparse_matrix(
     Parameters
     ----------
     matrices
-        Element matrices, degrees of freedom of a node as neighbours.
+        Element matrices; degrees of freedom of a node are adjacent.
     elements
         Nodes of each element.
     nodes
@@ -309,7 +309,7 @@ def sparse_matrix(
     diagonal
         Added to the diagonal, by node and degree of freedom.
     keep
-        Degrees of freedom that are kept; all by default.
+        Degrees of freedom to keep; all by default.
     """
     from scipy.sparse import coo_array, diags_array
 

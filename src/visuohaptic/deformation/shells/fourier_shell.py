@@ -1,8 +1,8 @@
-"""Shells of revolution by Fourier series: a reference apart from the triangles, and a fast path.
+"""Shells of revolution by Fourier series: an independent reference for the triangles, and a fast method.
 
 Displacements are series in the angle and cubic Hermite functions along the meridian; strains are
-the exact linear ones of a Koiter shell on the smooth surface. Round the ring the harmonics don't
-mix, so each is a small block-tridiagonal system, and one sweep from both ends gives the stiffness
+the exact linear ones of a Koiter shell on the smooth surface. The harmonics are
+decoupled, so each is a small block-tridiagonal system, and one sweep from both ends gives the stiffness
 at every height.
 """
 
@@ -26,9 +26,9 @@ class RevolutionShell:
 
     radius_m: Float[np.ndarray, "k"]  #: at the nodes of the meridian, positive
     height_m: Float[np.ndarray, "k"]
-    thickness_m: Float[np.ndarray, "k"] | float  #: at the nodes, linear between
+    thickness_m: Float[np.ndarray, "k"] | float  #: at the nodes, linear in between
     base_clamped: bool = True
-    rim_held: bool = False  #: the rim keeps its circle and place, as under a stiff glued cap
+    rim_held: bool = False  #: the rim keeps its shape and position, as under a stiff glued cap
 
     def __post_init__(self) -> None:
         radius = np.asarray(self.radius_m, dtype=float)
@@ -59,17 +59,17 @@ def pinch_stiffness(
     harmonics: int = 64,
     normal_load: bool = False,
 ) -> Float[np.ndarray, "k"]:
-    """Dual-tip stiffness at every node of the meridian [N/m]; infinite where held.
+    """Dual-tip stiffness at every node of the meridian [N/m]; infinite where fixed.
 
     Parameters
     ----------
     shell
         Meridian and wall.
     material
-        Of the wall.
+        Material of the wall.
     harmonics
         Even harmonics n = 0, 2, ... below this are summed; beyond, the compliance of a point load
-        falls as n^-3 (a plate does not see the curvature any more) and is continued so.
+        decreases as n^-3 (the curvature becomes irrelevant, as for a plate) and is extrapolated.
     normal_load
         Press along the wall's normal instead of horizontally.
 
@@ -84,7 +84,7 @@ def pinch_stiffness(
     size, meridian, thickness, points, weights, hermite, tangent = _meridian(shell)
     nodes = len(shell.radius_m)
     held = np.zeros((nodes, 6), dtype=bool)
-    # The slope along the meridian stays free in the surface: only the wall's turn is held.
+    # The slope along the meridian stays free in the surface: only the wall's rotation is fixed.
     if shell.base_clamped:
         held[0, :3] = True
         held[0, 3:] = _turn_held(tangent[0])
@@ -107,8 +107,8 @@ def pinch_stiffness(
 
 
 def _turn_held(tangent: Float[np.ndarray, "2"]) -> list[bool]:
-    # A clamp stops d(u . n)/dt. On an upright wall n is radial, on a flat one vertical; in between
-    # both slopes are held, which also stops the stretch at this one node.
+    # A clamp fixes d(u . n)/dt. On an upright wall n is radial, on a flat one vertical; in between
+    # both slopes are fixed, which also prevents stretching at this one node.
     upright = abs(tangent[1]) > 1e-6
     flat = abs(tangent[0]) > 1e-6
     return [bool(upright), False, bool(flat)]

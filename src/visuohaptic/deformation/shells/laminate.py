@@ -1,6 +1,6 @@
 """Walls of plies by classical lamination theory: paper, coated board, moulded fibre (Jones 1999, Secs. 2.5 to 4.3).
 
-Directions are those of the wall: 1 along the height, 2 round it to the left as seen from outside, and out of it.
+Directions are those of the wall: 1 along the height, 2 around it to the left as seen from outside, 3 outwards.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from ...core.ranges import FINITE, POSITIVE, check_ranges
 
 __all__ = ["Laminate", "Ply", "turned_law", "wall_directions"]
 
-#: A face that leans by less has no direction along the height [rad]: coordinates of single precision, of 0.3 m, on
-#: triangles of 1 mm lean by up to 5e-5.
+#: A face with a smaller inclination has no direction along the height [rad]: single-precision coordinates of 0.3 m on
+#: triangles of 1 mm cause inclinations up to 5e-5.
 LEVEL_rad = 1e-4
 
 
@@ -28,10 +28,10 @@ class Ply:
     thickness_m: float = field(metadata=POSITIVE)
     youngs_modulus_Pa: float = field(metadata=POSITIVE)  #: E_1, along its grain
     poisson_ratio: float = 0.3  #: nu_12: contraction across the grain per extension along it
-    across_Pa: float | None = field(default=None, metadata=POSITIVE)  #: E_2; as along the grain by default
-    #: G_12; by default as of Huber 1923, with means of both directions: sqrt(E_1 E_2) / (2 + 2 sqrt(nu_12 nu_21))
+    across_Pa: float | None = field(default=None, metadata=POSITIVE)  #: E_2; equal to E_1 by default
+    #: G_12; by default after Huber 1923, with means of both directions: sqrt(E_1 E_2) / (2 + 2 sqrt(nu_12 nu_21))
     shear_Pa: float | None = field(default=None, metadata=POSITIVE)
-    #: of the grain from the height, to the left as seen from outside
+    #: angle of the grain from the height, to the left as seen from outside
     angle_rad: float = field(default=0.0, metadata=FINITE)
     density_kg_per_m3: float | None = field(default=None, metadata=POSITIVE)
 
@@ -60,11 +60,11 @@ class Ply:
 
 @dataclass(frozen=True, slots=True)
 class Laminate:
-    """Plies that are bonded to each other; a wall of another thickness has all of them in proportion."""
+    """Bonded plies; if the wall has another thickness, all plies are scaled in proportion."""
 
     plies: tuple[Ply, ...]  #: from the inside of the container outwards
     name: str = "laminate"
-    scale: float = field(default=1.0, metadata=POSITIVE)  #: of all moduli
+    scale: float = field(default=1.0, metadata=POSITIVE)  #: relative standard deviation of all moduli
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -73,12 +73,12 @@ class Laminate:
 
     @property
     def thickness_m(self) -> float:
-        """Sum of the plies."""
+        """Total thickness of the plies."""
         return sum(ply.thickness_m for ply in self.plies)
 
     @property
     def density_kg_per_m3(self) -> float | None:
-        """Mean over the thickness; None where that of a ply is not known."""
+        """Mean density over the thickness; None if that of a ply is unknown."""
         found = [ply.density_kg_per_m3 for ply in self.plies]
         known = [density for density in found if density is not None]
         if len(known) < len(found):
@@ -87,41 +87,41 @@ class Laminate:
 
     @property
     def sections(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-        """A / t, B / t^2, D / t^3: membrane, coupling and plate stiffness by the thickness t [Pa]."""
+        """A / t, B / t^2, D / t^3: membrane, coupling and plate stiffness, normalised by the thickness t [Pa]."""
         edges, laws = self._layers()
         a, b, d = (np.tensordot(np.diff(edges**k) / k, laws, axes=1) for k in (1, 2, 3))
         return a, b, d
 
     @property
     def shares(self) -> Float[np.ndarray, "n"]:
-        """How much of the plate's stiffness each ply has; 1 in sum."""
+        """Fraction of the plate's stiffness from each ply; the sum is 1."""
         edges, laws = self._layers()
         parts = np.diff(edges**3) * np.trace(laws, axis1=1, axis2=2)
         out: np.ndarray = parts / parts.sum()
         return out
 
     def _layers(self) -> tuple[Float[np.ndarray, "n+1"], Float[np.ndarray, "n 3 3"]]:
-        """Where plies begin and end, from -1/2 inside to 1/2 outside, and their laws [Pa]."""
+        """Boundaries of the plies, from -1/2 inside to 1/2 outside, and their laws [Pa]."""
         edges = np.cumsum([0.0, *(ply.thickness_m for ply in self.plies)]) / self.thickness_m - 0.5
         return edges, self.scale * np.stack([ply.law_Pa for ply in self.plies])
 
     @property
     def youngs_modulus_Pa(self) -> float:
-        """Of the wall that is pulled along the height and does not bend."""
+        """Young's modulus of the wall under tension along the height, without bending."""
         return float(1 / np.linalg.inv(self.sections[0])[0, 0])
 
     @property
     def poisson_ratio(self) -> float:
-        """Geometric mean of both in-plane ratios, of the wall that does not bend."""
+        """Geometric mean of both in-plane Poisson's ratios of the wall without bending."""
         membrane = self.sections[0]
         return float(membrane[0, 1] / np.sqrt(membrane[0, 0] * membrane[1, 1]))
 
     @property
     def mirrored(self) -> bool:
-        """Whether a mirror along the height leaves the wall as it is: no ply is wound one way only."""
+        """Whether the wall is invariant under a mirror along the height: no unbalanced oblique ply."""
         sections = self.sections
         size = max(float(np.abs(part).max()) for part in sections)
-        # 1e-9: sums of plies that cancel, in double precision.
+        # 1e-9: rounding of sums of plies that cancel, in double precision.
         return all(float(np.abs(part[:2, 2]).max()) < 1e-9 * size for part in sections)
 
     def stiffer(self, factor: float) -> Laminate:
@@ -130,7 +130,7 @@ class Laminate:
         Parameters
         ----------
         factor
-            Of each modulus.
+            Factor of each modulus.
         """
         return replace(self, scale=factor * self.scale)
 
@@ -138,14 +138,14 @@ class Laminate:
 def turned_law(
     law: Float[np.ndarray, "3 3"], angle_rad: Float[np.ndarray, "*n"]
 ) -> Float[np.ndarray, "*n 3 3"]:
-    """A plane law in axes from which its own are turned by an angle.
+    """Transform a plane law to axes that are rotated by an angle.
 
     Parameters
     ----------
     law
         For strain (xx, yy, 2 xy) in its own axes.
     angle_rad
-        From the new x axis to its own.
+        Angle from the new x axis to its own.
     """
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
@@ -159,16 +159,16 @@ def wall_directions(
     faces: Float[np.ndarray, "f 3"],
     parts: Sequence[Float[np.ndarray, "3 3"]],
 ) -> list[Float[np.ndarray, "f 3 3"]]:
-    """Laws of a wall in the frame of each triangle, x along its first side and z out of it.
+    """Laws of a wall in the frame of each triangle, x along its first side and z outwards.
 
-    On a level face, of a foot or a cap, no direction is along the height: it has the mean over all.
+    On a level face, of a foot or a cap, there is no direction along the height: it gets the mean over all directions.
 
     Parameters
     ----------
     vertices_m, faces
-        Triangles that look outwards, the third coordinate up.
+        Triangles with outward orientation, the third coordinate up.
     parts
-        Laws in the directions of the wall.
+        Laws in the axes of the wall.
     """
     side = vertices_m[faces[:, 1]] - vertices_m[faces[:, 0]]
     normal = np.cross(side, vertices_m[faces[:, 2]] - vertices_m[faces[:, 0]])
@@ -176,7 +176,7 @@ def wall_directions(
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     angle = np.arctan2(np.cross(normal, side)[:, 2], side[:, 2])
     level = np.hypot(normal[:, 0], normal[:, 1]) < LEVEL_rad
-    # Harmonics of a turned law end at the fourth: eight directions are all of them.
+    # Harmonics of a rotated law end at the fourth: eight directions are sufficient.
     round_ = np.pi * np.arange(8) / 8
     return [
         np.where(level[:, None, None], turned_law(part, round_).mean(axis=0), turned_law(part, angle))

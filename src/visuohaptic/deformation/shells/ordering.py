@@ -1,8 +1,8 @@
-"""Elimination order of a mesh: geometric nested dissection, and the tree of fronts it gives.
+"""Elimination order of a mesh: geometric nested dissection, and its tree of fronts.
 
-A cut across a coordinate that leaves the shortest row of nodes between two halves is eliminated
-last, the halves before it in the same way. On a surface this keeps the factor near N log N, where
-the default ordering of scipy's solver fills four times more.
+The nodes of the shortest separator across a coordinate are eliminated last, both halves before it
+recursively. On a surface, the size of the factor is then close to N log N; the default ordering of
+scipy's solver causes four times as much fill-in.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ __all__ = ["FrontTree", "front_tree"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrontTree:
-    """Which nodes are eliminated together, and what each elimination touches.
+    """Groups of nodes that are eliminated together, and the nodes that each elimination affects.
 
-    Fronts come in elimination order, children before parents. "Position" is a node's place in
-    that order; "local" a place among a front's pivots followed by its border.
+    Fronts are in elimination order, children before parents. "Position" is a node's index in
+    that order; "local" an index among a front's pivots followed by its border.
     """
 
     order: Int[np.ndarray, "v"]  #: node at each position
     place: Int[np.ndarray, "v"]  #: position of each node
     first: Int[np.ndarray, "fronts+1"]  #: first pivot position of each front
     parent: Int[np.ndarray, "fronts"]  #: -1 for a root
-    offset: Int[np.ndarray, "fronts+1"]  #: where a front's border starts in ``border``
+    offset: Int[np.ndarray, "fronts+1"]  #: start of a front's border in ``border``
     border: Int[np.ndarray, "b"]  #: positions, ascending in each front
-    border_local: Int[np.ndarray, "b"]  #: the same, as local places in the parent
+    border_local: Int[np.ndarray, "b"]  #: the same, as local indices in the parent
     elements: tuple[Int[np.ndarray, "_"], ...]  #: elements that each front assembles
-    element_local: tuple[Int[np.ndarray, "_ corners"], ...]  #: their nodes' local places
+    element_local: tuple[Int[np.ndarray, "_ corners"], ...]  #: local indices of their nodes
     children: tuple[tuple[int, ...], ...]
 
     @property
     def fronts(self) -> int:
-        """How many there are."""
+        """Number of fronts."""
         return self.parent.size
 
 
@@ -95,7 +95,7 @@ def front_tree(
 def _graph(
     elements: Int[np.ndarray, "e corners"], count: int
 ) -> tuple[Int[np.ndarray, "v+1"], Int[np.ndarray, "_"]]:
-    """Which nodes share an element, in compressed rows."""
+    """Adjacency of nodes that share an element, in compressed rows."""
     corners = elements.shape[1]
     pairs = [(a, b) for a in range(corners) for b in range(corners) if a != b]
     rows = np.concatenate([elements[:, a] for a, _ in pairs])
@@ -115,7 +115,7 @@ def _dissect(
     side = np.zeros(count, dtype=np.int8)
     blocks: list[np.ndarray] = []
     mark = 0
-    # A part, or a separator that waits until both of its sides are done.
+    # A part, or a separator that waits until both of its sides are processed.
     todo: list[tuple[np.ndarray, bool]] = [(np.arange(count), False)]
     while todo:
         nodes, done = todo.pop()

@@ -1,8 +1,8 @@
-"""Thin walls: a triangle mesh with a thickness becomes a linear shell model (Alt 2016, Sec. 6.1.3).
+"""Thin walls: linear shell model of a triangle mesh with a thickness (Alt 2016, Sec. 6.1.3).
 
 Linear tetrahedra, the published method, are 2 to 17 times too stiff on a bottle's wall. Flat shell
-triangles (discrete Kirchhoff bending, optimal membrane with drilling freedom) are within a percent
-at a fraction of the unknowns, on any triangle mesh.
+triangles (discrete Kirchhoff bending, optimal membrane with drilling degrees of freedom) are accurate to one percent
+with a fraction of the unknowns, on any triangle mesh.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .shell_material import IsotropicMaterial
 
 __all__ = ["ShellMesh", "ShellModel", "enclosed_volume", "plane_stress", "volume_gradient"]
 
-#: A triangle is refused when its height is below this fraction of its longest side.
+#: A triangle is rejected if its height is below this fraction of its longest side.
 FLATTEST = 1e-6
 
 
@@ -34,9 +34,9 @@ class ShellMesh:
 
     vertices_m: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
-    thickness_m: Float[np.ndarray, "f"] | float  #: of each face; one number is repeated
-    #: Fraction of its wall that a face stands for: 1, or 0.5 where each cell of a structured mesh is
-    #: covered by both ways to halve it, which leaves no direction preferred.
+    thickness_m: Float[np.ndarray, "f"] | float  #: of each face; a scalar is repeated
+    #: Fraction of its area that a face represents: 1, or 0.5 where each cell of a structured mesh is
+    #: covered by the triangles of both diagonals, which avoids a preferred direction.
     fraction: Float[np.ndarray, "f"] | float = 1.0
 
     def __post_init__(self) -> None:
@@ -99,16 +99,16 @@ def plane_stress(material: IsotropicMaterial) -> Float[np.ndarray, "3 3"]:
 
 
 class ShellModel:
-    """A linear elastic shell that is held somewhere.
+    """A linear elastic shell with supports.
 
     Parameters
     ----------
     mesh
         Mid-surface and thickness.
     material
-        Of the whole wall: constants, plies, a material of the library, or its name.
+        Material of the whole wall: constants, plies, a material of the library, or its name.
     fixed
-        What is held: vertex numbers or a mask (v,) of vertices that are clamped in all six
+        Supports: vertex numbers or a mask (v,) of vertices that are clamped in all six
         degrees of freedom, or a mask (v, 6) of single degrees of freedom (displacements x, y, z, then rotations).
     springs
         Elastic base: N/m and N m/rad by vertex and degree of freedom, or None.
@@ -144,7 +144,7 @@ class ShellModel:
 
     @property
     def nodes(self) -> int:
-        """How many vertices, each with six degrees of freedom."""
+        """Number of vertices, each with six degrees of freedom."""
         return len(self.mesh.vertices_m)
 
     @property
@@ -153,7 +153,7 @@ class ShellModel:
         mesh, material = self.mesh, self.material
         thickness = np.asarray(mesh.thickness_m)[:, None, None]
         wall = np.asarray(mesh.fraction)[:, None, None] * thickness
-        # Felippa 2003: beta_0 = (1 - 4 nu^2) / 2 is best in bending; kept away from zero for stability.
+        # Felippa 2003: beta_0 = (1 - 4 nu^2) / 2 is optimal in bending; bounded away from zero for stability.
         beta0 = np.full(len(thickness), max(0.5 * (1 - 4 * material.poisson_ratio**2), 0.01))
         if isinstance(material, IsotropicMaterial):
             stress = plane_stress(material)
@@ -176,24 +176,24 @@ class ShellModel:
 
     @cached_property
     def stiffness_matrix(self) -> Any:
-        """K (6v, 6v) as a scipy CSC array, springs included, supports not: see ``free``."""
+        """K (6v, 6v) as a scipy CSC array, with springs but without supports: see ``free``."""
         return sparse_matrix(self.element_matrices, self.mesh.faces, self.nodes, self.springs)
 
     @cached_property
     def free(self) -> Bool[np.ndarray, "n"]:
-        """Freedoms that can move, in the order of ``stiffness_matrix``."""
+        """Free degrees of freedom, in the order of ``stiffness_matrix``."""
         return ~self.fixed.ravel()
 
     @cached_property
     def support_diagonal(self) -> Float[np.ndarray, "v 6"]:
-        """What is added to the diagonal: springs, and a one for each degree of freedom that cannot move."""
+        """Addition to the diagonal: springs, and a one for each fixed degree of freedom."""
         used = np.zeros(self.nodes, dtype=bool)
         used[self.mesh.faces] = True
         held = self.fixed | ~used[:, None]
         return np.where(held, 1.0, 0.0 if self.springs is None else self.springs)
 
     def factor(self) -> Factor:
-        """The factored stiffness of the held shell; computed once."""
+        """The factorised stiffness of the supported shell; computed once."""
         return self._factor
 
     @cached_property
@@ -207,7 +207,7 @@ class ShellModel:
     def solve(self, loads: Float[np.ndarray, "v 6 *m"]) -> Float[np.ndarray, "v 6 *m"]:
         """Displacements [m] and rotations [rad] under forces [N] and moments [N m] at the vertices.
 
-        Loads on what is held go into the support. One load (v, 6) or several (v, 6, m).
+        Loads on fixed degrees of freedom go into the support. One load (v, 6) or several (v, 6, m).
 
         Parameters
         ----------
@@ -217,7 +217,7 @@ class ShellModel:
         Raises
         ------
         InputError
-            Another shape.
+            Wrong shape.
         """
         loads = np.asarray(loads, dtype=float)
         if loads.shape[:2] != (self.nodes, 6):
@@ -227,12 +227,12 @@ class ShellModel:
         return self.factor().solve(right.reshape(6 * self.nodes, -1)).reshape(loads.shape)
 
     def free_loads(self, loads: Any) -> Any:
-        """Sparse loads without what acts on held degrees of freedom.
+        """Sparse loads without the part on fixed degrees of freedom.
 
         Parameters
         ----------
         loads
-            Sparse array (6 v, m), one load a column.
+            Sparse array (6 v, m), one load per column.
         """
         from scipy.sparse import diags_array
 
@@ -241,10 +241,10 @@ class ShellModel:
         return out
 
     def volume_gradient(self) -> Float[np.ndarray, "v 6"]:
-        """a = dV/du, the change of the enclosed volume by each degree of freedom [m^2]; zero where held.
+        """a = dV/du, the gradient of the enclosed volume by each degree of freedom [m^2]; zero where fixed.
 
-        A gauge pressure p inside loads the wall with ``p a``, so a gas is the rank-one term
-        ``kappa a a^T`` of the stiffness.
+        A gauge pressure p inside loads the wall with ``p a``, so an enclosed gas adds the rank-one term
+        ``kappa a a^T`` to the stiffness.
         """
         out = np.zeros((self.nodes, 6))
         out[:, :3] = volume_gradient(self.mesh.vertices_m, self.mesh.faces, self.mesh.fraction)
@@ -257,9 +257,9 @@ def enclosed_volume(
     faces: Int[np.ndarray, "f 3"],
     fraction: Float[np.ndarray, "f"] | float = 1.0,
 ) -> float:
-    """Volume inside a closed surface that looks outwards [m^3].
+    """Volume inside a closed surface with outward orientation [m^3].
 
-    An open mouth should be closed by faces first: without them this is the volume with cones to
+    An open mouth should first be closed by faces: otherwise this is the volume with cones to
     the origin.
 
     Parameters
@@ -267,9 +267,9 @@ def enclosed_volume(
     vertices_m
         Vertices [m].
     faces
-        Triangles that look outwards.
+        Triangles with outward orientation.
     fraction
-        Of each face that counts, see :class:`ShellMesh`.
+        Fraction of each face that counts, see :class:`ShellMesh`.
     """
     a, b, c = (vertices_m[faces[:, k]] for k in range(3))
     return float(np.sum(fraction * np.einsum("fi,fi->f", a, np.cross(b, c))) / 6)
@@ -282,7 +282,7 @@ def volume_gradient(
 ) -> Float[np.ndarray, "v 3"]:
     """A third of the area vectors of the faces around each vertex [m^2] (Alt 2016, Eq. (6.1)).
 
-    The exact gradient of the enclosed volume of a closed mesh. At the rim of an open one it is
+    This is the exact gradient of the enclosed volume of a closed mesh. At the rim of an open one it is
     the load of a pressure on the wall alone.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What a wall is made of: elastic constants with their spread (Alt 2016, Sec. 2.2.4, Table 2.1)."""
+"""Materials of a wall: elastic constants with their uncertainty (Alt 2016, Sec. 2.2.4, Table 2.1)."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class IsotropicMaterial:
 
     @property
     def density_kg_per_m3(self) -> float | None:
-        """That of the library; None where it does not have the material."""
+        """Density from the library; None if the library does not contain the material."""
         entry = MATERIALS.get(self.name)
         return None if entry is None or entry.density_kg_per_m3 is None else entry.density_kg_per_m3.value
 
@@ -50,23 +50,23 @@ class IsotropicMaterial:
         Parameters
         ----------
         factor
-            Of Young's modulus.
+            Factor of Young's modulus.
         """
         return replace(self, youngs_modulus_Pa=factor * self.youngs_modulus_Pa)
 
     @classmethod
     def of(cls, found: Material | IsotropicMaterial | str) -> IsotropicMaterial:
-        """The best estimates of a material.
+        """Best estimates of a material's constants.
 
         Parameters
         ----------
         found
-            Material with estimates, constants that are returned as they are, or a name of the library.
+            Material with estimates, constants (returned unchanged), or a name of the library.
 
         Raises
         ------
         InputError
-            No such name, or a material without Young's modulus or Poisson's ratio.
+            Unknown name, or a material without Young's modulus or Poisson's ratio.
         """
         if isinstance(found, IsotropicMaterial):
             return found
@@ -84,13 +84,13 @@ class IsotropicMaterial:
 def _entry(
     name: str, low_GPa: float, high_GPa: float, poisson: float, density: float, spread: float = 0.02
 ) -> Material:
-    # The ranges of Table 2.1 are taken as two standard deviations to either side.
+    # The ranges of Table 2.1 are interpreted as +- two standard deviations.
     youngs = Estimate(0.5e9 * (low_GPa + high_GPa), 0.25e9 * (high_GPa - low_GPa))
     return Material(name, youngs, Estimate(poisson, spread), Estimate(density, 0.02 * density))
 
 
 #: Young's modulus from Table 2.1 where it is listed there, otherwise from common data sheets;
-#: Poisson's ratio and density from common data sheets. One number in Table 2.1: 5 % to either side.
+#: Poisson's ratio and density from common data sheets. For a single number in Table 2.1: +- 5 %.
 MATERIALS = MappingProxyType(
     {
         entry.name: entry
@@ -113,7 +113,7 @@ MATERIALS = MappingProxyType(
 )
 
 
-#: Yield strength of a thin wall [Pa], of brittle ones what they bear: common data sheets, known to about 20 %.
+#: Yield strength of a thin wall [Pa], for brittle materials the fracture strength: common data sheets, known to about 20 %.
 YIELD_Pa = MappingProxyType(
     {
         "LDPE": 10e6, "HDPE": 26e6, "PP": 33e6, "PET": 55e6, "PS": 40e6, "PVC": 50e6, "paperboard": 25e6,
@@ -128,12 +128,12 @@ def material(name: str) -> Material:
     Parameters
     ----------
     name
-        In any case.
+        Case-insensitive.
 
     Raises
     ------
     InputError
-        No such material, with the names there are.
+        Unknown material; lists the known names.
 
     Examples
     --------
@@ -152,7 +152,7 @@ def material_constants(name: str) -> tuple[IsotropicMaterial, float]:
     Parameters
     ----------
     name
-        In any case.
+        Case-insensitive.
     """
     entry = material(name)
     modulus = entry.youngs_modulus_Pa

@@ -1,9 +1,9 @@
-"""Stiffness of every surface point under a dual-tip pinch (Alt 2016, Secs. 6.1.4, 6.1.6).
+"""Stiffness at every surface point under a dual-tip pinch (Alt 2016, Secs. 6.1.4, 6.1.6).
 
-Two opposing tips press a point and the point across the height axis towards each other. The
+Two opposing tips press a point and the opposite point across the height axis towards each other. The
 compliance of one pinch is ``c = f^T K^-1 f`` for the load f of 1 N on both tips: it is the
-distance by which the tips approach per newton. The stiffness is force by deformation of one tip,
-``k = 2 / c`` (the mean of the two tips, which is what a gripper feels that is free to centre).
+distance by which the tips approach per newton. The stiffness is force per deformation of one tip,
+``k = 2 / c`` (the mean of the two tips, which a self-centring gripper measures).
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class DualTips:
     """Pairs of opposing contacts; "second" may lie inside a face."""
 
     first: Int[np.ndarray, "m"]  #: vertex of the first tip
-    second: Int[np.ndarray, "m 3"]  #: corners of the face opposite
-    weights: Float[np.ndarray, "m 3"]  #: barycentric place of the second tip, sums to 1
-    direction: Float[np.ndarray, "m 3"]  #: unit vector of the first tip's force, onto the second tip
-    valid: Bool[np.ndarray, "m"]  #: there is something opposite
+    second: Int[np.ndarray, "m 3"]  #: corners of the opposite face
+    weights: Float[np.ndarray, "m 3"]  #: barycentric coordinates of the second tip, sum 1
+    direction: Float[np.ndarray, "m 3"]  #: unit vector of the first tip's force, towards the second tip
+    valid: Bool[np.ndarray, "m"]  #: there is an opposite wall
 
     def __len__(self) -> int:
         return len(self.first)
@@ -48,7 +48,7 @@ def opposing_points(
     *,
     axis_point_m: tuple[float, float] | None = None,
 ) -> DualTips:
-    """The point across the height axis z of each vertex, at the same height.
+    """The opposite point across the height axis z of each vertex, at the same height.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def opposing_points(
 
     Notes
     -----
-    The outermost crossing of the horizontal ray from the vertex through the axis is taken. A
-    vertex on the axis, or without wall opposite, is marked invalid.
+    The outermost intersection of the horizontal ray from the vertex through the axis is used. A
+    vertex on the axis, or without an opposite wall, is marked invalid.
     """
     points, faces = mesh.vertices_m, mesh.faces
     first = np.arange(len(points)) if vertices is None else np.asarray(vertices, dtype=np.int64)
@@ -77,16 +77,16 @@ def opposing_points(
 def antipodal_points(
     mesh: ShellMesh, vertices: Int[np.ndarray, "m"] | None = None, *, max_slant_rad: float
 ) -> DualTips:
-    """The point across from each vertex along its horizontal normal, wherever that leads.
+    """The opposite point of each vertex along its horizontal normal.
 
     Parameters
     ----------
     mesh
-        Object with z as height axis, faces looking outwards.
+        Object with z as height axis, faces oriented outwards.
     vertices
         First tips; all vertices by default.
     max_slant_rad
-        Angle between force and normals up to which both contacts hold, ``atan(friction)``; other pairs are marked
+        Angle between force and normals up to which both contacts do not slip, ``atan(friction)``; other pairs are marked
         invalid.
     """
     points, faces = mesh.vertices_m, mesh.faces
@@ -118,7 +118,7 @@ def _across(mesh: ShellMesh, first: Int[np.ndarray, "m"], axis_m: Float[np.ndarr
     )
     valid = face >= 0
     corners = faces[np.maximum(face, 0)]
-    # A crossing at a vertex or on an edge is on it: no load spills over by rounding, and pairs of
+    # Snap an intersection at a vertex or on an edge onto it: the load is not distributed by rounding errors, and pairs of
     # vertices are recognised.
     weights[weights < 1e-6] = 0.0
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
@@ -128,9 +128,9 @@ def _across(mesh: ShellMesh, first: Int[np.ndarray, "m"], axis_m: Float[np.ndarr
 def tip_loads(nodes: int, tips: DualTips, vertices_m: Float[np.ndarray, "v 3"] | None = None) -> Any:
     """Loads of 1 N on both tips as a sparse (6 nodes, m) array; columns of invalid pairs are empty.
 
-    Shared out linearly over the corners of its face, a force inside one is a force on a patch, and the
-    wall seems stiffer by percents than under a point. With ``vertices_m`` it is shared out by the cubic
-    that the corners' rotations bend the face to, see :func:`bent_loads`.
+    With linear distribution over the corners of its face, a force inside a face acts like a force on a patch, and the
+    wall appears stiffer by some percent than under a point load. With ``vertices_m`` it is distributed by the cubic
+    bending shape from the corners' rotations, see :func:`bent_loads`.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def bent_loads(
 
     Across the face the displacement is the cubic of Bazeley, Cheung, Irons and Zienkiewicz (1965),
     ``w = sum N_i w_i + sum_ij (L_i^2 L_j + L_1 L_2 L_3 / 2) dw_i . (x_j - x_i)`` with
-    ``N_i = L_i + sum_j (L_i^2 L_j - L_i L_j^2)``: on the edges it is that of the element. In the face
+    ``N_i = L_i + sum_j (L_i^2 L_j - L_i L_j^2)``: on the edges it is that of the element. In the plane of the face
     it is linear, as everywhere without ``vertices_m``.
     """
     fraction = tips.weights
@@ -182,7 +182,7 @@ def bent_loads(
         for j in ((i + 1) % 3, (i + 2) % 3):
             li, lj = fraction[:, i], fraction[:, j]
             out[:, i, :3] += (across * (li * li * lj - li * lj * lj))[:, None] * normal
-            # The slope along s of a corner that turns by omega: n . (omega x s) = omega . (s x n).
+            # The slope along s of a corner that rotates by omega: n . (omega x s) = omega . (s x n).
             arm = np.cross(corners[:, j] - corners[:, i], normal)
             out[:, i, 3:] += (across * (li * li * lj + product))[:, None] * arm
     return out
@@ -205,10 +205,10 @@ def dual_tip_compliance(model: ShellModel, tips: DualTips) -> Float[np.ndarray, 
 def dual_tip_map(
     model: ShellModel, tips: DualTips | None = None, *, axis_point_m: tuple[float, float] | None = None
 ) -> Float[np.ndarray, "m"]:
-    """Stiffness [N/m] of every surface point, exact, from one factorisation.
+    """Exact stiffness [N/m] at every surface point, from one factorisation.
 
-    Vertices that face each other are one pinch and are computed once. The value is infinite where
-    both tips are on what is held, NaN where there is nothing opposite.
+    Opposite vertices form one pinch and are computed once. The value is infinite where
+    both tips are on fixed vertices, NaN where there is no opposite wall.
 
     Parameters
     ----------

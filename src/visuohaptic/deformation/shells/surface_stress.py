@@ -1,8 +1,8 @@
-"""Stress at the two faces of a deformed wall, from the shape alone.
+"""Stress at the two faces of a deformed wall, from its deformed shape.
 
-Membrane strain is that of each flat triangle; bending is the change of curvature, by how the normals of the vertices
-turn across a triangle. Both are of first order in the size of the triangles. Under a point force the stress has no
-bound: it is a mean over the triangles round each vertex, a patch about as wide as two cells.
+Membrane strain is that of each flat triangle; bending is the change of curvature, from the change of the vertex
+normals across a triangle. Both are of first order in the size of the triangles. Under a point force the stress is
+unbounded: the result is a mean over the triangles around each vertex, a patch about as wide as two cells.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ __all__ = ["surface_stress"]
 def surface_stress(
     mesh: ShellMesh, material: IsotropicMaterial | Laminate, points_m: Float[np.ndarray, "v 3"]
 ) -> Float[np.ndarray, "v"]:
-    """Von Mises stress at the vertices [Pa], the larger of both faces of the wall; NaN of a laminate.
+    """Von Mises stress at the vertices [Pa], the larger of both faces of the wall; NaN for a laminate.
 
     Parameters
     ----------
     mesh
-        At rest.
+        Undeformed mesh.
     material
-        Of the whole wall, linear elastic. Plies fail each in its own way, which von Mises does not tell.
+        Material of the whole wall, linear elastic. Plies have individual failure modes, which von Mises does not describe.
     points_m
-        Its vertices as they are [m].
+        Deformed vertices [m].
     """
     if isinstance(material, Laminate):
         return np.full(len(mesh.vertices_m), np.nan)
@@ -39,7 +39,7 @@ def surface_stress(
     inverse = np.linalg.inv(rest[0])
     gradient = turned[0] @ inverse
     membrane = 0.5 * (np.swapaxes(gradient, 1, 2) @ gradient - np.eye(2))
-    # Both curvatures in the coordinates of the triangle at rest.
+    # Both curvatures in the coordinates of the undeformed triangle.
     bent = np.swapaxes(gradient, 1, 2) @ turned[1] @ np.linalg.inv(turned[0]) @ gradient - rest[1] @ inverse
     curvature = 0.5 * (bent + np.swapaxes(bent, 1, 2))
     half = 0.5 * np.broadcast_to(np.asarray(mesh.thickness_m), len(faces))[:, None, None]
@@ -59,7 +59,7 @@ def surface_stress(
 def _frames(
     points: Float[np.ndarray, "v 3"], faces: np.ndarray
 ) -> tuple[Float[np.ndarray, "f 2 2"], Float[np.ndarray, "f 2 2"]]:
-    """Two sides of each triangle in its plane (columns), and how far the normals turn along them."""
+    """Two sides of each triangle in its plane (columns), and the change of the normals along them."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     first, second = b - a, c - a
     x = first / np.linalg.norm(first, axis=1, keepdims=True)

@@ -2,7 +2,7 @@
 
 Image gradients in the lower half, the image in the upper half; contours and contacts of the foam and the
 fitted primitive: (a) line, (b) line segment, (c) corner, (d-f) circles (simulated camera, foam and
-objects). Of the corner, turned by 30 deg, the edge that touches is drawn; one at 45 deg is in the table.
+objects). For the corner, rotated by 30 deg, the edge in contact is drawn; one at 45 deg is in the table.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ..output import Columns, Output
 
 __all__ = ["run"]
 
-#: Of the foam's front at rest, ahead of the platform's centre [m], and the gap that is driven first.
+#: Distance of the foam's undeformed front from the platform's centre [m], and the initial gap.
 FRONT_m, GAP_m = 0.19, 0.01
 
 
@@ -63,10 +63,10 @@ def things() -> tuple[Thing, ...]:
 
 
 def _corner(letter: str, turned_deg: float) -> Thing:
-    """A box with one edge ahead of the strip, 1 cm right of its middle."""
+    """A box with one edge in front of the strip, 1 cm right of its centre."""
     yaw, side_m = math.radians(turned_deg), 0.25
     half = 0.5 * side_m
-    # Place of the nearest edge from the centre: the corner (-half, half) turned.
+    # Position of the nearest edge relative to the centre: the rotated corner (-half, half).
     edge = (-half * (math.cos(yaw) + math.sin(yaw)), half * (math.cos(yaw) - math.sin(yaw)))
     place = (FRONT_m + GAP_m - edge[0], -0.01 - edge[1])
     thing = box(letter, *place, (side_m, side_m, 0.3), yaw_rad=yaw, mass_kg=6.0, friction=0.4)
@@ -74,12 +74,12 @@ def _corner(letter: str, turned_deg: float) -> Thing:
 
 
 def run(out: Output) -> None:
-    """Touch all six, draw the frame of the largest force.
+    """Touch all six, draw the frame with the maximum force.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     import cv2
 
@@ -97,7 +97,7 @@ def run(out: Output) -> None:
         steep = _touched(_corner("c at 45 deg", 45.0), sensor, renderer, out.seed)[1]
     out.table("primitives", {name: [*rows[name], value] for name, value in zip(rows, steep, strict=True)})
     half = [cv2.resize(one, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for one in pictures]
-    # The lowest quarter shows the platform's black body only.
+    # The lowest quarter shows only the platform's black body.
     height = 3 * min(one.shape[0] for one in half) // 4
     columns = 2 if len(half) > 2 else len(half)
     tall = [
@@ -142,7 +142,7 @@ def _touched(
     if fitted is not None:
         points = primitive_outline(fitted, reach_m=0.12)
         if fitted.kind is PrimitiveKind.CORNER and found.fit is not None:
-            # The direction of an edge that does not touch is not seen: only what touches is drawn.
+            # The direction of an edge without contact is not measured: only edges in contact are drawn.
             left, right = found.fit.candidate(PrimitiveKind.CORNER).observed
             half = len(points) // 2
             points = points if left == right else points[:half] if left else points[half:]

@@ -1,8 +1,8 @@
 """A room mapped by touch (Fig. 3.11).
 
-Fixed obstacles in red, free space in green, movable objects in blue; stronger colours are more confident.
-Thin black lines are the truth, movable objects as they stood at the begin; crosses are the contacts
-(simulated room, foam and odometry that drifts).
+Fixed obstacles in red, free space in green, movable objects in blue; stronger colours mean higher confidence.
+Thin black lines are ground truth, with the movable objects at their initial poses; crosses are the contacts
+(simulated room, foam and drifting odometry).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ CONTACTS = 22
 
 
 def run(out: Output) -> None:
-    """Map one room as in the figure, then a few others for the numbers.
+    """Map one room as in the figure, then several others for the statistics.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     rooms = 1 if out.quick else 3
     trials = [map_virtual_room(out.seed + k, 6 if out.quick else CONTACTS) for k in range(rooms)]

@@ -1,6 +1,6 @@
 """Front contour while a bottle is squeezed (Fig. 3.12).
 
-The contour of the foam on the finger in the fixed frame at five forces, measured (dots) beside true (lines)
+The contour of the foam on the finger in the fixed frame at five forces, measured (dots) and true (lines)
 (simulated gripper, foam and bottle).
 """
 
@@ -18,12 +18,12 @@ __all__ = ["run"]
 
 
 def run(out: Output) -> None:
-    """Squeeze, draw the contours, and compare them with the truth.
+    """Squeeze, draw the contours, and compare them with ground truth.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     rng = out.rng()
     rig = GripperSensor(stripe=True)

@@ -27,7 +27,7 @@ from ..output import Columns, Output
 
 __all__ = ["run"]
 
-#: Heights h_1 .. h_6 as shares of the bottle's.
+#: Heights h_1 .. h_6 as fractions of the bottle's.
 HEIGHTS = (0.08, 0.2, 0.33, 0.45, 0.6, 0.85)
 DEFORMATIONS_m = (0.0005, 0.001, 0.002, 0.003, 0.0045, 0.006, 0.008)
 CONTENTS = {
@@ -37,7 +37,7 @@ CONTENTS = {
     "95 % water": Contents(fill=0.95),
     "100 % water": Contents(fill=1.0),
 }
-#: Forces at which the gripper stops [N]; what is softer is pressed less.
+#: Forces at which the gripper stops [N]; a softer wall is pressed with less.
 GRIPS_N = (10.0, 20.0, 35.0)
 
 
@@ -47,7 +47,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     thing = mesh_container(load_container("bottle").middle(), around=24 if out.quick else 40)
     plane = PinchPlane(thing)
@@ -113,7 +113,7 @@ def _write(out: Output, name: str, curves: dict[str, GraspCurve]) -> None:
 
 
 def _measured(out: Output, stiffness: np.ndarray, radii: list[float]) -> list[float]:
-    """What the gripper with the foam sensor reads of springs of these stiffnesses; NaN where it could not."""
+    """Stiffness measured by the gripper's foam sensor on springs of these stiffnesses; NaN if not measured."""
     rng = out.rng(1)
     rig = GripperSensor(stripe=True)
     found = []
@@ -121,7 +121,7 @@ def _measured(out: Output, stiffness: np.ndarray, radii: list[float]) -> list[fl
         sensor = rig.build(folder, rng)
         for k, radius in zip(stiffness[:1] if out.quick else stiffness, radii, strict=False):
             thing = GraspObject(Outline.disc((0.065, 0.0), radius), stiffness_N_per_m=float(k))
-            # A soft wall is pressed by 4 mm at most, as the curves are nearly straight there.
+            # A soft wall is deformed by at most 4 mm, as the curves are nearly linear there.
             grips = [force for force in GRIPS_N if force < 4e-3 * k] or [1e-3 * k, 2e-3 * k, 4e-3 * k]
             if len(grips) < 2:
                 grips = [0.5 * grips[0], grips[0]]

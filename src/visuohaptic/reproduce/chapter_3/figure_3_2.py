@@ -22,12 +22,12 @@ __all__ = ["run"]
 
 
 def run(out: Output) -> None:
-    """Press, fit, draw; and offer a foam whose stress falls.
+    """Press, fit, draw; and test a foam with decreasing stress.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     found = {name: pressed(out, law, number) for number, (name, law) in enumerate(FOAMS.items())}
 
@@ -63,7 +63,7 @@ def run(out: Output) -> None:
 
 
 def _refused() -> bool:
-    """Whether a foam whose stress falls over a part of the strain is turned away."""
+    """Whether a foam with a range of decreasing stress is rejected."""
     strain = np.linspace(0.0, 0.6, 60)
     stress = 4e3 * (strain + 0.12 * np.sin(2 * np.pi * strain / 0.4))
     falling = StrainStress(strain, stress, np.ones(len(strain), dtype=np.int64), "a falling foam")

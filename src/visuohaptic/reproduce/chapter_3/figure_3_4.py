@@ -1,7 +1,7 @@
 """Sensitivity of stress to the image position (Fig. 3.4, Eq. (3.9)).
 
 Change of stress per pixel over strain at d = 0.3 m, gamma = 70 deg, f = 1800 px. The triangle is low and
-even, the trapezoid lowers the barrier at zero strain, the rectangle is steep at both ends (simulated foam;
+nearly constant, the trapezoid reduces the barrier at zero strain, the rectangle is steep at both ends (simulated foam;
 triangle and trapezoid follow from the rectangle's curve).
 """
 
@@ -27,7 +27,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     base = pressed(out, FOAMS["soft (as PUR)"], 0, curve="spline").material
     strain = np.linspace(0.0, 0.6, 121)

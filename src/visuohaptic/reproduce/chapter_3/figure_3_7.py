@@ -28,16 +28,16 @@ NAMES = {
     "C": "C, plate of 4 cm",
 }
 DEEPEST_m = 0.010
-FRAMES = 4  #: at each depth, to tell noise from error
+FRAMES = 4  #: at each depth, to separate noise from bias
 
 
 def run(out: Output) -> None:
-    """Press every shape, read the force from rendered frames, compare.
+    """Press every shape, measure the force from rendered frames, compare.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     data, body = _pressed(out)
     out.table("forces", data)
@@ -60,7 +60,7 @@ def run(out: Output) -> None:
 
 
 def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
-    """Columns of all presses, and the deepest profile under shape C."""
+    """Columns of all presses, and the profile at maximum depth under shape C."""
     virtual = VirtualSensor()
     steps, runs = (4, 1) if out.quick else (12, 4)
     rows = Columns("shape run true_N measured_N sigma_N noise_N")

@@ -1,7 +1,7 @@
 """Accuracy of the beam sensor (Fig. 3.8).
 
-Read against true values while a force steps up and down along Y, at two camera distances; the dashed line
-is the ideal one, bars are one standard deviation of a frame, five times enlarged and twice for F_Z, as
+Measured against true values while a force steps up and down along Y, at two camera distances; the dashed line
+is ideal, bars are one standard deviation of a frame, magnified five times and twice for F_Z, as
 printed (simulated rod of 12 cm, 1.5 mm, templates of 4 cm, camera of 1600 x 896 px).
 """
 
@@ -22,17 +22,17 @@ __all__ = ["run"]
 
 AXES = ("F_X", "F_Y", "F_Z", "M_X", "M_Y", "M_Z")
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
-TOP_N = 2.8  #: 3.3 N bend the rod for good
+TOP_N = 2.8  #: 3.3 N bend the rod permanently
 DISTANCES_m = (0.3, 0.6)
 
 
 def run(out: Output) -> None:
-    """Step, read every frame, compare the means and the scatter of each step.
+    """Step the force, read every frame, compare mean and standard deviation of each step.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     levels = np.linspace(0.0, TOP_N, 2 if out.quick else 6)
     path = np.r_[levels, levels[-2::-1]]

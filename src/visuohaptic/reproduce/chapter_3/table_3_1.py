@@ -1,7 +1,7 @@
 """Opening a crown cap (Table 3.1).
 
-Steps of the task with the input of each, when it ended and how far the tip then was from the cap, median
-over the bottles that were opened; picture: forces and moments of one bottle (simulated arm, opener, beam
+Steps of the task with their input, end time and remaining distance of the tip from the cap, median
+over the opened bottles; plot: forces and moments of one bottle (simulated arm, opener, beam
 sensor and camera).
 """
 
@@ -34,12 +34,12 @@ STEPS = {
 
 
 def run(out: Output) -> None:
-    """Open bottles with sight as in the table, and with no better sight than the start error.
+    """Open bottles with vision as in the table, and without improvement of the initial position error.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     bottles = 3 if out.quick else 20
     trials = [open_virtual_cap(out.seed + k, "tracked") for k in range(bottles)]
@@ -76,7 +76,7 @@ def run(out: Output) -> None:
 
 
 def _end(trial: OpenerTrial, state: CapState) -> tuple[float, float, float, float] | None:
-    """When a state was last left, and how far the tip then was from the cap on each axis."""
+    """Time at which a state was last left, and the distance of the tip from the cap on each axis."""
     cap = virtual_opener(trial.seed, "tracked").position_base_m
     for step in reversed(trial.opening.trace.steps):
         if step.state == state:
@@ -101,7 +101,7 @@ def _draw(axes: Any, trial: OpenerTrial) -> None:
         axes[1].plot(t, moment[:, k], color=colour, lw=1.1, label=f"M_{name}")
     axes[0].set(ylabel="force [N]")
     axes[1].set(ylabel="moment [Nm]", xlabel="time [s]")
-    # Before the cap is touched there is nothing but noise.
+    # Before the contact with the cap there is only noise.
     axes[0].legend(loc="lower left", ncols=3)
     axes[1].legend(loc="upper left", ncols=3)
     top = math.inf

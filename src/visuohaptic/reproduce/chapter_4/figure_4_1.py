@@ -1,7 +1,7 @@
 """Skeleton, distance map and navigation graph (Fig. 4.1).
 
 Several rooms and a hallway: (a) distance from obstacles with the skeleton, (b) navigation graph, regions in
-pale colours (a floor drawn here; the dissertation used the map of a real building).
+pale colours (synthetic floor plan; the dissertation used the map of a real building).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     regions = regions_of(building())
     graph = regions.graph

@@ -1,7 +1,7 @@
 """Visuo-haptic graph with manipulation nodes (Fig. 4.2).
 
-(a) Four movable obstacles (brown) are on the map, two of them in doorways: the graph falls apart. (b)
-Manipulation nodes (blue) with their regions (yellow) connect it again (floor drawn here, tags of Table
+(a) Four movable obstacles (brown) are on the map, two of them in doorways: the graph is disconnected. (b)
+Manipulation nodes (blue) with their regions (yellow) connect it again (synthetic floor plan, tags of Table
 4.1).
 """
 
@@ -24,12 +24,12 @@ __all__ = ["run"]
 
 
 def run(out: Output) -> None:
-    """Build both graphs and say what the nodes connect.
+    """Build both graphs and report which parts the nodes connect.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     empty, regions = regions_of(building()).graph, regions_of(with_all())
     graph = regions.graph
@@ -56,7 +56,7 @@ def run(out: Output) -> None:
 
 
 def _parts(nodes: int, ends: np.ndarray, visual: int) -> int:
-    """Connected parts that the nodes of the map belong to."""
+    """Connected components of the nodes of the map."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -1,8 +1,8 @@
 """Search for push goals (Fig. 4.3).
 
 Detail of the map of Fig. 4.2: candidate positions (+) of the crate with the path that encircles it there,
-its points nearer to obstacles than the platform's radius in red. Only the position in the door frame has
-two occupied parts. Green: all goals according to the map M_g (floor drawn here).
+points closer to obstacles than the platform's radius in red. Only the position in the door frame has
+two occupied parts. Green: all goals according to the map M_g (synthetic floor plan).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ REACH_m = 1.6
 
 
 def run(out: Output) -> None:
-    """Goal map about the crate, and four candidates looked at closely.
+    """Goal map around the crate, and details of four candidates.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     item = OBJECTS[0]
     centre = item.centre_m
@@ -40,7 +40,7 @@ def run(out: Output) -> None:
     path = np.array([[centre[0], centre[1] - 1.3], [centre[0], centre[1] + 1.2]])
     goals = goal_map(costmap, footprint, at, radius, blocked_path_m=path, reach_m=REACH_m)
     anywhere = goal_map(costmap, footprint, at, radius, reach_m=REACH_m)
-    # In the open, at a wall, in the hallway, in the door frame.
+    # In free space, at a wall, in the hallway, in the door frame.
     spots = np.array([[6.1, 2.1], [8.2, 3.05], [8.1, 4.5], [float(centre[0]), 3.55]])
     parts = blocked_parts(costmap, footprint, np.column_stack([spots, np.zeros(len(spots))]), radius)
     found = [bool(_value(costmap, anywhere, spot)) for spot in spots]

@@ -1,8 +1,8 @@
 """Planning of the sideward push (Fig. 4.4).
 
 Two scenes with static obstacles (grey), a movable object (orange) and the platform (blue). Left: straight
-candidates, green where the object drops in time, dotted grey otherwise. Right: one success and one failure,
-the object's way in red; dashed is MuJoCo's answer to the same drive (the dissertation simulated these too).
+candidates, green where the object separates in time, dotted grey otherwise. Right: one success and one failure,
+the object's path in red; dashed is the MuJoCo simulation of the same drive (the dissertation used simulation too).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LENGTH_m = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One map with one thing in the way."""
+    """One map with one obstacle on the path."""
 
     name: str
     grid: OccupancyMap
@@ -66,12 +66,12 @@ def scenes() -> tuple[Scene, Scene]:
 
 
 def run(out: Output) -> None:
-    """Judge all straight candidates, then drive one good and one bad in MuJoCo.
+    """Evaluate all straight candidates, then simulate a success and a failure in MuJoCo.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     rows = Columns("scene x0_m y0_m x1_m y1_m outcome")
     shown, off, agree = [], [], []
@@ -106,7 +106,7 @@ def _candidates(scene: Scene) -> tuple[list[Candidate], PushModel, tuple[float, 
     enter_m, leave_m = np.array(scene.enter_m), np.array(scene.leave_m)
     thing = MovableObject(scene.name, scene.footprint_m)
     centre = thing.centre_m
-    # MuJoCo's outlines have round corners; a push above the floor shifts the load.
+    # MuJoCo's outlines have rounded corners; a push above the floor shifts the load.
     outline_m = (thing.footprint_m - centre) * (1 - ROUND_m / 0.15)
     feet, _ = patch_points(outline_m, 16)
     model = PushModel(outline_m, feet, load_of_feet(feet), FRICTION, ROUND_m, FLOOR * HEIGHT_m)

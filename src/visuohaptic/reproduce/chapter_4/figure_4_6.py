@@ -2,7 +2,7 @@
 
 (a) Map with candidates for exploration (orange) and direct push plans (red). (b) Navigation graph of the
 map and shortest path (green), a long detour. (c) With manipulation nodes (blue), a much shorter one (office
-drawn after the figure, objects with the printed tags).
+modelled after the figure, objects with the printed tags).
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ __all__ = ["run"]
 
 
 def run(out: Output) -> None:
-    """Plan with and without pushing, and say lengths and times.
+    """Plan with and without pushing, and report lengths and times.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     problem = office()
-    plans = alternatives(problem, PushCosts(price_ends=False))  # the text knows the end of a push
+    plans = alternatives(problem, PushCosts(price_ends=False))  # ends of pushes are known in the text
     push, detour = plans["cheapest"], plans["no pushing"]
     detached = make_plan(office((5.3, 3.6)))
     regions = regions_of(problem.map)

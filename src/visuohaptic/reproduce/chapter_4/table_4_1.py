@@ -1,8 +1,8 @@
 """Haptic tags of various objects (Table 4.1).
 
-Objects with the printed friction forces, pushed by the simulated platform: tag read from rendered frames
-beside the printed value; hatched: largest force where no friction is printed. The strip has the
-dissertation's section and a foam that bears the table. The cushion is left out (the simulation has no soft
+Objects with the printed friction forces, pushed by the simulated platform: tag measured from rendered frames
+next to the printed value; hatched: maximum force where no friction is printed. The strip has the
+dissertation's section and a foam that can push the table. The cushion is omitted (the simulation has no soft
 obstacles); so is the deformability of the stool.
 """
 
@@ -34,9 +34,9 @@ from ..output import Columns, Output
 __all__ = ["run"]
 
 FRONT_m, GAP_m = 0.19, 0.012
-#: Slow: the water in the vase breaks away after less than a millimetre, and 30 frames a second have to see it.
+#: Slow: the water in the vase breaks away after less than a millimetre, which has to be observed at 30 frames per second.
 SPEED_m_s, PUSH_m = 0.0125, 0.04
-#: The soft foam of the other figures densifies under 15 N on 20 cm; PUR of this kind bears the 15.9 N of the table.
+#: The soft foam of the other figures densifies under 15 N on 20 cm; PUR of this kind supports the 15.9 N of the table.
 FIRM_FOAM: StripLaw = replace(SOFT_FOAM, mu_Pa=tuple(2.5 * mu for mu in SOFT_FOAM.mu_Pa))
 PRINTED_DRIFT = {
     "stool": 0.03, "paper bin": 0.03, "paper bin + content": 0.03, "table": 0.03, "door": 0.1, "vase": 0.3, "vase + water": 0.1
@@ -53,7 +53,7 @@ class Row:
     dynamic_N: float = math.nan
     fixed: bool = False
     falls: bool = False
-    known: bool = True  #: the printed force is friction on the floor, and can be set
+    known: bool = True  #: the printed force is friction on the floor, and can be simulated
 
 
 def _pushed(name: str, kind: str, size: tuple[float, float, float], static_N: float, dynamic_N: float,
@@ -72,7 +72,7 @@ def _pushed(name: str, kind: str, size: tuple[float, float, float], static_N: fl
 def table_rows() -> tuple[Row, ...]:
     """The objects, in the order of the table."""
     tower = box("PC tower", FRONT_m + GAP_m + 0.225, 0.0, (0.45, 0.2, 0.45), mass_kg=25.0, friction=0.6)
-    # Its inertia answers, not its hinge: v sqrt(k m) is about 3 N, and it swings on for a while.
+    # The force is due to its inertia, not its hinge: v sqrt(k m) is about 3 N, and it keeps swinging for a while.
     wing = door(
         "door", FRONT_m + GAP_m + 0.02, -0.5, yaw_rad=0.5 * math.pi, mass_kg=12.0, hinge_friction_Nm=0.1
     )
@@ -94,12 +94,12 @@ def table_rows() -> tuple[Row, ...]:
 
 
 def run(out: Output) -> None:
-    """Explore each object with one calibrated sensor.
+    """Explore each object with the same calibrated sensor.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     virtual, rng = VirtualSensor(law=FIRM_FOAM), out.rng()
     chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]
@@ -144,7 +144,7 @@ def run(out: Output) -> None:
 def _explored(
     row: Row, sensor: FoamSensor, renderer: SceneRenderer, seed: int
 ) -> tuple[str, HapticTag, float, float]:
-    """Outcome, tag, largest force, and the mean load in the simulation while it moved [N]."""
+    """Outcome, tag, maximum force, and the mean simulated load while it moved [N]."""
     world = FoamPushWorld([row.obstacle], PlatformConfig(), FIRM_FOAM, seed=seed)
     source = SimulatedSensorCamera(world, renderer, duration_s=40.0, seed=seed)
     loads: list[float] = []
@@ -159,7 +159,7 @@ def _explored(
     scene = SceneTracker.of_sensor(sensor.setup, world.config.floor_below_m)
     found = explore_obstacle(world.base, source, sensor, settings, scene=scene, on_step=watch)
     largest = max((p.force_N for p in found.profiles if p.valid), default=math.nan)
-    # As the tag does: without the first frames, where inertia adds.
+    # As in the tag: without the first frames, where inertia adds to friction.
     dynamic = float(np.mean(loads[3:])) if len(loads) > 3 else math.nan
     return str(found.outcome), found.tag, float(largest), dynamic
 

@@ -1,6 +1,6 @@
 """Local background model and error score of one view (Fig. 5.3).
 
-Mean depth, standard deviation and reliability of the model from eight past views, the depth of the present
+Mean depth, standard deviation and reliability of the model from eight past views, the depth of the current
 view, and the error score (simulated depth camera and bottles with labels).
 """
 
@@ -21,17 +21,17 @@ from ..output import Output
 
 __all__ = ["run"]
 
-#: Views 2 cm apart over 0.2 m, with a gap of 16 cm behind the present one.
+#: Views 2 cm apart over 0.2 m, with a gap of 16 cm behind the current one.
 STEP_m, VIEWS, GAP = 0.02, 8, 8
 
 
 def run(out: Output) -> None:
-    """Render the past views and the present one, model, compare.
+    """Render the past views and the current one, build the model, compare.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     scene = glass_scene(out.seed, kind="labelled", arc_deg=105, step_m=STEP_m)
     sensor = DepthCamera.kinect(160 if out.quick else 320)
@@ -91,7 +91,7 @@ def run(out: Output) -> None:
 
 
 def _shows_glass(scene: Any, frame: DepthFrame) -> np.ndarray:
-    """Pixels whose ray passes a transparent part: sampled on the way, 5 mm apart."""
+    """Pixels whose ray passes through a transparent part: sampled along the ray, 5 mm apart."""
     height, width = frame.depth_m.shape
     rows, columns = np.mgrid[0:height, 0:width]
     rays = frame.camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))

@@ -1,7 +1,7 @@
 """Reconstruction of partly transparent bottles (Fig. 5.4).
 
-Left: fused surface (signed distance, 5 mm); only labels and caps of the bottles are there. Middle: with the
-regions that the transparency detector finds, in yellow. Right: the true bottles (simulated depth camera and
+Left: fused surface (signed distance, 5 mm); it contains only labels and caps of the bottles. Middle: with the
+regions found by the transparency detector, in yellow. Right: the true bottles (simulated depth camera and
 objects).
 """
 
@@ -23,12 +23,12 @@ VOXEL_m = 0.005
 
 
 def run(out: Output) -> None:
-    """Fuse, detect, and compare the surface of the bottles with the truth.
+    """Fuse, detect, and compare the surface of the bottles with ground truth.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     scene = glass_scene(out.seed, kind="labelled", arc_deg=105 if out.quick else 180, step_m=0.05)
     frames = rendered(scene, out.seed, 160 if out.quick else 320)
@@ -82,7 +82,7 @@ def run(out: Output) -> None:
 
 
 def _wall_points(solid: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Points on the outer wall, and which of them are transparent."""
+    """Points on the outer wall, and mask of the transparent ones."""
     theta, z = np.meshgrid(
         np.linspace(0, 2 * np.pi, 48, endpoint=False), np.linspace(0.02, solid.height_m - 0.004, 60)
     )

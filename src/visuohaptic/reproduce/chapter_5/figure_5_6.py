@@ -23,12 +23,12 @@ __all__ = ["run"]
 
 
 def run(out: Output) -> None:
-    """One scene of each kind, by the published detector and by ours.
+    """One scene of each kind, with the published detector and with this library's.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     kinds = SCENE_KINDS[2:3] if out.quick else SCENE_KINDS
     figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 9.0))

@@ -1,8 +1,8 @@
 """Simulated haptic exploration of three objects (Fig. 5.7).
 
-Left: complete geometry; its middle is taken away and estimated. Then the surface (yellow) with 0, 3 and 10
+Left: complete geometry; its middle is removed and estimated. Then the surface (yellow) with 0, 3 and 10
 touches (red), the visible parts in grey. Right: uncertainty before the fourth touch, dark is certain,
-yellow the least certain of the object (as in the dissertation, simulation on parametric bottles).
+yellow is the highest uncertainty of the object (as in the dissertation, simulation on parametric bottles).
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ SHOWN = (0, 3, 10)
 
 
 def run(out: Output) -> None:
-    """Explore three bottles as planned and draw the steps.
+    """Explore three bottles with planned touches and draw the steps.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     shown = SHOWN[:2] if out.quick else SHOWN
     names = "A" if out.quick else "ABC"

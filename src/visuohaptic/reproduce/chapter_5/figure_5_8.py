@@ -1,7 +1,7 @@
 """Error of the extrapolated geometry by simulated haptic exploration (Fig. 5.8).
 
 Mean square error over the number of touches: grey for single objects, blue the mean of the data set; orange
-for touches at random places (as in the dissertation, simulation on parametric bottles; a part of its 700,
+for random touches (as in the dissertation, simulation on parametric bottles; a subset of its 700,
 see `python -m benchmarks.completion --objects 700` for all).
 """
 
@@ -18,17 +18,17 @@ from ..worlds.virtual_completion import TOUCHES, explore, touches_to_tenth
 
 __all__ = ["run"]
 
-#: Of the dissertation's 700. Three seconds each; the mean over fifty tells planned from random touches.
+#: Of the dissertation's 700. Three seconds each; the mean over fifty separates planned from random touches.
 OBJECTS = 50
 
 
 def run(out: Output) -> None:
-    """Explore bottles as planned and at random.
+    """Explore bottles with planned and with random touches.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     objects, touches = (2, 4) if out.quick else (OBJECTS, TOUCHES)
     curves: dict[str, list[list[float]]] = {"planned": [], "random": []}

@@ -23,12 +23,12 @@ PLACES = ("y+5", "x+4")
 
 
 def run(out: Output) -> None:
-    """Features of the middle bottle; four curves with noise.
+    """Features of the nominal bottle; four curves with noise.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     thing = load_object("cien", around=32)
     values = linear_features(thing).values[..., 0]

@@ -1,7 +1,7 @@
 """Quadratic feature of closed and open bottles (Fig. 6.11).
 
-Difference of the quadratic feature II, closed with air less open, on y+ from 3 to 13 sixteenths of the
-height; values up to 0 in red (simulated only; the dissertation measured real bottles as well, where it is
+Difference of the quadratic feature II, closed with air minus open, on y+ from 3 to 13 sixteenths of the
+height; values up to 0 in red (simulation only; the dissertation also measured real bottles, with values
 up to 3).
 """
 
@@ -18,7 +18,7 @@ from ..output import Columns, Output
 __all__ = ["run"]
 
 NAMES = ("isana", "palmo", "cien", "smoothie")
-#: II is stated for a nominal deformation [m] and force [N].
+#: Nominal deformation [m] and force [N] of II.
 NOMINAL_m, NOMINAL_N = 0.003, 50.0
 
 
@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     names = NAMES[:1] if out.quick else NAMES
     heights = (5, 9) if out.quick else (3, 5, 7, 9, 11, 13)
@@ -78,7 +78,7 @@ def run(out: Output) -> None:
 
 
 def _quadratic(deformation_m: np.ndarray, force_N: np.ndarray) -> float:
-    """II of Sec. 6.1.6: coefficient of the square, where deformation is in 3 mm and force in 50 N."""
+    """II of Sec. 6.1.6: coefficient of the square, with deformation in units of 3 mm and force in units of 50 N."""
     x, y = deformation_m / NOMINAL_m, force_N / NOMINAL_N
     near = x <= 1.6
     if near.sum() < 2:

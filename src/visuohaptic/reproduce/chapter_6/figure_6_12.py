@@ -1,7 +1,7 @@
 """Grasps verified under large deformation (Fig. 6.12).
 
-Force against deformation of the grasps of the text, green where the text says that it holds, red where it
-does not; the dotted line is the largest allowed deformation (nonlinear simulation; the dissertation grasped
+Force against deformation of the grasps in the text, green if the text states that the grasp holds, red if it
+does not; the dotted line is the maximum allowed deformation (nonlinear simulation; the dissertation grasped
 real objects).
 """
 
@@ -24,14 +24,14 @@ __all__ = ["CASES", "best_vertex", "run"]
 
 @dataclass(frozen=True)
 class Case:
-    """What one sentence of Alt 2016, Sec. 6.4.2 says of a single grasp."""
+    """Statement of Alt 2016, Sec. 6.4.2 about a single grasp."""
 
     name: str
     thing: str
     force_N: float
-    low: float  #: the place's height, as a fraction of the object's
+    low: float  #: height of the location, as a fraction of the object's
     high: float
-    side: str  #: "x", "y": narrow or flat side; "" is any
+    side: str  #: "x", "y": narrow or flat side; "" is either
     good: bool
 
 
@@ -41,7 +41,7 @@ CASES = (
     Case("cleaner at its soft, flat centre", "cleaner", 20.0, 0.48, 0.53, "y", False),
     Case("cup-rim on top", "cup-rim", 20.0, 0.9, 1.0, "", True),
     Case("cup-rim in the centre", "cup-rim", 20.0, 0.45, 0.55, "", False),
-    # The text's cup was grasped where the rim held the other one.
+    # The cup in the text was grasped at the height where the rim supported the other cup.
     Case("cup on top, 5 N", "cup", 5.0, 0.96, 1.0, "", False),
 )
 
@@ -60,7 +60,7 @@ def best_vertex(plan: GraspPlan, case: Case) -> int:
     height = points[:, 2] / points[:, 2].max()
     there = (height >= case.low) & (height <= case.high)
     if case.side:
-        # The middle of that side: within 5 degrees of its axis.
+        # The centre of that side: within 5 degrees of its axis.
         angle = np.degrees(np.arctan2(points[:, 1], points[:, 0])) % 180
         away = np.minimum(angle, 180 - angle) if case.side == "x" else np.abs(angle - 90)
         there &= away < 5
@@ -68,12 +68,12 @@ def best_vertex(plan: GraspPlan, case: Case) -> int:
 
 
 def run(out: Output) -> None:
-    """Every sentence of the text: the map's prediction, and the nonlinear simulation's answer.
+    """Every statement of the text: the map's prediction, and the result of the nonlinear simulation.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     cases = CASES[3:5] if out.quick else CASES
     rows = Columns("grasp force_N text_holds score map_mm simulated_mm map_holds simulated_holds why")

@@ -1,7 +1,7 @@
 """Simulated deformation shapes of two models (Fig. 6.2).
 
-A cup without (a) and with a reinforced rim (b) under the same pinch near the top, colour: how far the wall
-moves; (c) local stiffness of (b), dark soft, bright stiff (simulated, as in the dissertation).
+A cup without (a) and with a reinforced rim (b) under the same pinch near the top, colour: displacement of the
+wall; (c) local stiffness of (b), dark soft, bright stiff (simulated, as in the dissertation).
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ FORCE_N, HEIGHT = 3.0, 0.9
 
 
 def run(out: Output) -> None:
-    """Pinch both, map one.
+    """Pinch both cups, compute the stiffness map of one.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     from matplotlib.colors import LogNorm, Normalize
 

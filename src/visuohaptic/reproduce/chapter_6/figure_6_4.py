@@ -26,7 +26,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     plans = []
     rows = Columns("object rank height_share angle_deg score deformation_mm")

@@ -19,12 +19,12 @@ NAMES = ("elliptic", "cleaner", "cien", "bottle", "cup", "cup-rim")
 
 
 def run(out: Output) -> None:
-    """Map six classes' middle objects.
+    """Stiffness maps of the nominal objects of six classes.
 
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable

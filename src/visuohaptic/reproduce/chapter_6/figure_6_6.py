@@ -1,6 +1,6 @@
 """Correlation between feature vectors of different classes (Fig. 6.6).
 
-Mean normalised cross-correlation of simulated features; 1 is the same shape of stiffness.
+Mean normalised cross-correlation of simulated features; 1 means the same stiffness profile.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     data = training_features(out)
     data = data.take(np.array([label != "cut-bottle" for label in data.label]))

@@ -1,7 +1,7 @@
 """Stiffness features of four classes and their decision tree (Fig. 6.7).
 
 Features over the height (x+ solid, y+ dashed), bars: standard deviation in a class; crosses: features and
-thresholds of the tree beside (simulated features, as in the dissertation).
+thresholds of the tree next to it (simulated features, as in the dissertation).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     data = grouped(training_features(out), DISTINCT)
     tree = train_tree(data, rng=out.rng(), folds=6 if out.quick else 10)

@@ -1,6 +1,6 @@
 """Decision trees trained with subsets of classes (Table 6.1).
 
-Cross-validated loss of nine trees beside the printed one (simulated features, as in the dissertation).
+Cross-validated loss of nine trees and the printed values (simulated features, as in the dissertation).
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ TREES: dict[int, tuple[tuple[str, ...], str, float, int]] = {
     8: (FIVE, "point", 3.7, 9),
     9: (CONFUSABLE, "centre", 0.8, 2),
 }
-#: The elliptic bottles are one class where they are not told apart.
+#: The elliptic bottles are one class where they are not distinguished.
 ELLIPTIC = {"elliptic": GROUPS["elliptic"]}
-#: The folds are drawn so often; the loss is the mean.
+#: Number of random partitions into folds; the loss is the mean.
 REPEATS = 5
 _NAMES = {"centre": "(6.5), two touches", "point": "one point", "norm": "(6.4), all"}
 
@@ -43,7 +43,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     data = training_features(out)
     rows = Columns(
@@ -67,7 +67,7 @@ def run(out: Output) -> None:
         for shift, key, colour, label in ((-0.2, "loss_percent", "blue", "ours"),
                                           (0.2, "printed_percent", "grey", "dissertation")):  # fmt: skip
             bars = None
-            if key == "loss_percent":  # a loss is not below zero
+            if key == "loss_percent":  # a loss is not negative
                 bars = [
                     [min(s, v) for s, v in zip(rows["sigma_percent"], rows[key], strict=True)],
                     rows["sigma_percent"],

@@ -1,8 +1,8 @@
 """Classification of nine objects by haptic exploration (Table 6.2).
 
-Share of trials in which each tree, and our planner that knows its uncertainty, names the class (simulated
-objects from another element than the training's, with own walls, shapes and a gripper that comes at a wrong
-pose).
+Fraction of trials in which each tree, and this library's uncertainty-aware planner, identify the class (simulated
+objects with another element type than in training, with individual walls and shapes, and with errors of the
+gripper's pose).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, pictures and comparisons; its seed and size are used.
+        Receives tables, figures and comparisons; its seed and size are used.
     """
     draws = 1 if out.quick else 3
     names = ("cup", "cien") if out.quick else tuple(world.REAL)

@@ -1,4 +1,4 @@
-"""Where a pushed object may go, on a costmap around it (Alt 2016, Sec. 4.3.1), and where it goes in MuJoCo."""
+"""Push goals of an object on a costmap around it (Alt 2016, Sec. 4.3.1), and simulation of pushes in MuJoCo."""
 
 from ...core.front_door import attach
 

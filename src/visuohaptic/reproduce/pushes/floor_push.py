@@ -1,4 +1,4 @@
-"""A round platform drives against an object on feet: MuJoCo's answer to "where does it go?"."""
+"""MuJoCo simulation of a round platform that drives against an object on feet."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ...core.measurement import GRAVITY_M_S2
 __all__ = ["FloorBody", "FloorPush", "FloorTrace"]
 
 FOOT_M = 0.004
-#: How far the springs of the feet deform under the object's weight (m), and what a foot weighs (kg).
-#: Rigid feet, more than three, would share the load as the solver likes; springs share it as springs do.
+#: Deformation of the feet's springs under the object's weight (m), and mass of a foot (kg).
+#: With more than three rigid feet, the load distribution would be indeterminate; springs determine it.
 SAG_M, FOOT_KG = 5e-4, 0.01
 
 
@@ -25,15 +25,15 @@ SAG_M, FOOT_KG = 5e-4, 0.01
 class FloorBody:
     """A rigid object on explicit feet, in a frame whose origin is on the floor below its reference point.
 
-    The platform is a sphere whose equator meets the outline at one height, and
-    the outline is a ring of capsules: such pairs have closed formulas for
-    their contact. (Of cylinders and prisms MuJoCo finds normals that are
-    degrees off where they hardly overlap, and friction then leaves its cone.)
+    The platform is a sphere whose equator touches the outline at one height, and
+    the outline is a ring of capsules: such pairs have closed-form
+    contacts. (For cylinders and prisms, MuJoCo's contact normals are
+    wrong by degrees at small penetration, and friction then leaves its cone.)
     """
 
     outline_m: Float[np.ndarray, "m 2"]  #: corners of the core; one point for a disc
     feet_m: Float[np.ndarray, "n 2"]
-    round_m: float = 0.005  #: the outline is the core widened by this; the radius of a disc
+    round_m: float = 0.005  #: the outline is the core, dilated by this; the radius of a disc
     mass_kg: float = 2.0
     centre_m: tuple[float, float] = (0.0, 0.0)  #: of mass
     centre_height_m: float = 0.06  #: of mass above the floor
@@ -54,7 +54,7 @@ class FloorBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorTrace:
-    """What happened, at every recorded time."""
+    """States at all recorded times."""
 
     platform_m: Float[np.ndarray, "k 3"]  #: x, y, heading [m, m, rad]
     object_m: Float[np.ndarray, "k 3"]  #: x, y, yaw [m, m, rad]
@@ -62,13 +62,13 @@ class FloorTrace:
 
     @property
     def dropped(self) -> bool:
-        """Whether it was touched, and lost before the last centimetre of the drive."""
+        """Whether the object was touched, and contact was lost before the last centimetre of the drive."""
         where = np.flatnonzero(self.touching)
         return bool(len(where) and self.driven_m[-1] - self.driven_m[where[-1]] > 0.01)
 
     @property
     def driven_m(self) -> Float[np.ndarray, "k"]:
-        """Length driven until each time."""
+        """Distance driven until each time."""
         steps = np.hypot(*np.diff(self.platform_m[:, :2], axis=0).T)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -169,7 +169,7 @@ class FloorPush:
         for _ in range(count):
             data.qvel[:3] = velocity
             self._mujoco.mj_step(model, data)
-            # It weighs tons, and is put where it should be all the same.
+            # Its mass is several tons, and it is still moved kinematically.
             place += velocity * model.opt.timestep
             data.qpos[:3] = place
             for c in range(data.ncon):
@@ -181,7 +181,7 @@ class FloorPush:
 
 
 def _mjcf(thing: FloorBody, radius_m: float, step_s: float) -> str:
-    """The model. Every foot is a small body on a spring of its own."""
+    """The model. Every foot is a small body on its own spring."""
     geoms, pairs = "", ""
     corners, height, r = thing.outline_m, thing.push_height_m, thing.round_m
     count = len(corners) if len(corners) > 2 else max(1, len(corners) - 1)

@@ -1,4 +1,4 @@
-"""Where an object may be pushed to without blocking another passage: Alt 2016, Sec. 4.3.1 and Eq. (4.3)."""
+"""Positions to which an object can be pushed without blocking another passage: Alt 2016, Sec. 4.3.1 and Eq. (4.3)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ __all__ = ["GoalMap", "are_goals", "blocked_parts", "clashes", "goal_map"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalMap:
-    """Places of an object's reference point, for one orientation."""
+    """Positions of an object's reference point, for one orientation."""
 
     goal: Bool[np.ndarray, "rows columns"]  #: M_g: fits, blocks no other passage, leaves the path open
-    free: Bool[np.ndarray, "rows columns"]  #: fits there, at least in passing
+    free: Bool[np.ndarray, "rows columns"]  #: fits there, at least temporarily
     yaw_rad: float  #: orientation of the footprint
 
 
@@ -30,14 +30,14 @@ def goal_map(
     blocked_path_m: Float[np.ndarray, "k 2"] | None = None,
     reach_m: float = 1.0,
 ) -> GoalMap:
-    """All push goals about an object.
+    """All push goals around an object.
 
-    A place is a goal when the footprint fits (in place of the dissertation's
-    enclosing circle, M_d(y) > r_obj, the outline itself is asked), when the
-    ring on which the platform drives around it has at most one part nearer to
-    obstacles than the platform's radius (a wall on one side is fine, on two
-    sides it would be a plug), and when the desired path then is free. Parts
-    begin and end where M_d crosses r_rob.
+    A position is a goal if the footprint fits (the outline itself is tested instead of the dissertation's
+    enclosing circle, M_d(y) > r_obj), if the
+    ring on which the platform drives around it has at most one part closer to
+    obstacles than the platform's radius (a wall on one side is acceptable, on two
+    sides the object would block a passage), and if the desired path is then free. Parts
+    start and end where M_d crosses r_rob.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ def goal_map(
     footprint
         Its samples, for ``radius_m``.
     object_m
-        Where it stands: x, y [m], yaw [rad]; goals keep the yaw.
+        Current pose: x, y [m], yaw [rad]; goals keep the yaw.
     radius_m
         Of the platform.
     blocked_path_m
         The path that the push has to open, map frame.
     reach_m
-        r_mani: how far from the object goals are looked for.
+        r_mani: maximum distance of goals from the object.
     """
     goal, free = np.zeros(costmap.map.shape, dtype=bool), np.zeros(costmap.map.shape, dtype=bool)
     cells = np.argwhere(~free)
@@ -68,7 +68,7 @@ def goal_map(
 def clashes(
     costmap: LocalCostmap, footprint: FootprintSamples, poses: Float[np.ndarray, "n 3"]
 ) -> Int[np.ndarray, "n"]:
-    """How many samples of a footprint are too near to obstacles, at each pose; 0 where it fits.
+    """Number of samples of a footprint that are too close to obstacles, at each pose; 0 if it fits.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def clashes(
 def blocked_parts(
     costmap: LocalCostmap, footprint: FootprintSamples, poses: Float[np.ndarray, "n 3"], radius_m: float
 ) -> Int[np.ndarray, "n"]:
-    """Number of runs of the closed ring where obstacles are nearer than the radius: l of Eq. (4.3).
+    """Number of segments of the closed ring where obstacles are closer than the radius: l of Eq. (4.3).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Local costmap of one object: a window of the map without it, with the clearance of every cell, and what fits there."""
+"""Local costmap of one object: a window of the map without it, with the clearance of every cell, and collision tests."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class FootprintSamples:
     """Samples of an outline at the spacing of a map, in the object's frame (reference point at the origin)."""
 
     outline_m: Float[np.ndarray, "m 2"]  #: corners
-    border_m: Float[np.ndarray, "b 2"]  #: along the outline, a cell apart
-    inner_m: Float[np.ndarray, "i 2"]  #: on and in the outline, a cell apart
+    border_m: Float[np.ndarray, "b 2"]  #: along the outline, one cell apart
+    inner_m: Float[np.ndarray, "i 2"]  #: on and inside the outline, one cell apart
     ring_m: Float[np.ndarray, "r 2"]  #: pi of Sec. 4.3.1: the platform's radius away from the outline
     inside_m: (
-        float  #: radius of a circle that the outline holds, about any point of the reference point's cell
+        float  #: radius of a circle that is inside the outline, about any point of the reference point's cell
     )
 
     @classmethod
@@ -43,7 +43,7 @@ class FootprintSamples:
         cell_m
             Edge length of a cell [m].
         round_m
-            The outline is widened by this [m].
+            The outline is dilated by this [m].
 
         Raises
         ------
@@ -76,7 +76,7 @@ class FootprintSamples:
         ring = shape.buffer(radius_m)
         origin = shapely.Point(0.0, 0.0)
         inside = shape.exterior.distance(origin) if shape.contains(origin) else 0.0
-        half_diagonal = math.sqrt(0.5) * cell_m  # distances are looked up at the centre of the point's cell
+        half_diagonal = math.sqrt(0.5) * cell_m  # distances are evaluated at the centre of the point's cell
         return cls(
             corners,
             border,
@@ -101,7 +101,7 @@ class LocalCostmap:
         footprint_m: Float[np.ndarray, "p 2"],
         reach_m: float,
     ) -> LocalCostmap:
-        """Cut out the surroundings of an object and take the object away.
+        """Cut out the surroundings of an object and remove the object.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class LocalCostmap:
         footprint_m
             Outline of the object, map frame.
         reach_m
-            How far from the outline planning goes, with the platform's diameter [m].
+            Planning range around the outline, including the platform's diameter [m].
 
         Raises
         ------
@@ -149,9 +149,9 @@ class LocalCostmap:
 
     @property
     def margin_m(self) -> float:
-        """Distance at which a sample of a footprint, a cell apart from the next, is clear: in no obstacle's cell.
+        """Distance at which a sample of a footprint, one cell from the next, is collision-free: in no obstacle's cell.
 
-        Between 0 in an obstacle and half a cell beside it.
+        Interpolated from 0 in an obstacle to half a cell beside it.
         """
         return 0.25 * self.map.resolution_m
 
@@ -170,7 +170,7 @@ class LocalCostmap:
 
 
 def _along(line: object, spacing_m: float) -> Float[np.ndarray, "n 2"]:
-    """Points on a closed line, at most ``spacing_m`` apart, its corners among them."""
+    """Points on a closed line, at most ``spacing_m`` apart, including its corners."""
     import shapely
 
     dense = shapely.segmentize(line, spacing_m)
@@ -180,7 +180,7 @@ def _along(line: object, spacing_m: float) -> Float[np.ndarray, "n 2"]:
 def _covered_cells(
     map: OccupancyMap, footprint_m: Float[np.ndarray, "p 2"]
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Cells that an outline covers in part, and those next to its border by less than half a cell."""
+    """Cells that an outline partially covers, and those within half a cell of its border."""
     import shapely
 
     polygon = shapely.Polygon(footprint_m).buffer(0.75 * map.resolution_m)
@@ -198,7 +198,7 @@ def _covered_cells(
 def distance_from(
     map: OccupancyMap, blocked: Bool[np.ndarray, "rows columns"]
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Distance of every cell from the nearest blocked one [m]; infinite where there is none."""
+    """Distance of every cell from the nearest occupied one [m]; infinite if there is none."""
     import cv2
 
     if not blocked.any():

@@ -1,4 +1,4 @@
-"""Simulated trials of the reproduced figures: bottles to complete, tables with glass, containers of another element."""
+"""Simulated trials of the reproduced figures: bottles to complete, tables with glass, containers with another element."""
 
 from ...core.front_door import attach
 

@@ -1,7 +1,7 @@
-"""MITC4 quadrilateral shell element: another element and another theory, to check the triangles.
+"""MITC4 quadrilateral shell element: an independent element and theory to verify the triangles.
 
 Dvorkin and Bathe 1984: a bilinear degenerated solid with transverse shear, whose covariant shear
-strains are tied at the middles of the sides. It needs about twice the nodes of the triangles.
+strains are tied at the midpoints of the sides. It needs about twice as many nodes as the triangles.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ...deformation.shells.shell_material import IsotropicMaterial
 
 __all__ = ["mitc4_factor", "mitc4_stiffness"]
 
-#: Stiffness against drilling, as a fraction of the plate's; small, for a freedom that bilinear quads lack.
+#: Drilling stiffness, as a fraction of the plate's; small, for a degree of freedom that bilinear quads lack.
 DRILLING = 1e-3
 
 
@@ -134,7 +134,7 @@ def _strain(
     for i in range(2):
         for j in range(2):
             tensor[:, i, j] = covariant(i, j, base, rate)
-    # Shear tied at the middles of the sides.
+    # Shear tied at the midpoints of the sides.
     for i, at, (low, high) in ((0, s, ((0, -1), (0, 1))), (1, r, ((-1, 0), (1, 0)))):
         tied = np.zeros_like(tensor[:, 0, 0])
         for place, fraction in ((low, 0.5 * (1 - at)), (high, 0.5 * (1 + at))):

@@ -1,7 +1,7 @@
-"""Bottles whose middle is cut out and touched, and how far the estimated surface is from the true one.
+"""Bottles with the middle removed and explored by touch, and the error of the estimated surface.
 
-Of each bottle the middle 46 % of the height is not seen. It is touched where planned, or at
-random. The error is the mean square distance of a regular grid of the true wall from the
+The middle 46 % of the height of each bottle is hidden. It is touched at planned or at
+random points. The error is the mean square distance of a regular grid on the true wall from the
 estimated surface.
 """
 
@@ -38,7 +38,7 @@ HOLE = (0.27, 0.73)
 
 
 def scene(bottle: Bottle) -> tuple[SurfaceMesh, HoleRegion]:
-    """The visible parts, and a transparency region a little smaller than the hidden part.
+    """The visible parts, and a transparency region slightly smaller than the hidden part.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def true_points(bottle: Bottle) -> Float[np.ndarray, "n 3"]:
 
 
 def errors_m(points: Float[np.ndarray, "n 3"], mesh: SurfaceMesh) -> Float[np.ndarray, "n"]:
-    """Distance of points from a mesh [m]: from the plane of the nearest triangle, where one is near.
+    """Distance of points from a mesh [m]: from the plane of the nearest triangle, if one is close.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def explore(
     touches: int = TOUCHES,
     on_plan: Callable[[int, Completion], None] = lambda number, completion: None,
 ) -> dict[str, Any]:
-    """Mean square error after each touch, and the time of a step.
+    """Mean square error after each touch, and the computing time of a step.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def explore(
     touches
         Number of touches.
     on_plan
-        Called before each planned touch, with the number of those before it.
+        Called before each planned touch, with the number of previous touches.
     """
     visible, region = scene(bottle)
     completion = Completion(visible, region, CompletionSettings(use_priors=priors))

@@ -1,8 +1,8 @@
-"""Containers that no classifier has seen, from another element than the training data's.
+"""Containers unknown to the classifier, simulated with another element than the training data.
 
-Walls are MITC4 shells with transverse shear instead of Kirchhoff triangles. Each draw has its own
-wall, modulus and shape; the gripper comes at a wrong pose. The result is the stiffness that each
-finger feels, from which noisy closing curves are drawn.
+Walls are MITC4 shells with transverse shear instead of Kirchhoff triangles. Each sample has its own
+wall, modulus and shape; the gripper's pose has errors. The result is the stiffness at each
+finger, from which noisy closing curves are generated.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ REAL = {
     "cleaner": "elliptic",
     "palmo": "elliptic",
 }
-#: Closing: speed [m/s], rate [Hz], largest force [N] and deformation [m] (Alt 2016, Sec. 6.4.2).
+#: Closing: speed [m/s], rate [Hz], maximum force [N] and deformation [m] (Alt 2016, Sec. 6.4.2).
 SPEED_m_per_s, RATE_Hz, MAX_N, MAX_m = 0.005, 30.0, 20.0, 0.003
 NOISE_N, NOISE_m = 0.1, 0.0001
 POSE_m, POSE_rad = 0.002, np.deg2rad(3.0)
-#: Largest relative change of the wall's thickness, of each length and of Young's modulus.
+#: Maximum relative change of the wall's thickness, of each length and of Young's modulus.
 WALL_ERROR, SHAPE_ERROR, MODULUS_ERROR = 0.1, 0.02, 0.1
 #: Elements around a container.
 AROUND = 72
 
-#: A bottle that was cut is a cup in Table 6.2; the shipped cups widen upwards, so it is trained beside them.
+#: A cut bottle is a cup in Table 6.2; the shipped cups widen upwards, so it is trained together with them.
 CUT_BOTTLE = """
 base: {shape: circle, radius: [30 mm, 40 mm]}
 sections:
@@ -73,7 +73,7 @@ wall: [0.3 mm, 0.6 mm]
 material: PET
 """
 
-#: Containers of no class that is trained.
+#: Containers of classes that are not trained.
 UNKNOWN = {
     "can": "base: {shape: circle, radius: [30 mm, 36 mm]}\n"
     "sections: [{height: [105 mm, 130 mm]}]\ntop: {kind: closed, wall: 0.3 mm}\n"
@@ -102,12 +102,12 @@ UNKNOWN = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RealObject:
-    """What the fingers feel and the gripper sees at each touch of one draw."""
+    """Readings of the fingers and the gripper at each touch of one sample."""
 
     name: str
     stiffness_N_per_m: np.ndarray  #: (16, 4), by side
     width_m: np.ndarray  #: (16, 2), opening at contact, across x and across y
-    height_m: float  #: as seen
+    height_m: float  #: as observed
 
 
 def description(name: str) -> ContainerDescription:
@@ -125,7 +125,7 @@ def description(name: str) -> ContainerDescription:
 
 
 def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
-    """One sample of an unseen object: of the nine always the same container, perturbed, unless varied.
+    """One sample of an unseen object: for the nine objects, the same container with perturbations, unless varied.
 
     Parameters
     ----------
@@ -145,12 +145,12 @@ def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealO
         try:
             return real_object(perturbed(base, rng), rng)
         except InputError:
-            continue  # a wall that would cut itself
+            continue  # a wall that would intersect itself
     raise RuntimeError(f"{name}: no valid draw")
 
 
 def perturbed(container: ContainerDescription, rng: np.random.Generator) -> ContainerDescription:
-    """Every length by its own factor, all walls by a common one.
+    """Scale every length by its own factor, all walls by a common one.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def perturbed(container: ContainerDescription, rng: np.random.Generator) -> Cont
 
 
 def real_object(container: ContainerDescription, rng: np.random.Generator) -> RealObject:
-    """Measured stiffness of one container under a gripper whose pose is wrong.
+    """Measured stiffness of one container with errors of the gripper's pose.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def explore_container(thing: RealObject, rng: np.random.Generator) -> Any:
 
 
 def both_sides(touch: Any) -> Any:
-    """The same touch as a pair of stiffnesses, for trees.
+    """The same touch as a pair of stiffnesses, as input of trees.
 
     Parameters
     ----------
@@ -323,7 +323,7 @@ def _felt(
     coupling = factor.coupling(loads)
     pair = np.arange(4 * HEIGHTS) ^ 1
     own = np.diag(coupling) + coupling[np.arange(4 * HEIGHTS), pair]
-    # A tip on the clamped foot does not move at all.
+    # A tip on the clamped foot does not move.
     return RealObject(
         name, 1 / np.maximum(own, 1e-9).reshape(HEIGHTS, 4), width, height_m + rng.normal(0, POSE_m)
     )

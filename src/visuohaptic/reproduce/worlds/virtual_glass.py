@@ -1,4 +1,4 @@
-"""Tables with glass that a simulated depth camera goes around, what detectors find on them, and what is true."""
+"""Tables with glass observed by a moving simulated depth camera, with detections and ground truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ...simulation.tabletop.glass_scenes import GlassScene
 
 __all__ = ["HIGH_M", "LOW_M", "VOXEL_M", "detected", "judged", "rendered"]
 
-#: (1 m)^3 cut to what is above the table.
+#: (1 m)^3, restricted to the space above the table.
 LOW_M, HIGH_M, VOXEL_M = (-0.5, -0.5, 0.0), (0.5, 0.5, 0.4), 0.008
 
 
@@ -43,7 +43,7 @@ def rendered(scene: GlassScene, seed: int, width: int) -> list[DepthFrame]:
 
 
 def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegion, ...]:
-    """Regions by one of the methods.
+    """Regions detected by one of the methods.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegi
 
 
 def judged(scene: GlassScene, regions: Sequence[TransparentRegion]) -> dict[str, float]:
-    """Number of objects, objects found, false regions, and voxels right, estimated and true.
+    """Number of objects, detected objects, false regions, and of correct, estimated and true voxels.
 
     Parameters
     ----------
     scene
-        Truth.
+        Ground truth.
     regions
         Detected parts.
     """

@@ -21,7 +21,7 @@ def _rates(
 ) -> None:
     """d/ds of rows (position; three columns of the frame), for the state of one cross section.
 
-    The frame turns about u = m / EI + (1 / GJ - 1 / EI) (t . m) t, with tangent t and
+    The frame rotates by u = m / EI + (1 / GJ - 1 / EI) (t . m) t, with tangent t and
     m = m_0 - (r - r_S) x F.
     """
     rx, ry, rz = state[0, 0] - clamp_x, state[0, 1], state[0, 2]
@@ -58,7 +58,7 @@ def integrate_rod(
     stiffness
         (EI, GJ, EA, k_X, k_phi), (5,).
     stations
-        Rising positions along the rod [m], (n,); the last one is the tip.
+        Ascending positions along the rod [m], (n,); the last one is the tip.
     steps
         Runge-Kutta steps from the clamp to the tip.
     out
@@ -113,7 +113,7 @@ def rod_jacobian(
     out: Float[np.ndarray, "n 4 3"],
     jacobian: Float[np.ndarray, "n 6 6"],
 ) -> None:
-    """Cross sections as in :func:`integrate_rod`, and how they move and turn with the base wrench.
+    """Cross sections as in :func:`integrate_rod`, and the derivatives of their motion by the base wrench.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""From known loads to the 6 x 6 compliance of the sensor, or a refusal that says why.
+"""Calibration of the sensor's 6 x 6 compliance from known loads, with rejection of unsuitable data.
 
 The data fit E of ``g = (I + E) f + b`` row by row (ridge regression): f the
-known loads, g what the beam model makes of the observations, b a zero that
-need not be exact. The prior of E is what the tolerances of the parts allow, so
-that axes which were not loaded keep the analytic beam with honest sigmas. The
-data are judged by the fit *without* the prior: bad data cannot hide behind it,
-and a beam that is not the one of the data sheet is reported, not blended.
+known loads, g the wrenches of the beam model for the observations, b a zero offset that
+need not be exact. The prior of E follows from the tolerances of the parts, so
+that axes without load keep the analytic beam with calibrated sigmas. The
+data are checked with the fit *without* the prior, which cannot hide bad data;
+a beam that does not match the data sheet is reported, not averaged with it.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from .records import LoadRecord
 __all__ = ["AXES", "BeamCalibration", "calibrate_beam"]
 
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
-#: Fewest rows, and fewest of them that carry a load.
+#: Minimum number of rows, and of loaded rows among them.
 MIN_ROWS, MIN_LOADED = 8, 4
-#: Of the load range: largest scatter of the unloaded rows, and largest residual.
+#: Fractions of the load range: maximum scatter of the unloaded rows, and maximum residual.
 MAX_WANDER, MAX_RESIDUAL = 0.05, 0.05
-#: Smallest fraction of the variance that a line through the data of a loaded axis explains.
+#: Minimum fraction of the variance of a loaded axis that a linear fit explains.
 MIN_EXPLAINED = 0.95
-#: Residuals beyond this many robust standard deviations are mistakes, not noise.
+#: Residuals beyond this many robust standard deviations are outliers, not noise.
 OUTLIER = 7.0
-#: Largest deviation from the beam's data sheet, in standard deviations of the prior.
+#: Maximum deviation from the beam's data sheet, in standard deviations of the prior.
 MAX_SURPRISE = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamCalibration:
-    """The correction, and the figures a person wants to see before trusting it."""
+    """The correction, and diagnostics of the calibration."""
 
     beam: Beam
     correction: Correction
     record: LoadRecord
-    residual: Float[np.ndarray, "n 6"]  #: read by the calibrated sensor less applied [N, Nm]
+    residual: Float[np.ndarray, "n 6"]  #: reading of the calibrated sensor minus applied load [N, Nm]
     residual_rms: Float[np.ndarray, "6"]
     uncalibrated_rms: Float[np.ndarray, "6"]  #: the same with the data sheet alone
     explained: Float[np.ndarray, "6"]  #: fraction of the variance, NaN for axes that were not loaded
-    zero: Float[np.ndarray, "6"]  #: b, what the unloaded sensor reads [N, Nm]
+    zero: Float[np.ndarray, "6"]  #: b, reading of the unloaded sensor [N, Nm]
     notes: tuple[str, ...] = ()
 
     @property
@@ -59,7 +59,7 @@ class BeamCalibration:
 
     @property
     def sigma_percent(self) -> Float[np.ndarray, "6"]:
-        """What is not known of the scale of each axis [%]."""
+        """Uncertainty of the scale of each axis [%]."""
         return 100 * np.sqrt(np.array([self.correction.row_covariance[k, k, k] for k in range(6)]))
 
 
@@ -71,7 +71,7 @@ def calibrate_beam(
     load_tolerance: float = 0.002,
     prior: Correction | None = None,
 ) -> BeamCalibration:
-    """Fit the correction of a beam to known loads, or refuse.
+    """Fit the correction of a beam to known loads, or reject the data.
 
     Parameters
     ----------
@@ -80,16 +80,16 @@ def calibrate_beam(
     beam
         Parts of the sensor and their tolerances.
     xi
-        Place x / L of the cross section whose motion was observed.
+        Position x / L of the cross section whose motion was observed.
     load_tolerance
-        Relative standard deviation of the known loads, all alike (weights, g, lever arm).
+        Relative standard deviation common to all known loads (weights, g, lever arm).
     prior
-        What is known of E before; the tolerances of ``beam`` by default.
+        Prior of E; from the tolerances of ``beam`` by default.
 
     Raises
     ------
     CalibrationError
-        Too few or bad data, or another beam; one line says which and where.
+        Too few or bad data, or another beam; one line states the cause and its location.
     """
     prior = prior or prior_correction(beam)
     scale = np.array([1.0, 1.0, 1.0, *[1 / beam.length_m] * 3])  # moments as forces at the clamp
@@ -99,7 +99,7 @@ def calibrate_beam(
     read = model_wrenches(record, beam, xi) * scale
     loaded = np.ptp(load, axis=0) > 0.05 * reach
     free, free_rest, free_sigma = _free_fit(load, read, loaded)
-    # What the largest load reads: another beam shows its scatter by its own scale.
+    # Reading at the largest load: another beam has its scatter in its own scale.
     span = reach * np.where(loaded, np.linalg.norm((np.eye(6) + free)[:, loaded], axis=1), 1.0)
     _refuse_wander(record, load, read, span)
     explained = _refuse_noise(record, read, free_rest, loaded, span)
@@ -135,7 +135,7 @@ def calibrate_beam(
 
 
 def model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarray, "n 6"]:
-    """Wrenches that the beam model assigns to the observations.
+    """Wrenches of the beam model for the observations.
 
     Parameters
     ----------
@@ -144,11 +144,11 @@ def model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarra
     beam
         Parts of the sensor and their tolerances.
     xi
-        Place x / L of that cross section.
+        Position x / L of that cross section.
     """
     if record.kind == "wrench":
         return record.observed
-    # One section with six observations for six unknowns: the weights do not matter.
+    # One section with six observations for six unknowns: the weights are irrelevant.
     weight = np.diag([1e-10] * 3 + [1e-8] * 3)
     wrenches = []
     for row, line in zip(record.observed, record.line, strict=True):
@@ -207,7 +207,7 @@ def _free_fit(
 def _refuse_noise(
     record: LoadRecord, read: np.ndarray, rest: np.ndarray, loaded: np.ndarray, span: np.ndarray
 ) -> Float[np.ndarray, "6"]:
-    """Refuse data that no linear sensor explains; returns the explained fraction of the variance."""
+    """Reject data that no linear sensor explains; returns the explained fraction of the variance."""
     total = ((read - read.mean(axis=0)) ** 2).sum(axis=0)
     explained = np.where(loaded, 1 - (rest**2).sum(axis=0) / np.maximum(total, 1e-300), np.nan)
     fraction = np.sqrt((rest**2).mean(axis=0)) / span
@@ -243,7 +243,7 @@ def _refuse_noise(
 def _refuse_surprise(
     record: LoadRecord, k: int, free: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> None:
-    """Refuse a beam that is not the one of the data sheet, or of an earlier calibration."""
+    """Reject a beam that does not match the data sheet, or an earlier calibration."""
     surprise = np.abs(free - mean) / sigma
     j = int(np.argmax(surprise))
     if surprise[j] <= MAX_SURPRISE:
@@ -264,7 +264,7 @@ def _refuse_surprise(
 def _ridge(
     load: np.ndarray, excess: np.ndarray, mean: np.ndarray, prior: np.ndarray, rest: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """One row of E and its covariance, and its zero; the noise is that of the free fit."""
+    """One row of E and its covariance, and its offset; the noise is that of the fit without prior."""
     design = np.column_stack([load, np.ones(len(load))])
     floor = 1e-6 * float(np.abs(load).max())
     noise = max(float((rest**2).mean()), floor**2)

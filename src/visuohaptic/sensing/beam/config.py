@@ -29,7 +29,7 @@ class _CorrectionSection(Section):
 
 
 class _BeamFile(Section):
-    """Fields of :class:`Beam`; those left out keep their defaults."""
+    """Fields of :class:`Beam`; omitted ones keep their defaults."""
 
     kind: Literal["beam_material"] = "beam_material"
     beam: dict[str, FiniteFloat] = Field(default_factory=dict)
@@ -38,14 +38,14 @@ class _BeamFile(Section):
 
 class _TemplateSection(Section):
     name: str  #: of its image
-    xi: Annotated[float, Field(ge=0.05, le=1)]  #: where it is fixed to the rod, x / L
+    xi: Annotated[float, Field(ge=0.05, le=1)]  #: position on the rod, x / L
 
 
 class _DriftSection(Section):
     time_constant_s: Positive = 30.0  #: of the adaptation
-    rest_s: Positive = 1.0  #: how long the load must have been negligible before it adapts
-    rest: Positive = 0.005  #: a load below this fraction of full scale counts as none
-    limit: Positive = 0.02  #: fraction of full scale beyond which accumulated drift is not trusted
+    rest_s: Positive = 1.0  #: time of negligible load before the adaptation starts
+    rest: Positive = 0.005  #: a load below this fraction of full scale is negligible
+    limit: Positive = 0.02  #: fraction of full scale beyond which accumulated drift is not valid
 
 
 class BeamSensorConfig(Section):
@@ -53,16 +53,16 @@ class BeamSensorConfig(Section):
 
     kind: Literal["beam"]
     beam: str = "beam.yaml"  #: parts of the sensor, written by ``visuohaptic calibrate beam``
-    camera: str | None = None  #: needed to track templates in images, not to read poses
+    camera: str | None = None  #: required to track templates in images, not to read poses
     templates_folder: str | None = None  #: images of the templates, for the same
     reference: str = "reference"  #: name of the template on the base
     templates: Annotated[list[_TemplateSection], Field(min_length=1, max_length=31)]  #: on the rod
-    T_reference_sensor: PoseSection  #: maps frame S (origin in the clamp, X along the rod) to it
-    view: Literal["moving", "steady"] = "moving"  #: steady: camera and base are bolted together
-    model: Literal["auto", "linear", "exact"] = "auto"  #: of the rod; auto: exact where it bends far
+    T_reference_sensor: PoseSection  #: transforms frame S (origin in the clamp, X along the rod) to it
+    view: Literal["moving", "steady"] = "moving"  #: steady: camera and base are rigidly connected
+    model: Literal["auto", "linear", "exact"] = "auto"  #: of the rod; auto: exact for large deflections
     zero: str = "zero.yaml"  #: written by ``visuohaptic sense beam --zero``
-    drift: _DriftSection = _DriftSection()  #: how the zero follows slow changes at rest
-    stress_limit: Annotated[float, Field(gt=0, le=1)] = 0.9  #: of the yield stress; beyond it is saturated
+    drift: _DriftSection = _DriftSection()  #: adaptation of the zero to slow changes at rest
+    stress_limit: Annotated[float, Field(gt=0, le=1)] = 0.9  #: of the yield stress; beyond it: saturated
     max_age_s: Positive = 0.2  #: an older frame is stale
 
     @classmethod
@@ -109,7 +109,7 @@ class BeamSensorConfig(Section):
 
 
 def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
-    """Read ``beam.yaml``: the parts, and the calibration if there was one.
+    """Read ``beam.yaml``: the parts, and the calibration if present.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
     Returns
     -------
     tuple of Beam and Correction or None
-        The parts, and the calibration if there was one.
+        The parts, and the calibration if present.
     """
     data = load_yaml_model(path, _BeamFile)
     known = {entry.name for entry in fields(Beam)}
@@ -147,12 +147,12 @@ def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
 
 
 def save_beam(path: Path | str, beam: Beam, correction: Correction | None = None) -> None:
-    """Write ``beam.yaml``, whole or not at all.
+    """Write ``beam.yaml`` atomically.
 
     Parameters
     ----------
     path
-        Where to write.
+        Output file.
     beam
         Parts of the sensor and their tolerances.
     correction

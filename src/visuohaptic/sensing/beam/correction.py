@@ -1,8 +1,8 @@
-"""What a calibration knows better than the beam's data sheet: a 6 x 6 correction and its covariance.
+"""Calibrated correction of the beam's data sheet: a 6 x 6 matrix and its covariance.
 
-The beam model turns observed motions into a wrench g. With the real compliance
+The beam model converts observed motions to a wrench g. With the true compliance
 C = C_0 (I + E), C_0 that of the model, g = (I + E) f for the true wrench f. The
-sensor reads f = (I + E)^-1 g; what is not known of E is the systematic part of
+sensor reads f = (I + E)^-1 g; the uncertainty of E is the systematic part of
 its covariance.
 """
 
@@ -18,32 +18,32 @@ from .mechanics import Beam, compliance
 
 __all__ = ["Correction", "prior_correction"]
 
-#: Smallest standard deviation of an element of E in units of force: what the parts listed in
-#: ``Beam`` do not explain (glue, ends of the clamp, a rod that is not quite round).
+#: Minimum standard deviation of an element of E in units of force: effects that the parts in
+#: ``Beam`` do not include (glue, ends of the clamp, a rod that is not exactly round).
 FLOOR = 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """E of ``g = (I + E) f``; SI units, so that moments by forces are in m, forces by moments in 1/m."""
+    """E of ``g = (I + E) f``; SI units: moments per force in m, forces per moment in 1/m."""
 
     matrix: Float[np.ndarray, "6 6"]
-    #: covariance of each row of E; the rows are taken as independent
+    #: covariance of each row of E; the rows are assumed to be independent
     row_covariance: Float[np.ndarray, "6 6 6"]
     calibrated: bool = False
 
     def apply(self, model_wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
-        """True wrench from that of the beam model.
+        """True wrench from the wrench of the beam model.
 
         Parameters
         ----------
         model_wrench
-            (F, M) at the tip, frame S, that the beam model explains [N, Nm].
+            (F, M) of the beam model at the tip, frame S [N, Nm].
         """
         return np.linalg.solve(np.eye(6) + self.matrix, model_wrench)
 
     def transform(self, covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-        """Covariance of the true wrench from that of the beam model's.
+        """Covariance of the true wrench from the covariance of the beam model's.
 
         Parameters
         ----------
@@ -54,7 +54,7 @@ class Correction:
         return inverse @ covariance @ inverse.T
 
     def covariance(self, wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
-        """Covariance of a true wrench by what is not known of E.
+        """Covariance of a true wrench due to the uncertainty of E.
 
         Parameters
         ----------
@@ -65,10 +65,10 @@ class Correction:
 
 
 def prior_correction(beam: Beam) -> Correction:
-    """E = 0 with the covariance that the tolerances of the parts leave.
+    """E = 0 with the covariance due to the tolerances of the parts.
 
     One part at a time is changed by its tolerance, and the change of
-    C_0^-1 C at the tip is the effect on E; the effects add as independent.
+    C_0^-1 C at the tip is the effect on E; the effects are added as independent.
     1 mm in 12 cm of length is 2.5 % of F if the moment is known, and 5 % if F
     and M are distinguished by deflection and slope.
 
@@ -89,13 +89,13 @@ def prior_correction(beam: Beam) -> Correction:
     part(replace(beam, spring_N_per_m=beam.spring_N_per_m * (1 + beam.spring_tolerance)))
     part(replace(beam, spring_Nm_per_rad=beam.spring_Nm_per_rad * (1 + beam.spring_tolerance)))
     for axis in range(3):
-        # Axes that are turned by a small angle: the true load and motion are turned alike.
+        # Axes rotated by a small angle: load and motion are rotated equally.
         turn = np.zeros((3, 3))
         turn[(axis + 1) % 3, (axis + 2) % 3], turn[(axis + 2) % 3, (axis + 1) % 3] = -1.0, 1.0
         both = np.kron(np.eye(2), beam.alignment_tolerance_rad * turn)
         c = compliance(beam, 1.0)
         effects.append(nominal @ (both @ c - c @ both))
-    # The load may act a length tolerance beside the tip.
+    # The load may act at a distance of the length tolerance from the tip.
     for axis in range(3):
         arm = np.zeros(3)
         arm[axis] = beam.length_tolerance_m

@@ -1,4 +1,4 @@
-"""The wrench at the tip from the motion of the rod's cross sections: least squares, weighed by covariance."""
+"""The wrench at the tip from the motion of the rod's cross sections: least squares, weighted by covariance."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ __all__ = ["LINEAR_LIMIT", "BeamEstimate", "BeamModel", "estimate_wrench", "setu
 
 BeamModel = Literal["auto", "linear", "exact"]
 
-#: The linear beam is left when its error exceeds this many standard deviations of any component.
-#: A quarter, so that it does not show in the mean of ten frames either.
+#: The exact rod is used if the error of the linear beam exceeds this many standard deviations of any component.
+#: A quarter, so that the error is not visible in the mean of ten frames either.
 LINEAR_LIMIT = 0.25
 _MAX_STEPS = 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamEstimate:
-    """Wrench that explains the observed motion best."""
+    """Wrench with the best fit to the observed motion."""
 
     wrench: Float[np.ndarray, "6"]  #: at the tip, frame S [N, Nm]
-    noise: Float[np.ndarray, "6 6"]  #: covariance by the poses of the frame
-    zero: Float[np.ndarray, "6 6"]  #: covariance by the zero reference
-    setup: Float[np.ndarray, "6 6"]  #: covariance by templates that are not exactly where they are said to be
-    exact: bool  #: by the exact rod; otherwise by the linear beam
+    noise: Float[np.ndarray, "6 6"]  #: covariance due to the poses of the frame
+    zero: Float[np.ndarray, "6 6"]  #: covariance due to the zero reference
+    setup: Float[np.ndarray, "6 6"]  #: covariance due to position errors of the templates
+    exact: bool  #: computed with the exact rod; otherwise with the linear beam
     chi2: float  #: sum of squared residuals, weighted by noise, zero and setup
-    freedom: int  #: observations less unknowns
-    residual: Float[np.ndarray, "6n"]  #: observed less explained (d, phi) of each section [m, rad]
-    stress: float  #: largest equivalent stress in the rod by the yield stress
+    freedom: int  #: number of observations minus unknowns
+    residual: Float[np.ndarray, "6n"]  #: observed minus predicted (d, phi) of each section [m, rad]
+    stress: float  #: maximum equivalent stress in the rod over the yield stress
 
 
 def estimate_wrench(
@@ -51,17 +51,17 @@ def estimate_wrench(
     motion
         Observed motion of n cross sections with its covariances.
     model
-        ``linear``: Eq. (3.4) at every template with the slopes of Sec. 3.4, and the shortening taken out of
-        d_X. ``exact``: the large-deflection rod. ``auto``: linear, unless the exact rod says that this is off
+        ``linear``: Eq. (3.4) at every template with the slopes of Sec. 3.4, and the shortening removed from
+        d_X. ``exact``: the large-deflection rod. ``auto``: linear, unless it differs from the exact rod
         by more than ``linear_limit`` standard deviations in any component.
     linear_limit
-        Error of the linear beam, in standard deviations of any component, from which on the exact rod is
+        Error of the linear beam, in standard deviations of any component, above which the exact rod is
         used.
 
     Raises
     ------
     InputError
-        There is nothing to estimate from, or the exact rod cannot take the observed shape.
+        There are no observations, or the exact rod cannot have the observed shape.
     """
     if not len(motion.xi):
         raise InputError("motion", "has no cross section, expected at least one")
@@ -86,13 +86,13 @@ def estimate_wrench(
 
 
 def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]:
-    """Variance by which templates may contradict each other, because they are not exactly where they are declared.
+    """Variance of the disagreement between templates due to errors of their declared positions.
 
-    Grows with the load: a template that sits ``place_tolerance_m`` further along
-    the rod moves by the slope times that and turns by the curvature times that;
-    a fraction ``shape_tolerance`` of each motion is left for all other causes.
-    Without it the weights of a tracker of micrometres would turn half a
-    millimetre of misplacement into newtons.
+    Grows with the load: a template that is ``place_tolerance_m`` further along
+    the rod moves by the slope times that and rotates by the curvature times that;
+    a fraction ``shape_tolerance`` of each motion accounts for all other causes.
+    Without it, the weights of a tracker with micrometre noise would convert a position error of half a
+    millimetre into newtons.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _linear(
     scale = np.array([1.0, 1.0, 1.0, beam.length_m, beam.length_m, beam.length_m])
     gain = scale[:, None] * (np.linalg.pinv(white * scale) @ whiten)
     wrench = gain @ observed
-    for _ in range(2):  # the shortening needs the wrench, and changes F_X alone
+    for _ in range(2):  # the shortening requires the wrench, and changes F_X only
         lifted = observed.copy()
         lifted[::6] += [shortening(beam, float(xi), wrench) for xi in motion.xi]
         wrench = gain @ lifted
@@ -174,7 +174,7 @@ def _exact(beam: Beam, weights: _Weights, start: np.ndarray) -> BeamEstimate:
             break
         base = base + fraction * step
         residual, jacobian, chi2, wrench, to_tip = trial
-        # Residuals that noise leaves make the last steps wander by thousandths of a standard deviation for ever.
+        # With residual noise, the last steps would fluctuate by thousandths of a standard deviation endlessly.
         if left < 0.01:
             break
     white = whiten @ (jacobian * scale)
@@ -185,10 +185,10 @@ def _exact(beam: Beam, weights: _Weights, start: np.ndarray) -> BeamEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weights:
-    """An observed motion, and what its components may differ by."""
+    """An observed motion, and the uncertainty of its components."""
 
     motion: SectionMotion
-    setup: Float[np.ndarray, "6n"]  #: variance by templates that are not exactly where they are said to be
+    setup: Float[np.ndarray, "6n"]  #: variance due to position errors of the templates
     whiten: Float[np.ndarray, "6n 6n"]
 
     def estimate(

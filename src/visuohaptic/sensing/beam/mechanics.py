@@ -1,13 +1,13 @@
-"""The beam of the sensor: what it is made of, and how it bends under small loads (Alt 2016, Sec. 3.2).
+"""The beam of the sensor: its parts, and its deflection under small loads (Alt 2016, Sec. 3.2).
 
 Frame and signs, used everywhere in this package: the sensor frame S has its
 origin in the clamp (S) of the unloaded sensor, X along the straight rod to the
 tip (F), Y and Z across it, right-handed. A wrench f = (F_X, F_Y, F_Z, M_X, M_Y,
 M_Z) acts *on* the tip; its directions are those of S and its moment is about
 the (displaced) tip. A cross section at xi = x / L moves by d = (d_X, d_Y, d_Z)
-and turns by the rotation vector phi, both in S.
+and rotates by the rotation vector phi, both in S.
 
-With w_Y = d_Y and w_Z = d_Z, a turn about +Z raises w_Y along X, but a turn
+With w_Y = d_Y and w_Z = d_Z, a rotation about +Z raises w_Y along X, but a rotation
 about +Y lowers w_Z: phi_Z = dw_Y/dx, phi_Y = -dw_Z/dx. Hence a moment M_Z bends
 along +Y and a moment M_Y bends along -Z.
 """
@@ -29,9 +29,9 @@ __all__ = ["Beam", "compliance", "plane_inverse", "shortening", "stress_ratio"]
 class Beam:
     """A round rod on a guided spring; the defaults are those of Alt 2016, Sec. 3.6.1.
 
-    The tolerances are what is known of the parts before a calibration with
-    known loads; they become the prior of that calibration, and the systematic
-    part of the covariance as long as there is none.
+    The tolerances describe the parts before a calibration with
+    known loads; they are the prior of that calibration, and the systematic
+    part of the covariance without calibration.
     """
 
     length_m: float = 0.12  #: L, from the clamp (S) to the tip (F)
@@ -40,14 +40,14 @@ class Beam:
     poisson: float = 0.29
     spring_N_per_m: float = 500.0  #: of the guided spring along X
     spring_Nm_per_rad: float = 0.2  #: of the guided spring about X
-    spring_travel_m: float = 0.01  #: the spring touches its stops beyond this, both ways
+    spring_travel_m: float = 0.01  #: the spring reaches its stops beyond this, in both directions
     spring_turn_rad: float = 0.5
-    yield_Pa: float = 1.2e9  #: stress at which the steel stays bent
+    yield_Pa: float = 1.2e9  #: stress at which the steel yields
     length_tolerance_m: float = 0.0005
-    diameter_tolerance: float = 0.007  #: relative; counts four times in the stiffness
+    diameter_tolerance: float = 0.007  #: relative; has a fourfold effect on the stiffness
     youngs_tolerance: float = 0.02  #: relative
     spring_tolerance: float = 0.1  #: relative, of both spring constants
-    alignment_tolerance_rad: float = 0.01  #: of the axes of S against the rod
+    alignment_tolerance_rad: float = 0.01  #: angle between the axes of S and the rod
     place_tolerance_m: float = 0.0005  #: of the templates along the rod
     shape_tolerance: float = 0.002  #: other deviations from the shape of a rod, fraction of the motion
 
@@ -89,7 +89,7 @@ class Beam:
 
     @property
     def stiffness(self) -> Float[np.ndarray, "5"]:
-        """(EI, GJ, EA, spring along X, spring about X): what the kernels need."""
+        """(EI, GJ, EA, spring along X, spring about X), as required by the kernels."""
         return np.array(
             [self.bending_Nm2, self.torsion_Nm2, self.axial_N, self.spring_N_per_m, self.spring_Nm_per_rad]
         )
@@ -101,7 +101,7 @@ class Beam:
 
     @property
     def full_scale(self) -> Float[np.ndarray, "6"]:
-        """Largest load of each axis alone [N, Nm]: the rod yields, or the spring meets its stop."""
+        """Maximum load of each axis alone [N, Nm]: the rod yields, or the spring reaches its stop."""
         force, moment = self.moment_limit_Nm / self.length_m, self.moment_limit_Nm
         torque = min(self.spring_Nm_per_rad * self.spring_turn_rad, 2 * moment / math.sqrt(3))
         return np.array([self.spring_N_per_m * self.spring_travel_m, force, force, torque, moment, moment])
@@ -113,7 +113,7 @@ def compliance(beam: Beam, xi: float) -> Float[np.ndarray, "6 6"]:
     Rows d_X, d_Y, d_Z [m], phi_X, phi_Y, phi_Z [rad]; columns F_X ... M_Z. The
     bending terms are Eq. (3.4) and its derivative d/dx = (1/L) d/dxi; X is the
     spring of Sec. 3.4 in series with the rod's own stretch and twist, which
-    the text leaves out (a 12 cm rod twists by 15 times less than a force
+    the dissertation omits (a 12 cm rod twists by 15 times less than a force
     bends it, but as much as its spring).
 
     Parameters
@@ -121,7 +121,7 @@ def compliance(beam: Beam, xi: float) -> Float[np.ndarray, "6 6"]:
     beam
         Parts of the sensor and their tolerances.
     xi
-        Place x / L of the cross section.
+        Position x / L of the cross section.
     """
     if not 0 < xi <= 1:
         raise InputError("xi", f"found {xi:g}, expected 0 < xi <= 1")
@@ -142,16 +142,16 @@ def compliance(beam: Beam, xi: float) -> Float[np.ndarray, "6 6"]:
 def plane_inverse(beam: Beam, xi: float) -> Float[np.ndarray, "2 2"]:
     """W^-1 of Eq. (3.5): (F, M) of one plane from (w, dw/dxi) at one template.
 
-    The slope is with respect to xi = x / L; a slope read from a rotation is
+    The slope is with respect to xi = x / L; a slope measured as a rotation is
     dw/dx and has to be multiplied by L. Kept as the published method; the
-    sensor itself weighs all templates by their covariance.
+    sensor itself weights all templates by their covariance.
 
     Parameters
     ----------
     beam
         Parts of the sensor and their tolerances.
     xi
-        Place x / L of the template.
+        Position x / L of the template.
     """
     length = beam.length_m
     scale = 2 * beam.bending_Nm2 / (length**2 * xi**2)
@@ -159,10 +159,10 @@ def plane_inverse(beam: Beam, xi: float) -> Float[np.ndarray, "2 2"]:
 
 
 def shortening(beam: Beam, xi: float, wrench: Float[np.ndarray, "6"]) -> float:
-    """Shift of the cross section at xi towards the clamp, along X, by the bending of the rod [m]; second order.
+    """Displacement of the cross section at xi towards the clamp, along X, due to bending [m]; second order.
 
     Half the integral of the squared slopes of Eq. (3.4) from the clamp to x;
-    the dissertation leaves it out and sees it as crosstalk to F_X (figure 3.8).
+    the dissertation omits it and observes it as crosstalk to F_X (figure 3.8).
     With slope(u) = a u - b u^2, u = x / L, the integral is
     L (a^2 xi^3 / 3 - a b xi^4 / 2 + b^2 xi^5 / 5).
 
@@ -171,7 +171,7 @@ def shortening(beam: Beam, xi: float, wrench: Float[np.ndarray, "6"]) -> float:
     beam
         Parts of the sensor and their tolerances.
     xi
-        Place x / L of the cross section.
+        Position x / L of the cross section.
     wrench
         (F, M) at the tip, frame S [N, Nm].
     """
@@ -185,7 +185,7 @@ def shortening(beam: Beam, xi: float, wrench: Float[np.ndarray, "6"]) -> float:
 
 
 def stress_ratio(beam: Beam, moment_Nm: Float[np.ndarray, "3"], axial_N: float = 0.0) -> float:
-    """Equivalent (von Mises) stress of the outermost fibre by the yield stress; 1 = stays bent.
+    """Equivalent (von Mises) stress of the outermost fibre over the yield stress; yields at 1.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From template poses in the camera to motions of the rod's cross sections (Alt 2016, Sec. 3.4).
+"""Motions of the rod's cross sections from template poses in the camera (Alt 2016, Sec. 3.4).
 
 Covariances of poses are of (x, y, z, r_X, r_Y, r_Z) [m, rad] in the axes of the
 *target* frame, translation and rotation apart: t' = t + dt, R' = exp([dr]) R.
@@ -31,7 +31,7 @@ __all__ = [
 
 
 class TemplateObservation(Protocol):
-    """What the sensor needs to know of a tracked template; any tracker may provide it."""
+    """Interface of a tracked template; any tracker may provide it."""
 
     @property
     def name(self) -> str: ...
@@ -57,14 +57,14 @@ class TemplateMeasurement:
 
     @classmethod
     def missing(cls, name: str, reason: Reason = Reason.LOST) -> TemplateMeasurement:
-        """A template that is not seen.
+        """A template that is not visible.
 
         Parameters
         ----------
         name
             Name of the template.
         reason
-            Why it is not seen.
+            Reason why it is not visible.
         """
         return cls(name, None, np.full((6, 6), np.nan), False, reason)
 
@@ -76,10 +76,10 @@ class RelativePoses:
     names: tuple[str, ...]
     poses: tuple[Pose, ...]  #: pose_reference_template of each
     covariance: Float[np.ndarray, "6n 6n"]  #: correlated, because all share the reference
-    shared: Float[np.ndarray, "6n 6"]  #: d(poses) / d(reference), of the part that is in common
+    shared: Float[np.ndarray, "6n 6"]  #: d(poses) / d(reference), of the common part
 
     def select(self, names: Sequence[str]) -> RelativePoses:
-        """Some of the templates, in a given order.
+        """Select templates in a given order.
 
         Parameters
         ----------
@@ -98,13 +98,13 @@ class RelativePoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionMotion:
-    """How n cross sections of the rod have moved from their place at rest, in frame S."""
+    """Motion of n cross sections of the rod relative to rest, in frame S."""
 
     xi: Float[np.ndarray, "n"]
     translation_m: Float[np.ndarray, "n 3"]
     rotation: Float[np.ndarray, "n 3 3"]
-    noise: Float[np.ndarray, "6n 6n"]  #: covariance by the frame's own poses, (d, phi) per section
-    zero: Float[np.ndarray, "6n 6n"]  #: covariance by the zero reference, common to all frames
+    noise: Float[np.ndarray, "6n 6n"]  #: covariance due to the frame's own poses, (d, phi) per section
+    zero: Float[np.ndarray, "6n 6n"]  #: covariance due to the zero reference, common to all frames
 
     @property
     def vector(self) -> Float[np.ndarray, "6n"]:
@@ -113,7 +113,7 @@ class SectionMotion:
 
     @property
     def covariance(self) -> Float[np.ndarray, "6n 6n"]:
-        """Of both causes."""
+        """Sum of both covariances."""
         return self.noise + self.zero
 
 
@@ -122,7 +122,7 @@ def relative_poses(
     reference_covariance: Float[np.ndarray, "6 6"],
     templates: Sequence[TemplateObservation],
 ) -> RelativePoses:
-    """Templates seen from the reference template, so that camera and sensor may move.
+    """Templates relative to the reference template, so that camera and sensor may move.
 
     With t = R_R^T (t_A - t_R) and R = R_R^T R_A,
     dt = R_R^T (dt_A - dt_R - dr_R x (t_A - t_R)) and dr = R_R^T (dr_A - dr_R).
@@ -168,17 +168,17 @@ def section_motion(
     """Motion of the cross sections that carry the templates.
 
     A template is fixed to one cross section by an unknown rigid mount. At rest
-    that section is at (xi L, 0, 0) in S, which with the resting pose gives the
-    mount; with the present pose the mount gives the section. A section at q in
-    the reference template sits at o = R_0^T (q - t_0) in the template, and is
+    that section is at (xi L, 0, 0) in S, which with the pose at rest determines the
+    mount; with the current pose, the mount determines the section. A section at q in
+    the reference template is at o = R_0^T (q - t_0) in the template, and is
     now at x = R o + t.
 
     Parameters
     ----------
     now, rest
-        Poses in the reference template, now and while nothing touches the sensor.
+        Poses in the reference template, now and without load.
     xi
-        Place x / L of each template on the rod, by name.
+        Position x / L of each template on the rod, by name.
     T_reference_sensor
         Pose of frame S in the reference template.
     length_m
@@ -202,7 +202,7 @@ def section_motion(
         block[:3, 3:] = -hat(arm)
         rows = slice(6 * k, 6 * k + 6)
         by_now[rows, rows] = turn6 @ block
-        # exp([dr]) R_0 turns the section back by dr, as seen through the present pose.
+        # exp([dr]) R_0 rotates the section back by dr, relative to the current pose.
         block = np.zeros((6, 6))
         block[:3, :3] = block[3:, 3:] = -turned
         block[:3, 3:] = turned @ hat(arm_rest)

@@ -19,7 +19,7 @@ from .observation import TemplateMeasurement
 
 __all__ = ["POSE_COLUMNS", "LoadRecord", "read_loads", "read_template_poses", "write_template_poses"]
 
-#: Files larger than this are refused (bytes).
+#: Larger files are rejected (bytes).
 MAX_BYTES = 256 * 1024 * 1024
 
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -42,19 +42,19 @@ POSE_COLUMNS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadRecord:
-    """Known loads on the tip and what was observed; n rows."""
+    """Known loads on the tip and the observations; n rows."""
 
     load: Float[np.ndarray, "n 6"]  #: applied at the tip, frame S [N, Nm]
     observed: Float[np.ndarray, "n 6"]  #: a wrench [N, Nm], or the tip's (d, phi) [m, rad]
-    kind: Literal["wrench", "motion"]  #: what was observed
+    kind: Literal["wrench", "motion"]  #: kind of the observation
     line: Int[np.ndarray, "n"]  #: in the file
     where: str = "loads"
 
 
 def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None) -> LoadRecord:
-    """Read known loads: ``fx_N ... mz_Nm`` and what the sensor or a tracker said.
+    """Read known loads: ``fx_N ... mz_Nm`` with the readings of the sensor or a tracker.
 
-    What was observed is either the reading of the uncalibrated sensor
+    The observation is either the reading of the uncalibrated sensor
     (``read_fx_N ... read_mz_Nm``), or the motion of the tip: ``x_m, y_m, z_m`` with
     a rotation vector ``rx_rad, ry_rad, rz_rad`` or with ``roll_deg, pitch_deg,
     yaw_deg`` about fixed axes.
@@ -130,7 +130,7 @@ def write_template_poses(
     Parameters
     ----------
     path
-        Where to write the CSV file.
+        Output CSV file.
     frames
         Time [s] and templates of each frame.
     """
@@ -153,7 +153,7 @@ def write_template_poses(
 
 
 def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[TemplateMeasurement]]]:
-    """Frames (t_s, templates) of a file of :func:`write_template_poses`; rows of a frame stand together.
+    """Frames (t_s, templates) of a file of :func:`write_template_poses`; rows of a frame are consecutive.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
     Raises
     ------
     InputError
-        Names the line, what was found and what was expected.
+        Contains the line, the found and the expected value.
     """
     names, rows = _table(path, InputError)
     if names != [name.lower() for name in POSE_COLUMNS]:

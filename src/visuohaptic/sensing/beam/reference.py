@@ -1,4 +1,4 @@
-"""A reference template that does not move in the camera: its noise can be averaged away."""
+"""A reference template that is fixed relative to the camera: its noise can be averaged."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ __all__ = ["SteadyReference"]
 
 
 class SteadyReference:
-    """Mean pose of the reference while camera and sensor base are bolted together.
+    """Mean pose of the reference while camera and sensor base are rigidly connected.
 
-    The lever from the reference to the tip turns the reference's own small
+    The lever arm from the reference to the tip converts the reference's small
     rotation noise into half of the noise of F_Y; a mean over ``frames`` frames
-    removes it. A bump of the camera is noticed by the distance of the new poses
-    from the mean: the first such frames are ``moved``, then the mean starts anew.
+    removes it. A bump of the camera is detected by the distance of the new poses
+    from the mean: the first such frames are ``moved``, then the mean restarts.
 
     Parameters
     ----------
     frames
-        Frames in the mean, at most; older ones fade.
+        Maximum number of frames in the mean; older ones are forgotten exponentially.
     patience
-        Deviating frames in a row after which the new place is accepted.
+        Number of consecutive deviating frames after which the new pose is accepted.
     """
 
-    #: Mahalanobis distance squared, 6 degrees of freedom, that one good frame in ten million exceeds.
+    #: Squared Mahalanobis distance, 6 degrees of freedom, that one valid frame in ten million exceeds.
     LIMIT = 45.0
 
     def __init__(self, frames: int = 100, patience: int = 5) -> None:
@@ -40,11 +40,11 @@ class SteadyReference:
         self._held = False
 
     def hold(self) -> None:
-        """Take the mean as it is from now on."""
+        """Freeze the current mean."""
         self._held = True
 
     def update(self, pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Reason:
-        """Take in one pose; ``moved`` when it does not fit to those before.
+        """Process one pose; ``moved`` if it does not agree with the previous ones.
 
         Parameters
         ----------

@@ -9,7 +9,7 @@ wrench* b = (F, m_0):
     R' = [u]x R,  u = m / EI + (1 / GJ - 1 / EI) (t . m) t
     r(0) = (F_X / k_X, 0, 0),  R(0) = rotation about X by m_0,X / k_phi
 
-Reading the sensor needs no boundary value problem: b is fitted to the observed
+Reading the sensor requires no boundary value problem: b is fitted to the observed
 poses by Newton's method, and the moment at the tip follows as m(L).
 """
 
@@ -44,7 +44,7 @@ class RodShape:
 
 
 def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray, "n"]) -> RodShape:
-    """Shape of the rod whose clamp carries a known force and moment.
+    """Shape of the rod for a known force and moment in the clamp.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray
     base
         (F, m_0) [N, Nm].
     xi
-        Rising positions x / L of the requested cross sections.
+        Ascending positions x / L of the requested cross sections.
     """
     xi = np.asarray(xi, dtype=np.float64)
     if len(xi) and (xi.min() < 0 or xi.max() > 1 or np.any(np.diff(xi) < 0)):
@@ -77,7 +77,7 @@ def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray
 
 
 def base_wrench(beam: Beam, wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
-    """(F, m_0) of a straight rod under a wrench at its tip: the start of Newton's method.
+    """(F, m_0) of a straight rod under a wrench at its tip: the initial guess of Newton's method.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The beam sensor: template poses in, wrenches out, and a reason wherever they cannot be trusted."""
+"""The beam sensor: wrenches from template poses, with a reason if a reading is not valid."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from .zero import BeamDriftSettings, BeamZero, BeamZeroWatch
 
 __all__ = ["BeamReading", "BeamSensor", "BeamSetup"]
 
-#: Chance that a good frame is refused because its templates disagree.
+#: Probability that a valid frame is rejected because its templates disagree.
 _DISAGREEMENT = 1e-7
-#: Chance that a good frame's templates disagree by more than what is declared without a surcharge.
+#: Probability that the templates of a valid frame disagree by more than the declared noise, without inflation.
 _SURPRISE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamSetup:
-    """Everything that is known of a sensor before the first frame."""
+    """Configuration of a sensor."""
 
-    xi: Mapping[str, float]  #: where each template is fixed to the rod, x / L
+    xi: Mapping[str, float]  #: position of each template on the rod, x / L
     T_reference_sensor: Pose  #: frame S in the reference template
     beam: Beam = field(default_factory=Beam)
-    correction: Correction | None = None  #: by ``calibrate_beam``; None: the beam's tolerances
+    correction: Correction | None = None  #: from ``calibrate_beam``; None: the beam's tolerances
     reference: str = "reference"  #: name of the template on the base
-    #: ``moving``: the reference is taken from each frame; ``steady``: camera and base are bolted
-    #: together, so that its noise is averaged away
+    #: ``moving``: the reference is taken from each frame; ``steady``: camera and base are rigidly
+    #: connected, so that its noise is averaged
     view: Literal["moving", "steady"] = "moving"
     model: BeamModel = "auto"
     linear_limit: float = LINEAR_LIMIT
@@ -46,7 +46,7 @@ class BeamSetup:
     stress_limit: float = 0.9  #: fraction of the yield stress beyond which the sensor is saturated
     max_age_s: float = 0.2  #: an older frame is stale
     zero_path: Path | None = None
-    camera_path: Path | None = None  #: needed to read from images
+    camera_path: Path | None = None  #: required to read from images
     templates_path: Path | None = None  #: folder of the templates, for the same
 
     def __post_init__(self) -> None:
@@ -61,16 +61,16 @@ class BeamSetup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamReading:
-    """One frame: the wrench, and what its covariance is made of."""
+    """Reading of one frame: the wrench, and the components of its covariance."""
 
     wrench: Wrench  #: about the tip, frame S; its covariance is the sum of those below
-    noise: Float[np.ndarray, "6 6"]  #: by the poses of this frame
-    zero: Float[np.ndarray, "6 6"]  #: by the zero reference and its drift
-    setup: Float[np.ndarray, "6 6"]  #: by templates that are not exactly where they are said to be
-    calibration: Float[np.ndarray, "6 6"]  #: by what is not known of the compliance
-    exact: bool  #: read by the exact rod; otherwise by the linear beam
-    stress: float  #: in the rod, by its yield stress
-    templates: tuple[str, ...]  #: those that were used
+    noise: Float[np.ndarray, "6 6"]  #: due to the poses of this frame
+    zero: Float[np.ndarray, "6 6"]  #: due to the zero reference and its drift
+    setup: Float[np.ndarray, "6 6"]  #: due to position errors of the templates
+    calibration: Float[np.ndarray, "6 6"]  #: due to the uncertainty of the compliance
+    exact: bool  #: computed with the exact rod; otherwise with the linear beam
+    stress: float  #: stress in the rod over its yield stress
+    templates: tuple[str, ...]  #: templates used
 
 
 class BeamSensor:
@@ -81,7 +81,7 @@ class BeamSensor:
     setup
         Beam, templates, correction.
     zero
-        Resting poses; without them every reading is ``not_zeroed``.
+        Poses at rest; without them every reading is ``not_zeroed``.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class BeamSensor:
 
     @property
     def zero_reference(self) -> BeamZero | None:
-        """The resting poses."""
+        """Poses at rest."""
         return self._zero
 
     def _set_zero(self, zero: BeamZero | None) -> None:
@@ -108,7 +108,7 @@ class BeamSensor:
         self._yielded = False
 
     def zero(self, frames: Iterable[tuple[float, Sequence[TemplateObservation]]]) -> BeamZero:
-        """Take the zero from frames (t_s, templates) of a sensor that nothing touches.
+        """Take the zero from frames (t_s, templates) of an unloaded sensor.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class BeamSensor:
         Raises
         ------
         CalibrationError
-            Too little was seen, or the sensor moved meanwhile.
+            Not enough templates were visible, or the sensor moved during zeroing.
         """
         seen = list(frames)
         steady = None
@@ -141,7 +141,7 @@ class BeamSensor:
         return zero
 
     def reset(self) -> None:
-        """Forget the time, the drift and the reference; the zero stays."""
+        """Reset time, drift and reference; the zero is kept."""
         self._last_t = None
         self._steady = SteadyReference() if self._steady is not None else None
         self._set_zero(self._zero)
@@ -177,7 +177,7 @@ class BeamSensor:
         steady: SteadyReference | None,
         requested: set[str] | None = None,
     ) -> tuple[RelativePoses | None, Reason]:
-        """Poses in the reference template; without them the reason why, with them why not to trust them."""
+        """Poses in the reference template, or the reason why there are none; with the reason if they are not valid."""
         by_name = {template.name: template for template in templates}
         if len(by_name) != len(templates):
             raise InputError("templates", "a name is there twice in one frame")
@@ -210,7 +210,7 @@ class BeamSensor:
         )
         try:
             found = estimate_wrench(setup.beam, motion, model=setup.model, linear_limit=setup.linear_limit)
-        except InputError:  # poses that no rod can take: a template is not where it claims to be
+        except InputError:  # shape that no rod can have: a template is not at its declared position
             return self._nothing(t_s, Reason.LOST)
         wrench = self.correction.apply(found.wrench)
         noise, zero = self.correction.transform(found.noise), self.correction.transform(found.zero)
@@ -229,8 +229,8 @@ class BeamSensor:
         wrench = wrench - self.watch.offset
         zero = zero + self.watch.covariance
         misplaced, calibration = self.correction.transform(found.setup), self.correction.covariance(wrench)
-        # Templates that disagree, but not enough to be refused: one of them may have come loose. Noise
-        # explains that rarely, so that the covariance grows by as much.
+        # Templates disagree, but not enough for rejection: one of them may have come loose. Noise
+        # rarely explains this, so the covariance is inflated accordingly.
         surprise = found.chi2 / _quantile(found.freedom, _SURPRISE)
         if surprise > 1:
             misplaced = misplaced + (surprise - 1) * (noise + zero + misplaced)
@@ -253,7 +253,7 @@ class BeamSensor:
         )
 
     def _disagree(self, found: BeamEstimate) -> bool:
-        """Whether the templates contradict each other by more than noise and setup allow."""
+        """Whether the templates disagree by more than noise and setup allow."""
         return found.chi2 > _quantile(found.freedom, _DISAGREEMENT)
 
     def _nothing(self, t_s: float, reason: Reason) -> BeamReading:
@@ -263,7 +263,7 @@ class BeamSensor:
 
 
 def _quantile(freedom: int, chance: float) -> float:
-    """chi^2 that is exceeded with this chance; nothing exceeds it where nothing can disagree."""
+    """chi^2 that is exceeded with this probability; infinite without redundancy."""
     if freedom <= 0:
         return float("inf")
     from scipy.special import chdtri

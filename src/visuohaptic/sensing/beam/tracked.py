@@ -1,4 +1,4 @@
-"""Frames in, wrenches out: the template tracker and the beam sensor joined (Alt 2016, Sec. 3.4)."""
+"""Template tracker and beam sensor combined: wrenches from camera frames (Alt 2016, Sec. 3.4)."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from .zero import BeamZero
 
 __all__ = ["TrackedBeam", "TrackedReading"]
 
-#: chi^2 of 2 degrees of freedom that one good pose in ten thousand exceeds.
+#: chi^2 of 2 degrees of freedom that one valid pose in ten thousand exceeds.
 _GOOD_CHI2 = 18.4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedReading:
-    """One frame: the wrench, and where the templates were seen."""
+    """Reading of one frame: the wrench, and the template poses."""
 
     reading: BeamReading
-    templates: tuple[TemplatePose, ...]  #: the reference and those on the rod; with reasons where lost
+    templates: tuple[TemplatePose, ...]  #: the reference and those on the rod; with reasons if lost
 
     @property
     def t_s(self) -> float:
@@ -37,12 +37,12 @@ class TrackedReading:
 
     @property
     def valid(self) -> bool:
-        """Whether the wrench can be trusted."""
+        """Whether the wrench is valid."""
         return self.reading.wrench.valid
 
     @property
     def reason(self) -> Reason:
-        """Why not; ``ok`` when valid."""
+        """Reason if not valid; ``ok`` when valid."""
         return self.reading.wrench.reason
 
 
@@ -52,15 +52,15 @@ class TrackedBeam(Closing):
     Parameters
     ----------
     setup
-        Beam, places of the templates, correction.
+        Beam, positions of the templates, correction.
     templates
         At least the reference and those of ``setup.xi``; others are ignored.
     camera
         Intrinsics and distortion.
     zero
-        Resting poses; without them every reading is ``not_zeroed``.
+        Poses at rest; without them every reading is ``not_zeroed``.
     threaded
-        Look for lost templates in a thread, so that a frame never waits (live use).
+        Search for lost templates in a thread, so that a frame never waits (live use).
 
     Examples
     --------
@@ -91,19 +91,19 @@ class TrackedBeam(Closing):
 
     @classmethod
     def load(cls, path: Path | str, *, threaded: bool = False) -> TrackedBeam:
-        """Read ``sensor.yaml`` and the files that it names; the zero where there is one.
+        """Read ``sensor.yaml`` and the files that it names; the zero if there is one.
 
         Parameters
         ----------
         path
             ``sensor.yaml``; the files that it names are relative to its folder.
         threaded
-            Look for lost templates in a thread, so that a frame never waits (live use).
+            Search for lost templates in a thread, so that a frame never waits (live use).
 
         Raises
         ------
         InputError
-            A file or field cannot be used, or the camera or the templates are not said.
+            A file or field cannot be used, or the camera or the templates are missing.
         """
         setup = BeamSensorConfig.load(path)
         for field, found in (("camera", setup.camera_path), ("templates_folder", setup.templates_path)):
@@ -121,11 +121,11 @@ class TrackedBeam(Closing):
 
     @property
     def zeroed(self) -> bool:
-        """Whether it has resting poses."""
+        """Whether there are poses at rest."""
         return self.sensor.zero_reference is not None
 
     def zero(self, frames: Iterable[Frame]) -> BeamZero:
-        """Take the zero from frames of a sensor that nothing touches.
+        """Take the zero from frames of an unloaded sensor.
 
         Parameters
         ----------
@@ -135,25 +135,25 @@ class TrackedBeam(Closing):
         Raises
         ------
         CalibrationError
-            Too little was seen, or the sensor moved meanwhile.
+            Not enough templates were visible, or the sensor moved during zeroing.
         """
         seen = [(frame.t_s, self.track(frame)) for frame in frames]
         if not seen:
             raise CalibrationError("zero", "there is no frame", remedy="give frames of the untouched sensor")
-        # What the tracker was still searching for at the start is no fault of the setup.
+        # Templates that the tracker had not yet found at the start are not a fault of the setup.
         whole = [one for one in seen if all(pose.valid for pose in one[1])]
         return self.sensor.zero(whole if 2 * len(whole) >= len(seen) else seen)
 
     def track(self, frame: Frame) -> tuple[TemplatePose, ...]:
         """Poses of the templates alone.
 
-        Where the four corners do not fit a pose, the model of the camera or the print is worse
-        than the noise of the image: the covariance grows by as much.
+        If the four corners do not fit a pose, the errors of camera model or print exceed
+        the image noise: the covariance is inflated accordingly.
 
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in time order.
         """
         return tuple(
             replace(pose, covariance=pose.covariance * (pose.chi2 / _GOOD_CHI2))
@@ -168,15 +168,15 @@ class TrackedBeam(Closing):
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in time order.
         now_s
-            Time at which it is read [s]; frames older than ``max_age_s`` are stale. None: never too old.
+            Time of the reading [s]; frames older than ``max_age_s`` are stale. None: never stale.
         """
         templates = self.track(frame)
         return TrackedReading(self.sensor.read(frame.t_s, templates, now_s=now_s), templates)
 
     def reset(self) -> None:
-        """Forget all frames, the drift and where the templates were; the zero stays."""
+        """Reset frames, drift and template positions; the zero is kept."""
         self.tracker.reset()
         self.sensor.reset()
 

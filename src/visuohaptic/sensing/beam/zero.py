@@ -1,4 +1,4 @@
-"""The resting poses of the templates, and the watch over their drift (Alt 2016, Sec. 3.4)."""
+"""Zero reference of the templates, and monitoring of their drift (Alt 2016, Sec. 3.4)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .observation import RelativePoses
 
 __all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]
 
-#: Scatter while zeroing by the declared sigma; more than this is motion, not noise.
+#: Ratio of scatter during zeroing to declared sigma, above which it is motion, not noise.
 MAX_SCATTER = 4.0
-#: A slow wander by less than this many sigmas of a single frame, as declared or as it jitters, is put into the covariance.
+#: Slow drift by less than this many sigmas of a single frame, declared or measured, is included in the covariance.
 MAX_CREEP = 2.5
-#: A scatter below these is good enough, whatever the tracker declares [m, rad].
+#: A scatter below these is acceptable, independent of the declared noise [m, rad].
 FINE_SCATTER = np.array([2e-5, 2e-5, 2e-5, 5e-4, 5e-4, 5e-4])
 
 Numbers6 = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
@@ -39,18 +39,18 @@ class _ZeroFile(Section):
     frames: Annotated[int, Field(ge=1)]
     templates: Annotated[list[_ZeroTemplate], Field(min_length=1, max_length=32)]
     covariance: Annotated[list[list[FiniteFloat]], Field(max_length=192)]
-    #: Absent in files of older versions: the declared noise is then taken as it is.
+    #: Missing in files of older versions: the declared noise is then used unchanged.
     noise: Annotated[FiniteFloat, Field(ge=1.0)] = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamZero:
-    """Where the templates are while nothing touches the sensor."""
+    """Poses of the templates while the sensor is unloaded."""
 
-    t_s: float  #: time of the last frame that went in
+    t_s: float  #: time of the last frame used
     frames: int
     rest: RelativePoses  #: mean poses in the reference template, and the covariance of the means
-    noise: float = 1.0  #: variance of the poses of a frame by the declared one, as they scattered at rest
+    noise: float = 1.0  #: measured over declared variance of the poses of a frame, from the scatter at rest
 
     @classmethod
     def from_frames(
@@ -61,7 +61,7 @@ class BeamZero:
         shared: Float[np.ndarray, "6 6"] | None = None,
         where: str = "zero",
     ) -> BeamZero:
-        """Average frames of an unloaded sensor; templates that most frames miss are left out.
+        """Average frames of an unloaded sensor; templates missing in most frames are omitted.
 
         Parameters
         ----------
@@ -70,14 +70,14 @@ class BeamZero:
         frames
             Poses of the templates in the reference template, frame by frame.
         shared
-            Covariance of a reference that was the same in all frames, and does not average out.
+            Covariance of a reference that was the same in all frames, which averaging does not reduce.
         where
-            What error messages name.
+            Name in error messages.
 
         Raises
         ------
         CalibrationError
-            No template was seen in half of the frames, or the rod moved.
+            No template was visible in half of the frames, or the rod moved.
         """
         if not frames:
             raise CalibrationError(
@@ -102,26 +102,26 @@ class BeamZero:
         covariance = np.mean([frame.covariance for frame in whole], axis=0)
         lever = whole[-1].shared
         common = 0.0 if shared is None else lever @ shared @ lever.T
-        covariance, noise = covariance - common, 1.0  # of what is new in each frame
+        covariance, noise = covariance - common, 1.0  # of the independent part of each frame
         scatter = np.hstack(offsets)
         if len(whole) >= 4:
             _refuse_motion(where, names, scatter, covariance)
-            # Noise that the tracker does not declare, as of compressed video, is in the zero and in every frame.
+            # Noise that the tracker does not declare, as from compressed video, is in the zero and in every frame.
             noise = max(1.0, float(np.mean(scatter.var(axis=0, ddof=1) / np.diag(covariance))))
             covariance = covariance * noise
-            # Nor errors that stay for many frames, as those of compressed video: they do not average out.
+            # Errors that persist for many frames, as from compressed video, are not reduced by averaging.
             wander = 0.5 * _creep(scatter)
             covariance = covariance * max(1.0, len(whole) * float(np.mean(wander**2 / np.diag(covariance))))
         mean_covariance = covariance / len(whole) + common
         return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), mean_covariance, lever), noise)
 
     def save(self, path: Path | str) -> None:
-        """Write as YAML, whole or not at all.
+        """Write as YAML, atomically.
 
         Parameters
         ----------
         path
-            Where to write.
+            Output file.
         """
         templates = [
             {
@@ -142,9 +142,9 @@ class BeamZero:
         Parameters
         ----------
         path
-            The file.
+            Input file.
         names
-            Templates that the sensor has on its rod.
+            Templates on the sensor's rod.
         """
         data = load_yaml_model(path, _ZeroFile)
         found = [template.name for template in data.templates]
@@ -169,7 +169,7 @@ class BeamZero:
 
 
 def _mean_pose(poses: Sequence[Pose]) -> tuple[Pose, np.ndarray]:
-    """Mean of poses that are close together, and the deviation (n, 6) of each."""
+    """Mean of similar poses, and the deviation (n, 6) of each."""
     rotations = np.array([pose.rotation for pose in poses])
     translations = np.array([pose.translation_m for pose in poses])
     u, _, vt = np.linalg.svd(rotations.mean(axis=0))
@@ -180,7 +180,7 @@ def _mean_pose(poses: Sequence[Pose]) -> tuple[Pose, np.ndarray]:
 
 
 def _creep(scatter: Float[np.ndarray, "frames n"]) -> Float[np.ndarray, "n"]:
-    """A slow creep hides in the scatter of single frames, but not in the means of the two halves."""
+    """A slow creep is not visible in the scatter of single frames, but in the means of the two halves."""
     half = len(scatter) // 2
     return np.abs(scatter[half:].mean(axis=0) - scatter[:half].mean(axis=0))
 
@@ -190,7 +190,7 @@ def _refuse_motion(where: str, names: Sequence[str], scatter: np.ndarray, covari
     limit = np.maximum(MAX_SCATTER * sigma, np.tile(FINE_SCATTER, len(names)))
     spread = scatter.std(axis=0, ddof=1)
     creep = _creep(scatter)
-    # What changes from frame to frame is noise that the tracker does not declare, as of compressed video, and no creep.
+    # Changes from frame to frame are undeclared noise of the tracker, as from compressed video, not creep.
     jitter = np.sqrt(0.5 * np.mean(np.diff(scatter, axis=0) ** 2, axis=0))
     allowed = np.maximum(
         max(5 * np.sqrt(4 / len(scatter)), MAX_CREEP) * np.maximum(sigma, jitter),
@@ -214,19 +214,19 @@ def _refuse_motion(where: str, names: Sequence[str], scatter: np.ndarray, covari
 
 @dataclass(frozen=True, slots=True)
 class BeamDriftSettings:
-    """How the zero follows slow changes while the sensor is at rest."""
+    """Adaptation of the zero to slow changes while the sensor is at rest."""
 
     time_constant_s: float = 30.0  #: of the adaptation
-    rest_s: float = 1.0  #: how long the load must have been negligible before it adapts
-    rest: float = 0.005  #: a load below this fraction of full scale counts as none
-    limit: float = 0.02  #: accumulated drift, as a fraction of full scale, beyond which it is not trusted
+    rest_s: float = 1.0  #: time of negligible load before the adaptation starts
+    rest: float = 0.005  #: a load below this fraction of full scale is negligible
+    limit: float = 0.02  #: accumulated drift, as a fraction of full scale, beyond which it is not valid
 
 
 class BeamZeroWatch:
-    """Follows what the sensor reads at rest, and reports when the zero has drifted away.
+    """Tracks the reading at rest, and reports when the zero has drifted too far.
 
-    A steady load below the resting band cannot be distinguished from drift and is taken
-    for it within some time constants; that is the price of a zero that follows
+    A constant load below the rest threshold cannot be distinguished from drift and is
+    removed within some time constants; this is the cost of a zero that follows
     the temperature.
 
     Parameters
@@ -234,28 +234,28 @@ class BeamZeroWatch:
     full_scale
         Largest wrench of each axis [N, Nm].
     settings
-        How the zero follows slow changes; the defaults without.
+        Adaptation of the zero to slow changes; defaults if None.
     """
 
     def __init__(self, full_scale: Float[np.ndarray, "6"], settings: BeamDriftSettings | None = None) -> None:
         self.settings = settings or BeamDriftSettings()
         self.full_scale = np.asarray(full_scale, dtype=np.float64)
-        self.offset = np.zeros(6)  #: what the unloaded sensor reads now [N, Nm]
+        self.offset = np.zeros(6)  #: current reading of the unloaded sensor [N, Nm]
         self._rest_since: float | None = None
         self._last_t: float | None = None
 
     @property
     def drifted(self) -> bool:
-        """Whether the zero has to be taken again."""
+        """Whether a new zero is required."""
         return bool((np.abs(self.offset) > self.settings.limit * self.full_scale).any())
 
     @property
     def covariance(self) -> Float[np.ndarray, "6 6"]:
-        """What the adaptation may lag behind: a tenth of the drift."""
+        """Maximum lag of the adaptation: a tenth of the drift."""
         return np.diag((0.1 * self.offset) ** 2)
 
     def update(self, t_s: float, wrench: Float[np.ndarray, "6"], sigma: Float[np.ndarray, "6"]) -> None:
-        """Take in one reading, before the offset is subtracted.
+        """Process one reading, before the offset is subtracted.
 
         Parameters
         ----------

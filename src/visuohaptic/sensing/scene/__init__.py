@@ -1,4 +1,4 @@
-"""The camera ahead: floor motion, obstacles and the pushed object."""
+"""Forward camera view: floor motion, obstacles and the pushed object."""
 
 from ...core.front_door import attach
 

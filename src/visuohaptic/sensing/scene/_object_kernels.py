@@ -30,37 +30,37 @@ def fit_motion(
     distance,
     kept,
 ):
-    """Motion of a body that puts its points where they are seen; in place on ``rotation`` and ``shift``.
+    """Fit the motion of a body to the pixels of its points; in place on ``rotation`` and ``shift``.
 
     ``body`` (n, 3) frame F [m] at the start, ``pixels`` (n, 2) with ``sigma`` (n,) per axis; the body
-    turns about ``pivot`` (3,), then shifts. ``view`` (3, 3) and ``origin`` (3,) map F to the camera, ``lens``
+    rotates about ``pivot`` (3,), then shifts. ``view`` (3, 3) and ``origin`` (3,) map F to the camera, ``lens``
     is that of :func:`visuohaptic.tracking.pose._pose_kernels.project_point`. ``active`` (6,) of (rotation
-    vector, shift) are free. Points weigh after Tukey, nothing beyond ``gate_sigmas``, of which at least
+    vector, shift) are free. Points have Tukey weights, zero beyond ``gate_sigmas``, of which at least
     ``least`` must be inside.
 
     Fills ``distance`` (n,) in sigmas and ``kept`` (6, 6), the information of the points inside.
-    Returns the scale of the residuals, NaN where there is no fit.
+    Returns the scale of the residuals, NaN if there is no fit.
 
     Parameters
     ----------
     body
         Points of the body at the start, frame F [m], (n, 3).
     pixels, sigma
-        Where they are seen, (n, 2), and the standard deviation per axis, (n,) [px].
+        Their image positions, (n, 2), and the standard deviation per axis, (n,) [px].
     pivot
-        The body turns about this point, then shifts [m], (3,).
+        The body rotates about this point, then shifts [m], (3,).
     view, origin
         Rotation (3, 3) and translation (3,) from F to the camera.
     lens
         As in :func:`visuohaptic.tracking.pose._pose_kernels.project_point`.
     gate_sigmas
-        Points beyond so many standard deviations weigh nothing.
+        Points beyond this number of standard deviations have zero weight.
     least
-        Points that must be inside at least.
+        Minimum number of points inside.
     active
-        Which of (rotation vector, shift) are free, (6,).
+        Mask of the free components of (rotation vector, shift), (6,).
     rotation, shift
-        Start and result, (3, 3) and (3,) [m].
+        Initial guess and result, (3, 3) and (3,) [m].
     distance
         Filled with the residuals [standard deviations], (n,).
     kept
@@ -79,7 +79,7 @@ def fit_motion(
     for iteration in range(8):
         for i in range(n):
             a, b, c = body[i, 0] - pivot[0], body[i, 1] - pivot[1], body[i, 2] - pivot[2]
-            # Arm from the turned pivot, then the point in F and in the camera's frame.
+            # Lever arm from the rotated pivot, then the point in F and in the camera's frame.
             p = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
             q = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
             r = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
@@ -109,7 +109,7 @@ def fit_motion(
             distance[i] = np.sqrt(squared)
             if not np.isfinite(squared):
                 return np.nan
-        # Wide at first, so that a start some pixels off still finds its points.
+        # Wide at first, so that the points are found from an initial guess some pixels off.
         scale = max(1.0, median(distance, n, work) / 1.177) if iteration < 5 else max(1.0, scale)
         gate = gate_sigmas * scale
         information[:], gradient[:] = 0.0, 0.0
@@ -133,7 +133,7 @@ def fit_motion(
             for b in range(a):
                 information[b, a] = information[a, b]
         for a in range(6):
-            # A touch of damping: a few points near a line leave directions open.
+            # Slight damping: a few nearly collinear points leave directions undetermined.
             information[a, a] += 1e-9 * trace
         if not solve_step(information, gradient, active, 0.0, step):
             return np.nan
@@ -150,7 +150,7 @@ def fit_motion(
         # A hundredth of the information of a good image.
         if largest < 2e-6:
             break
-    # A wide scale is for finding the way; in the end points agree by their own noise.
+    # A wide scale is used for convergence only; in the end points agree within their own noise.
     scale = min(scale, 2.0)
     kept[:] = 0.0
     for i in range(n):

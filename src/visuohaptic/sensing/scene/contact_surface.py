@@ -1,4 +1,4 @@
-"""The surface of an object that the foam touches: where it is, and what the camera sees on it (Alt 2016, Sec. 3.5)."""
+"""The surface of an object in contact with the foam: its pose, and its points in the image (Alt 2016, Sec. 3.5)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ...core.objects import Primitive, PrimitiveKind
 
 __all__ = ["cast_to_face", "contact_face", "face_curvature"]
 
-#: Width of a contact from which its line weighs as much as that the face is square to the push [m].
+#: Width of a contact at which its line has the same weight as the assumption that the face is perpendicular to the push [m].
 NARROW_M = 0.04
 
 
 def contact_face(contact: Contact, primitive: Primitive | None = None) -> Pose:
-    """Plane of the object's surface: ``pose_foam_face`` with x along the contact, y up, z to the robot.
+    """Plane of the object's surface: ``pose_foam_face`` with x along the contact, y up, z towards the robot.
 
-    From the fitted primitive, or without one from a line through the points that are pressed most.
-    A round object is taken by its tangent, a corner by its tip.
+    From the fitted primitive, or without one from a line through the points with the largest compression.
+    A round object is represented by its tangent, a corner by its tip.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.nda
     if span < 0.01:
         return middle, across
     slope = float(np.polyfit(points[:, 1] - middle[1], points[:, 0] - middle[0], 1)[0])
-    # A narrow contact shows the foam's flanks and the object's edge, not its face: then across is likelier.
+    # A narrow contact shows the foam's flanks and the object's edge, not its face: the perpendicular face is then likelier.
     trust = span**2 / (span**2 + NARROW_M**2)
     return middle, np.array([trust * slope, 1.0])
 
@@ -84,18 +84,18 @@ def cast_to_face(
     face: Pose,
     curvature_per_m: float = 0.0,
 ) -> Float[np.ndarray, "n 3"]:
-    """Points of a body, as it was at the start, where rays meet its surface after a motion; NaN where they miss.
+    """Points of a body in its initial pose, where rays hit its surface after a motion; NaN if they miss.
 
     Parameters
     ----------
     eye_m, rays
         The camera's centre and directions, frame F.
     motion
-        Of the body: turn about the face's origin, then shift.
+        Motion of the body: rotation about the face's origin, then shift.
     face
-        ``pose_foam_face`` at the start: x along the contact, y up, z to the robot.
+        Initial ``pose_foam_face``: x along the contact, y up, z towards the robot.
     curvature_per_m
-        Of an upright cylinder that touches the face's plane at its origin; 0 = the plane.
+        Curvature of an upright cylinder that touches the face's plane at its origin; 0 = plane.
     """
     pivot = face.translation_m
     frame = motion.rotation @ face.rotation
@@ -105,7 +105,7 @@ def cast_to_face(
         depth = -eye[2] / ray[:, 2]
         for _ in range(6 if curvature_per_m else 0):
             x = eye[0] + depth * ray[:, 0]
-            # The circle's sag; beyond the quarter circle nothing is seen of it.
+            # Sagitta of the circle; beyond the quarter circle it is not visible.
             sag = curvature_per_m * x**2 / (1.0 + np.sqrt(1.0 - (curvature_per_m * x) ** 2))
             depth = (-sag - eye[2]) / ray[:, 2]
     points = (eye + depth[:, None] * ray) @ face.rotation.T + pivot

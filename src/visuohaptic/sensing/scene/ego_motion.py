@@ -1,9 +1,9 @@
-"""One motion of the platform from floor, odometry and gyroscope: a small Kalman filter (Alt 2016, Sec. 3.5).
+"""Motion of the platform fused from floor, odometry and gyroscope: a small Kalman filter (Alt 2016, Sec. 3.5).
 
-State: velocity of the sensor frame's origin (v_x, v_y) [m/s] and turn rate omega [rad/s], which change by
+State: velocity of the sensor frame's origin (v_x, v_y) [m/s] and turn rate omega [rad/s], driven by
 random accelerations. Each source measures their mean over a frame: the floor all three, the
 odometry forward speed and turn rate, the gyroscope the turn rate. The origin of frame F is
-ahead of the platform's centre, so that a turn moves it sideways.
+in front of the platform's centre, so that a rotation moves it sideways.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["EgoMotionFilter", "EgoMotionSettings"]
 
 @dataclass(frozen=True, slots=True)
 class EgoMotionSettings:
-    """How much the sources are trusted."""
+    """Uncertainties of the sources."""
 
     foam_ahead_m: float = 0.17  #: origin of frame F in front of the platform's centre
     #: standard deviation of the platform's acceleration
@@ -32,30 +32,30 @@ class EgoMotionSettings:
     turn_acceleration_rad_s2: float = 4.0
     #: standard deviation of the odometry's speed
     odometry_m_s: float = field(default=0.003, metadata=POSITIVE)
-    odometry_fraction: float = 0.02  #: and its part that grows with the speed (slip, wheel size)
-    side_slip_m_s: float = 0.002  #: speed sideways that wheels let happen
+    odometry_fraction: float = 0.02  #: and its part that is proportional to the speed (slip, wheel size)
+    side_slip_m_s: float = 0.002  #: lateral speed that wheels allow
     odometry_rad_s: float = 0.01
     gyroscope_rad_s: float = field(default=0.005, metadata=POSITIVE)
-    gate: float = 5.0  #: a source farther off than so many standard deviations is left out
+    gate: float = 5.0  #: a source that deviates by more than this many standard deviations is ignored
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
 
 class EgoMotionFilter:
-    """Fuses what the camera sees of the floor with odometry and gyroscope, each of which may be missing.
+    """Fuses the floor motion from the camera with odometry and gyroscope, each of which may be missing.
 
     Parameters
     ----------
     settings
-        Standard deviations of the sources; the defaults without.
+        Standard deviations of the sources; defaults if None.
 
     Attributes
     ----------
     pose, pose_covariance
         (x, y, theta) of frame F since the start [m, rad].
     agree
-        Whether all sources of the newest frame agreed; wheels that slip do not.
+        Whether all sources of the newest frame agreed; false during wheel slip.
 
     Examples
     --------
@@ -90,7 +90,7 @@ class EgoMotionFilter:
         t_s
             Time of the frame [s].
         floor
-            Motion that the camera saw since then; left out when not valid.
+            Motion from the camera since then; ignored if not valid.
         odometry
             Newest state of the base; its velocities are used.
         gyroscope_rad_s
@@ -115,7 +115,7 @@ class EgoMotionFilter:
             turn = np.array([[0.0, 0.0, 1.0]])
             used |= self._measure(np.array([gyroscope_rad_s]), turn, np.array([[s.gyroscope_rad_s**2]]))
         if floor is not None and floor.valid:
-            # The chord of an even turn points half way between both headings.
+            # The chord of a uniform rotation has the mean of both headings.
             half = chain(np.array([0.0, 0.0, -0.5 * floor.rotation_rad]), np.array([*floor.translation_m, 0]))
             rate = np.array([half[0], half[1], floor.rotation_rad]) / dt
             used |= self._measure(rate, np.eye(3), floor.covariance / dt**2, trusted=True)
@@ -124,7 +124,7 @@ class EgoMotionFilter:
     def _measure(
         self, value: np.ndarray, design: np.ndarray, noise: np.ndarray, *, trusted: bool = False
     ) -> bool:
-        """One update; a trusted source that disagrees restarts the state, others are left out."""
+        """One update; a trusted source that disagrees resets the state, others are ignored."""
         innovation = value - design @ self.velocity
         spread = design @ self.covariance @ design.T + noise
         if float(innovation @ np.linalg.solve(spread, innovation)) > len(value) * self.settings.gate**2:
@@ -136,7 +136,7 @@ class EgoMotionFilter:
         gain = self.covariance @ design.T @ np.linalg.inv(spread)
         self.velocity = self.velocity + gain @ innovation
         rest = np.eye(3) - gain @ design
-        # Joseph's form stays symmetric and positive.
+        # Joseph's form stays symmetric and positive definite.
         self.covariance = rest @ self.covariance @ rest.T + gain @ noise @ gain.T
         return True
 

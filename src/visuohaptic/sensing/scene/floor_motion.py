@@ -1,16 +1,16 @@
 """Motion of the platform from points on the floor (Alt 2016, Sec. 3.5).
 
-Points of the floor stand still. Seen from the platform they move against it: with a translation t and
+Points of the floor are static. In the platform's frame they move in the opposite direction: with a translation t and
 a rotation R(theta) of the platform, a point at q after the motion was at
 
     p = R(theta) q + t
 
 before, all in the floor's x and y [m] along the axes of the sensor frame F. Wrong tracks, and those on
-objects that move, are removed by RANSAC on pairs of points; the others give the motion by least
+moving objects, are removed by RANSAC on pairs of points; the others determine the motion by least
 squares, each with the covariance that its pixel noise has on the floor.
 
-Points are compared with where they were in a key frame, not in the last one: errors of
-frames in between cancel, only those of key frames add up.
+Points are compared with their positions in a key frame, not in the previous frame: errors of
+frames in between cancel, only those of key frames accumulate.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ __all__ = ["FloorMotionSettings", "FloorTracker", "PlanarFit", "chain", "fit_pla
 
 @dataclass(frozen=True, slots=True)
 class FloorMotionSettings:
-    """How the motion is estimated."""
+    """Settings of the motion estimation."""
 
-    hypotheses: int = field(default=80, metadata=at_least(10))  #: pairs of points that RANSAC tries
-    gate_sigmas: float = 3.5  #: a point agrees within so many standard deviations
-    min_sigma_px: float = 0.08  #: of a track: what interpolation adds to the noise
-    min_points: int = field(default=8, metadata=at_least(3))  #: that must agree
-    min_fraction: float = field(default=0.3, metadata=within(0.0, 1.0))  #: of all points that must agree
-    key_frames: int = 12  #: a new key frame after so many frames
-    key_fraction: float = 0.5  #: or when fewer than this part of its points is left
+    hypotheses: int = field(default=80, metadata=at_least(10))  #: number of point pairs in RANSAC
+    gate_sigmas: float = 3.5  #: inlier threshold in standard deviations
+    min_sigma_px: float = 0.08  #: of a track: error of interpolation in addition to noise
+    min_points: int = field(default=8, metadata=at_least(3))  #: minimum number of inliers
+    min_fraction: float = field(default=0.3, metadata=within(0.0, 1.0))  #: minimum fraction of inliers
+    key_frames: int = 12  #: a new key frame after this number of frames
+    key_fraction: float = 0.5  #: or when less than this fraction of its points is left
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -66,26 +66,26 @@ def fit_planar_motion(
     *,
     expected: Float[np.ndarray, "3"] | None = None,
 ) -> PlanarFit:
-    """Motion of the platform from where the same points of the floor were before and after it.
+    """Motion of the platform from the positions of the same floor points before and after it.
 
     Parameters
     ----------
     before_m, after_m
         Points in the platform's frame at both times [m].
     covariance_m2
-        Of ``before - R after``, each point's own [m^2].
+        Covariance of ``before - R after`` for each point [m^2].
     rng
-        Of the sampling.
+        Source of the random samples.
     settings
-        How the motion is estimated.
+        Settings of the motion estimation.
     expected
-        Motion by the odometry: where two groups of points disagree, e.g. floor and an object before
-        the camera, the one that moves like this is taken though it may be the smaller one.
+        Motion by the odometry: if two groups of points disagree, e.g. floor and an object in front of
+        the camera, the one that agrees with it is used even if it is smaller.
 
     Returns
     -------
     PlanarFit
-        Its covariance is scaled up where the points scatter more than they declare.
+        Its covariance is inflated if the scatter of the points exceeds their declared noise.
 
     Examples
     --------
@@ -124,7 +124,7 @@ def fit_planar_motion(
         new = distance < s.gate_sigmas * max(scale, 1.0)
         if np.count_nonzero(new) < max(s.min_points, s.min_fraction * count):
             return failed
-        # Tukey's weights: points near the gate say little.
+        # Tukey's weights: points near the gate have little influence.
         weight = np.where(new, (1 - (distance / (s.gate_sigmas * max(scale, 1.0))) ** 2) ** 2, 0.0)
         flat = jacobian.reshape(-1, 3)
         weighted = np.repeat(weight, 2)[:, None] * flat
@@ -134,7 +134,7 @@ def fit_planar_motion(
         except np.linalg.LinAlgError:
             return failed
         motion = motion - step
-        # The median of a two-dimensional normal distance is 1.177 sigma.
+        # The median of the norm of a two-dimensional normal variable is 1.177 sigma.
         scale = float(np.median(distance[new])) / 1.177
         if np.array_equal(new, inliers) and np.abs(step).max() < 1e-12:
             break
@@ -148,12 +148,12 @@ def _spread_of_fit(
 ) -> np.ndarray:
     """Covariance of the least-squares fit to the inliers, for residuals of unit variance, or of their own.
 
-    On wood a point slides along the grain by more than it declares and by less across it: the median distance
-    does not show this, the scatter of what each point adds to the motion does (Huber's sandwich). Where it
-    is larger, it counts.
+    On wood, the error of a point is larger than declared along the grain and smaller across it: the median distance
+    does not show this, but the scatter of each point's contribution to the motion does (Huber's sandwich estimator). If it
+    is larger, it is used.
     """
     residual, jacobian = _residuals(before[inliers], after[inliers], whiten[inliers], motion)
-    # Tukey's weights cost 10 % of efficiency at this gate.
+    # Tukey's weights have 10 % less efficiency at this gate.
     model = 1.1 * np.linalg.inv(np.einsum("nia,nib->ab", jacobian, jacobian))
     pulls = np.einsum("nia,ni->na", jacobian, residual)
     count = len(residual)
@@ -184,7 +184,7 @@ def _consensus(
     rng: np.random.Generator,
     s: FloorMotionSettings,
 ) -> np.ndarray:
-    """The motion by a pair of points on which most others agree, with the cost of MSAC."""
+    """The motion by the pair of points with the best consensus, with the cost of MSAC."""
     count = len(before)
     first = rng.integers(count, size=s.hypotheses)
     second = (first + rng.integers(1, count, size=s.hypotheses)) % count
@@ -197,7 +197,7 @@ def _consensus(
     middle_after = 0.5 * (after[first] + after[second])
     shift = 0.5 * (before[first] + before[second]) - np.einsum("hij,hj->hi", rotation, middle_after)
     off = before - after @ np.swapaxes(rotation, 1, 2) - shift[:, None]
-    # Lower triangular whitening, written out: this is the largest array of the module.
+    # Lower triangular whitening, written explicitly: this is the largest array of the module.
     distance_2 = (whiten[:, 0, 0] * off[..., 0]) ** 2
     distance_2 += (whiten[:, 1, 0] * off[..., 0] + whiten[:, 1, 1] * off[..., 1]) ** 2
     # Wider than the final gate: a pair's own noise is in its hypothesis.
@@ -208,7 +208,7 @@ def _consensus(
 
 
 def chain(first: Float[np.ndarray, "3"], second: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """(x, y, theta) of one planar motion after another.
+    """Composition (x, y, theta) of two planar motions.
 
     Parameters
     ----------
@@ -256,23 +256,23 @@ def chain_covariance(
 
 
 class FloorTracker:
-    """The platform's motion from tracked points, frame by frame.
+    """Frame-by-frame motion of the platform from tracked points.
 
     Parameters
     ----------
     floor_view
-        The floor plane as the camera sees it; its x and y are those of the moving frame.
+        The floor plane in the camera's view; its x and y are those of the moving frame.
     settings
-        How the motion is estimated.
+        Settings of the motion estimation.
     rng
-        Of RANSAC.
+        Source of RANSAC's random samples.
 
     Attributes
     ----------
     pose
         (x, y, theta) of the moving frame since the start [m, rad].
     pose_covariance
-        Of ``pose``; noise only, not the scale error that a wrong height of the camera makes.
+        Covariance of ``pose``; noise only, without the scale error from a wrong camera height.
     """
 
     def __init__(
@@ -301,7 +301,7 @@ class FloorTracker:
         t_s
             Time of the frame [s].
         expected
-            Motion by other sensors, taken for the pose while the floor is not seen.
+            Motion by other sensors, used for the pose while the floor is not visible.
         """
         s = self.settings
         points, jacobian = self._on_floor(step.after_px)
@@ -326,7 +326,7 @@ class FloorTracker:
                 self._key_pose, self._key_covariance, fit.motion, fit.covariance
             )
             for i in chosen[~fit.inliers]:
-                # What disagrees once stays out until the next key frame.
+                # An outlier is ignored until the next key frame.
                 self._key_points.pop(ids[i])
         elif expected is not None:
             self.pose = chain(self.pose, expected)
@@ -338,7 +338,7 @@ class FloorTracker:
         if not fit.valid:
             reason = Reason.NOT_ZEROED if first else Reason.LOST
             return Motion(t_s, False, reason, moved[:2], float(moved[2]), np.full((3, 3), np.inf))
-        # From frame to frame the same points scatter about as they do from the key frame.
+        # From frame to frame the same points scatter about as much as from the key frame.
         return Motion(t_s, True, Reason.OK, moved[:2], float(moved[2]), fit.covariance)
 
     def _on_floor(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

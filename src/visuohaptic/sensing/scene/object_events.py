@@ -1,7 +1,7 @@
-"""What happens to the object that is pushed: its settings and motion, and when it falls or slips (Alt 2016, Sec. 3.5).
+"""Events of the pushed object: its settings and motion, and detection of falls and slips (Alt 2016, Sec. 3.5).
 
-A fall is a tilt above a limit. Tracking may not be able to follow that far: when the tracks are lost, the last tilt is
-carried on with its rate, and a sudden loss together with that of the contact force counts as a fall at once.
+A fall is a tilt above a limit. Tracking may fail before that: when the tracks are lost, the last tilt is
+extrapolated with its rate, and a sudden loss together with a loss of the contact force counts as a fall immediately.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ __all__ = ["ObjectEvents", "ObjectMotion", "ObjectMotionSettings"]
 
 @dataclass(frozen=True, slots=True)
 class ObjectMotionSettings:
-    """How the motion is estimated, and what counts as an event."""
+    """Settings of the motion estimation, and thresholds of events."""
 
-    min_sigma_px: float = 0.15  #: of a track: interpolation, and a surface that is not quite plane
-    gate_sigmas: float = 4.0  #: a point agrees within so many standard deviations
+    min_sigma_px: float = 0.15  #: of a track: interpolation, and a surface that is not exactly plane
+    gate_sigmas: float = 4.0  #: inlier threshold in standard deviations
     min_points: int = field(default=8, metadata=at_least(4))
     min_fraction: float = field(
         default=0.4, metadata=within(0.0, 1.0)
-    )  #: fraction of the points that must agree
-    fall_tilt_rad: float = field(default=0.5, metadata=POSITIVE)  #: from here on an object does not come back
-    tilt_seen_rad: float = 0.08  #: a tilt that is carried on when the tracks are lost
-    coast_s: float = 0.6  #: for so long
-    sudden_fraction: float = 0.4  #: fewer tracks than this part of those before are a sudden loss
-    slip_m: float = 0.006  #: shift of the contact along the foam that counts as slip
-    shape_turn_rad: float = 0.03  #: once it has turned by so much the motion determines the surface, too
+    )  #: minimum fraction of the points that must be inliers
+    fall_tilt_rad: float = field(default=0.5, metadata=POSITIVE)  #: an object with this tilt does not return
+    tilt_seen_rad: float = 0.08  #: an extrapolated tilt after the loss of tracks
+    coast_s: float = 0.6  #: maximum duration of that extrapolation
+    sudden_fraction: float = 0.4  #: remaining fraction of tracks, below which the loss is sudden
+    slip_m: float = 0.006  #: displacement of the contact along the foam that counts as slip
+    shape_turn_rad: float = 0.03  #: rotation from which on the motion also determines the surface
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -42,7 +42,7 @@ class ObjectMotionSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectMotion:
-    """Motion of the touched object since it is tracked, in frame F of the sensor."""
+    """Motion of the touched object since the start of its tracking, in frame F of the sensor."""
 
     t_s: float
     valid: bool
@@ -51,7 +51,7 @@ class ObjectMotion:
     turn_rad: float  #: about the vertical, counter-clockwise
     tilt_rad: float  #: between its axis and the vertical, >= 0
     covariance: Float[np.ndarray, "6 6"]  #: of (rotation vector [rad], shift [m]) in F
-    points: int  #: that agree
+    points: int  #: number of inliers
 
     @property
     def turn_sigma_rad(self) -> float:
@@ -60,7 +60,7 @@ class ObjectMotion:
 
 
 class ObjectEvents:
-    """Falls and slips of one object; each is reported once.
+    """Detects falls and slips of one object; each is reported once.
 
     Parameters
     ----------
@@ -75,23 +75,23 @@ class ObjectEvents:
 
     @property
     def tilted(self) -> bool:
-        """Whether a tilt has been measured at all."""
+        """Whether a tilt has been measured."""
         return bool(self._tilts)
 
     @property
     def stands(self) -> bool:
-        """Whether it is not seen to lean: then its face may be measured again."""
+        """Whether no tilt is detected: then its face may be measured again."""
         return not self._tilts or self._tilts[-1][1] < 0.5 * self.settings.tilt_seen_rad
 
     def start(self, *, another: bool, keeps_tilt: bool) -> None:
-        """Begin to follow an object.
+        """Start tracking an object.
 
         Parameters
         ----------
         another
-            Whether it is another one than before, to which nothing has happened yet.
+            Whether it is a new object, without previous events.
         keeps_tilt
-            Whether it leans as it did before.
+            Whether it keeps its previous tilt.
         """
         if another:
             self._happened = set()
@@ -99,7 +99,7 @@ class ObjectEvents:
             self._tilts = []
 
     def tilt(self, t_s: float, tilt_rad: float) -> None:
-        """Take in one measured tilt.
+        """Process one measured tilt.
 
         Parameters
         ----------
@@ -128,9 +128,9 @@ class ObjectEvents:
         face
             The touched surface: x along the contact.
         in_contact
-            Whether the foam feels the object; slip is tested only then.
+            Whether the foam is in contact with the object; slip is tested only then.
         force_fraction
-            Force on the foam as part of its largest lately.
+            Force on the foam as a fraction of its recent maximum.
         sudden_loss
             Whether most of the tracks were lost from one frame to the next.
         """
@@ -158,7 +158,7 @@ class ObjectEvents:
         return sudden_loss and force_fraction < 0.5
 
     def _carried_on(self, t_s: float) -> float:
-        """Tilt that the last ones lead to, growing at least as fast as they did."""
+        """Extrapolated tilt, growing at least as fast as the last ones."""
         times, tilts = np.array(self._tilts[-4:]).T
         rate = float(np.polyfit(times - times[-1], tilts, 1)[0])
         gain = np.diff(tilts) / np.diff(times)

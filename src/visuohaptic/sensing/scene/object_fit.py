@@ -1,6 +1,6 @@
 """The motion of a rigid body with a known surface, from tracked points: consensus, then least squares on the pixels.
 
-Between the first and the newest image the plane of the surface makes a homography H = R - T n^T / d, Eq. (2.14).
+Between the first and the newest image the plane of the surface induces a homography H = R - T n^T / d, Eq. (2.14).
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ...tracking.pose.plane_pose import lens_numbers
 
 __all__ = ["STANDING", "BodyFit", "BodyFitter", "turn_about_vertical", "turn_angle", "upright"]
 
-#: Of (rotation vector, shift) what an object on the floor can do.
+#: Degrees of freedom of (rotation vector, shift) of an object on the floor.
 STANDING = np.array([2, 3, 4])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyFit:
-    """A motion that explains n tracked points."""
+    """A motion that fits n tracked points."""
 
-    motion: Pose  #: turn about the point of contact, then shift, in frame F
+    motion: Pose  #: rotation about the point of contact, then shift, in frame F
     covariance: Float[np.ndarray, "6 6"]  #: of (rotation vector [rad], shift [m])
     inliers: Bool[np.ndarray, "n"]
-    cost: float  #: sum of squared residuals in standard deviations, each cut at the gate
+    cost: float  #: sum of squared residuals in standard deviations, each truncated at the gate
 
 
 def turn_angle(motion: Pose) -> float:
@@ -45,7 +45,7 @@ def turn_angle(motion: Pose) -> float:
 
 
 def turn_about_vertical(motion: Pose) -> float:
-    """Part of a rotation that is about the vertical [rad]: twice the angle of (w, z) of the quaternion.
+    """Component of a rotation about the vertical [rad]: twice the angle of (w, z) of the quaternion.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def turn_about_vertical(motion: Pose) -> float:
 
 
 def upright(motion: Pose) -> Pose:
-    """The nearest motion of an object that stands on the floor: shift in x and y, turn about the vertical.
+    """The nearest motion of an object that stands on the floor: shift in x and y, rotation about the vertical.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def upright(motion: Pose) -> Pose:
 
 
 class BodyFitter:
-    """Least squares of a body's motion on the pixels of one camera.
+    """Least-squares fit of a body's motion to the pixels of one camera.
 
     Parameters
     ----------
     camera, T_camera_foam
-        The camera and where frame F is in it.
+        The camera and the pose of frame F in it.
     gate_sigmas
-        A point agrees within so many standard deviations.
+        Inlier threshold in standard deviations.
     min_points
-        Fewer decide nothing.
+        Minimum number of points.
     """
 
     def __init__(self, camera: Camera, T_camera_foam: Pose, gate_sigmas: float, min_points: int) -> None:
@@ -93,26 +93,26 @@ class BodyFitter:
         Parameters
         ----------
         face
-            Surface at the start; its origin is the point of contact.
+            Initial surface; its origin is the point of contact.
         motion
-            Turn about that point, then shift.
+            Rotation about that point, then shift.
         points_m
-            Points of the body at the start, frame F.
+            Points of the body in its initial pose, frame F.
         """
         pivot = face.translation_m
         return (points_m - pivot) @ motion.rotation.T + pivot + motion.translation_m
 
     def by_homography(self, face: Pose, body: np.ndarray, pixels: np.ndarray) -> Pose | None:
-        """Motion by decomposition of the homography of the known plane; None where none is found.
+        """Motion by decomposition of the homography of the known plane; None if none is found.
 
         Parameters
         ----------
         face
-            Surface at the start: x along the contact, z its normal.
+            Initial surface: x along the contact, z its normal.
         body
-            Points of the body at the start, frame F (n, 3) [m].
+            Points of the body in its initial pose, frame F (n, 3) [m].
         pixels
-            Where they are seen now, (n, 2).
+            Their current image positions, (n, 2).
         """
         view = self.T_camera_foam
         normal = view.rotation @ face.rotation[:, 2]
@@ -131,7 +131,7 @@ class BodyFitter:
         if not motions:
             return None
         motion = max(motions, key=lambda one: float(one.normal @ normal))
-        # From the camera's frame to F, about the point of contact.
+        # Transform from the camera's frame to F, about the point of contact.
         moved = Pose(motion.rotation, distance * motion.translation_over_distance)
         in_foam = view.inverse() @ moved @ view
         pivot = face.translation_m
@@ -140,18 +140,18 @@ class BodyFitter:
     def refined(
         self, face: Pose, start: Pose, body: np.ndarray, pixels: np.ndarray, sigma: np.ndarray
     ) -> BodyFit | None:
-        """Motion of a body that stands if the pixels allow it, else the free one (BIC).
+        """Motion of a standing body if it fits the pixels, otherwise the unconstrained one (BIC).
 
         Parameters
         ----------
         face
-            Surface at the start.
+            Initial surface.
         start
-            Motion to start from.
+            Initial guess of the motion.
         body
-            Points of the body at the start, frame F (n, 3) [m].
+            Points of the body in its initial pose, frame F (n, 3) [m].
         pixels, sigma
-            Where they are seen now, (n, 2), and the standard deviation per axis, (n,) [px].
+            Their current image positions, (n, 2), and the standard deviation per axis, (n,) [px].
         """
         free = self.least_squares(face, start, body, pixels, sigma, np.arange(6))
         if free is None:
@@ -176,7 +176,7 @@ class BodyFitter:
         face, start, body, pixels, sigma
             As of :meth:`refined`.
         active
-            Unknowns that are fitted, of (rotation vector, shift) in F.
+            Fitted components of (rotation vector, shift) in F.
         """
         from ._object_kernels import fit_motion
 
@@ -202,11 +202,11 @@ class BodyFitter:
         Parameters
         ----------
         face
-            Surface at the start.
+            Initial surface.
         motion
-            Turn about its origin, then shift.
+            Rotation about its origin, then shift.
         body
-            Points of the body at the start, frame F (n, 3) [m].
+            Points of the body in its initial pose, frame F (n, 3) [m].
         """
         return self.camera.project(self.T_camera_foam.apply(self.place(face, motion, body)))
 

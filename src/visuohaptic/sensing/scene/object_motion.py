@@ -1,15 +1,15 @@
-"""Motion of the object that is pushed, and whether it falls or slips (Alt 2016, Sec. 3.5).
+"""Motion of the pushed object, and whether it falls or slips (Alt 2016, Sec. 3.5).
 
-The surface that the camera sees is taken as a plane through the contact line, perpendicular to the
-floor, or as the cylinder that the fitted circle is the section of. Tracked points are cast to it once;
-from then on they are points of a rigid body. A first touch shows the direction and the curvature of the
-surface badly: both are unknowns with a prior, and the motion itself decides, since points on a wrong surface do
+The visible surface is modelled as a plane through the contact line, perpendicular to the
+floor, or as the cylinder whose section is the fitted circle. Tracked points are projected to it once;
+from then on they are points of a rigid body. At the first contact, direction and curvature of the
+surface are uncertain: both are unknowns with a prior, and are estimated with the motion, since points on a wrong surface do
 not move like one rigid body. Between the
-first and the newest image the plane makes a homography H = R - T n^T / d, Eq. (2.14), which is
-estimated by consensus and decomposed; of its solutions that one counts whose plane is the known one. Its motion
+first and the newest image the plane induces a homography H = R - T n^T / d, Eq. (2.14), which is
+estimated by consensus and decomposed; the solution whose plane is the known one is used. Its motion
 is then refined on the pixels, with the plane and its distance known, and compared with
-the simpler motion of an object that stands: shift and turn on the floor. The simpler one wins unless the pixels
-contradict it (BIC), which keeps the turn precise and the tilt zero until there is one.
+the simpler motion of a standing object: shift and rotation on the floor. The simpler one is used unless the pixels
+contradict it (BIC), which keeps the rotation accurate and the tilt zero until the object tilts.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ObjectTracker:
     camera, T_camera_foam
         The sensor's camera.
     settings
-        How the motion is estimated, and what counts as an event.
+        Settings of the motion estimation, and thresholds of events.
     """
 
     def __init__(
@@ -47,17 +47,17 @@ class ObjectTracker:
         self.camera, self.T_camera_foam = camera, T_camera_foam
         self.settings = settings or ObjectMotionSettings()
         self._fitter = BodyFitter(camera, T_camera_foam, self.settings.gate_sigmas, self.settings.min_points)
-        self.face: Pose | None = None  #: at the start; None: nothing is tracked
+        self.face: Pose | None = None  #: initial one; None: nothing is tracked
         self.curvature_per_m = 0.0  #: of the face's section with the floor; 0 = plane
         self._shape_sigma = np.array([0.1, 2.0])  # of the face's direction [rad] and curvature [1/m]
         self._eye = T_camera_foam.inverse().translation_m
         self._to_foam = T_camera_foam.inverse().rotation
         self._motion = Pose.identity()  # of the body about the contact point
         self._body: dict[int, np.ndarray] = {}
-        self._seen: dict[int, tuple[np.ndarray, Pose]] = {}  # ray in F and motion, where a point was chosen
+        self._seen: dict[int, tuple[np.ndarray, Pose]] = {}  # ray in F and motion at the selection of a point
         self.rejected: set[int] = set()  #: points that did not move with the body
         self._agree = 1.0
-        self._lean = np.eye(3)  # of the body where its face was looked at last
+        self._lean = np.eye(3)  # of the body at the last measurement of its face
         self._events = ObjectEvents(self.settings)
         self._covariance = np.full((6, 6), np.inf)
         self._points = 0
@@ -71,15 +71,15 @@ class ObjectTracker:
         curvature_sigma_per_m: float = 2.0,
         another: bool = True,
     ) -> None:
-        """Start to follow an object whose surface is known as well as the contact shows it.
+        """Start tracking an object; its surface is known with the accuracy of the contact.
 
-        ``another`` is False for the object of before, whose face is only known better now: it leans as
-        it did, and what has happened to it has happened.
+        ``another`` is False for the previous object, whose face was only measured again: it keeps
+        its tilt and its past events.
 
         Parameters
         ----------
         face
-            ``T_foam_face``: x along the contact, y up, z to the robot.
+            ``T_foam_face``: x along the contact, y up, z towards the robot.
         curvature_per_m
             Curvature of the section of the surface with the floor [1/m]; 0: a plane.
         direction_sigma_rad
@@ -87,13 +87,13 @@ class ObjectTracker:
         curvature_sigma_per_m
             Standard deviation of the curvature [1/m].
         another
-            Whether it is another object than before. For the same one only the face is measured again: it
-            leans as it did, and what has happened to it has happened.
+            Whether it is a new object. For the previous one only the face is measured again: it
+            keeps its tilt and its past events.
         """
         lean = self._motion.rotation @ self._lean
         keeps = not another and self.follows and self._events.tilted
         self._lean = lean @ upright(Pose(lean, np.zeros(3))).rotation.T if keeps else np.eye(3)
-        # What leans by now has a face that leans.
+        # A tilted object has a tilted face.
         face = Pose(self._lean @ face.rotation, face.translation_m)
         self.face, self._motion = face, Pose.identity()
         self.curvature_per_m = float(curvature_per_m)
@@ -113,25 +113,25 @@ class ObjectTracker:
 
     @property
     def follows(self) -> bool:
-        """Whether most of the points agree with the motion that was found last."""
+        """Whether most of the points agree with the last motion."""
         return self._agree > 0.3
 
     @property
     def stands(self) -> bool:
-        """Whether it is not seen to lean: then its face may be measured again."""
+        """Whether no tilt is detected: then its face may be measured again."""
         return self._events.stands
 
     def stop(self) -> None:
-        """Forget the object."""
+        """Stop tracking the object."""
         self.face = None
 
     def moved(self, points_foam_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Where points of the body, given at the start, are now [m].
+        """Current positions of points of the body, given in its initial pose [m].
 
         Parameters
         ----------
         points_foam_m
-            Points of the body at the start, frame F [m].
+            Points of the body in its initial pose, frame F [m].
         """
         assert self.face is not None
         return self._fitter.place(self.face, self._motion, points_foam_m)
@@ -139,7 +139,7 @@ class ObjectTracker:
     def update(
         self, step: FlowStep, t_s: float, *, in_contact: bool = True, force_fraction: float = 1.0
     ) -> tuple[ObjectMotion, tuple[Event, ...]]:
-        """Motion since :meth:`start`, and what happened.
+        """Motion since :meth:`start`, and events.
 
         Parameters
         ----------
@@ -148,9 +148,9 @@ class ObjectTracker:
         t_s
             Time of the frame [s].
         in_contact
-            Whether the foam feels it: slip is tested only then.
+            Whether the foam is in contact: slip is tested only then.
         force_fraction
-            Force on the foam as part of its largest lately; a fall takes it away.
+            Force on the foam as a fraction of its recent maximum; it drops in a fall.
         """
         if self.face is None:
             return self._nothing(t_s, Reason.NOT_ZEROED), ()
@@ -169,12 +169,12 @@ class ObjectTracker:
             self._points = int(np.count_nonzero(inliers))
             self._agree = self._points / len(chosen)
             for k in chosen[~inliers]:
-                # Chosen anew with the motion of this frame it would only agree with its own error.
+                # Reselected with the motion of this frame, they would only agree with its error.
                 self._body.pop(ids[k])
                 self.rejected.add(ids[k])
             motion = self._reading(t_s)
             self._events.tilt(t_s, motion.tilt_rad)
-            # Points that are chosen late inherit the error of this motion, and would outvote the first ones.
+            # Points that are selected late inherit the error of this motion, and would outvote the first ones.
             if (
                 turn_angle(self._motion) < self.settings.shape_turn_rad
                 or self._points < 3 * self.settings.min_points
@@ -199,7 +199,7 @@ class ObjectTracker:
         return ObjectMotion(t_s, True, Reason.OK, shift, turn, tilt, self._covariance, self._points)
 
     def _adopt(self, ids: np.ndarray, pixels: np.ndarray) -> None:
-        """Points of the body from pixels that see its surface now."""
+        """Points of the body from pixels that currently see its surface."""
         if len(ids) == 0:
             return
         assert self.face is not None
@@ -213,7 +213,7 @@ class ObjectTracker:
         return cast_to_face(self._eye, rays, motion, face, curvature)
 
     def _recast(self, face: Pose, curvature: float, ids: list[int]) -> np.ndarray:
-        """The body's points on another surface; those chosen later with the motion of their time."""
+        """The body's points on another surface; later ones with the motion at their selection."""
         body = np.empty((len(ids), 3))
         groups: dict[int, list[int]] = {}
         for k, i in enumerate(ids):
@@ -244,7 +244,7 @@ class ObjectTracker:
     def _with_shape(
         self, best: BodyFit | None, ids: list[int], pixels: np.ndarray, sigma: np.ndarray
     ) -> BodyFit | None:
-        """Correct the surface, too, where one that is known badly does not explain the motion."""
+        """Also correct the surface, if an uncertain one does not explain the motion."""
         s = self.settings
         start = best.motion if best is not None else self._motion
         if best is not None and (turn_angle(start) < s.shape_turn_rad or best.cost < 3.0 * len(ids)):
@@ -267,7 +267,7 @@ class ObjectTracker:
         self.face, self.curvature_per_m = known
         if found is None or found[3] is best:
             return best
-        # Every frame shares the noise of the first one: what is known grows slower than by independent ones.
+        # All frames share the noise of the first one: the information grows more slowly than with independent frames.
         self._shape_sigma = np.maximum(np.sqrt(2.0) * found[2], 1e-3 * self._shape_sigma)
         self.face, self.curvature_per_m = found[:2]
         self._recast_all()

@@ -1,23 +1,23 @@
-"""Obstacles that come near: what rises from the floor, and how far it is.
+"""Detection of approaching obstacles by their height above the floor, and their distance.
 
-The dissertation (Alt 2016, Sec. 3.5) names two cues of an obstacle, its looks and its height, and takes the
-looks because a floor could not be tracked when the image is blurred. Looks fail on tiles, brick and
-shadows; here it is the height, without tracks: :mod:`.obstacle_parallax` compares frames along the drive.
+The dissertation (Alt 2016, Sec. 3.5) names two cues of an obstacle, its appearance and its height, and uses the
+appearance because a floor could not be tracked in blurred images. Appearance fails on tiles, brick and
+shadows; here the height is used, without tracks: :mod:`.obstacle_parallax` compares frames along the drive.
 
-Evidence is a sequential test of each cell of the floor. ``l`` is the sum of the cell's log ratios "face by floor" and
+Evidence is a sequential test of each cell of the floor. ``l`` is the sum of the cell's log-likelihood ratios "face over floor" and
 V that of their squares, over pixels of which ``correlated_bins`` are one independent sample. On the floor the mean of
 ``l`` is not positive, so that for any lambda
 
     e = lambda l - lambda^2 correlated_bins V / 2
 
-is the logarithm of a supermartingale of mean one at most (de la Pena, Ann. Probab. 27, 1999): smooth tiles, of which
-both planes say the same, count against an obstacle. e is limited to ``log(1 / disturbed)`` both ways, as in Huber's robust
-test (Ann. Math. Statist. 36, 1965), since a part of the frames may be disturbed, and summed along the drive, never
+is the logarithm of a supermartingale of mean one at most (de la Pena, Ann. Probab. 27, 1999): smooth tiles, where
+both planes have the same likelihood, count against an obstacle. e is limited to ``log(1 / disturbed)`` in both directions, as in
+Huber's robust test (Ann. Math. Statist. 36, 1965), since a fraction of the frames may be disturbed, and summed along the drive, never
 below 0 (Page's test): the alarm rate is at most the number of cells times that of comparisons times
 ``exp(-threshold)`` (Lorden 1971). The threshold follows from ``alarms_per_minute``.
 
-A face is wider than a cell, and of a plain one only the outlines say anything: the sums l and V of one, two, four and more
-neighbours across are tested beside each other, and share the rate of alarms.
+A face is wider than a cell, and on a textureless face only the outlines contain information: the sums l and V of one, two, four and more
+adjacent cells are tested in parallel, and share the alarm rate.
 """
 
 from __future__ import annotations
@@ -38,48 +38,48 @@ from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImag
 
 __all__ = ["Obstacle", "ObstacleDetector"]
 
-#: Frames are compared this often in a baseline: closer ones show the same pixels once more.
+#: Number of comparisons per baseline: closer frames show the same pixels again.
 _COMPARISONS = 6
-#: Frames of a usual camera in a minute: there are no more comparisons than that.
+#: Frames per minute of a typical camera: an upper bound of the number of comparisons.
 _FRAMES_PER_MINUTE = 1800.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacle:
-    """What stands in the strip, and how near it is."""
+    """Obstacles in the strip, and their distance."""
 
     mask: UInt8[np.ndarray, "rows columns"]  #: 255 = not floor; bins of the strip at the upper border
     binning: int  #: edge of a bin of ``mask`` [px]
-    valid: bool  #: the mask may be used
+    valid: bool  #: the mask is valid
     reason: Reason
     proximity_m: float  #: from the front of the foam to the nearest obstacle; inf = free
     proximity_sigma_m: float
-    y_m: float  #: where along the sensor it is nearest; NaN when free
-    at_border: bool  #: it reaches the lower border of the strip: it may be nearer than ``proximity_m``
-    remembered: bool = False  #: not of this frame: seen before, and carried on by the platform's motion
+    y_m: float  #: lateral position of the nearest obstacle; NaN when free
+    at_border: bool  #: it reaches the lower border of the strip: it may be closer than ``proximity_m``
+    remembered: bool = False  #: not from this frame: seen before, and propagated with the platform's motion
 
 
 def _summed(cells: np.ndarray, width: int) -> np.ndarray:
-    """Sums of ``width`` neighbours across, (ranges, laterals), each in the place of the middle one."""
+    """Sums over ``width`` adjacent cells across, (ranges, laterals), each at the position of the middle one."""
     import cv2
 
     return np.asarray(cv2.boxFilter(cells, -1, (width, 1), normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
 class ObstacleDetector:
-    """Finds approaching obstacles in the upper strip of the camera's image by their parallax.
+    """Detects approaching obstacles in the upper strip of the camera's image by their parallax.
 
-    A platform that stands sees no parallax: after ``stale_s`` without a comparison its obstacles are not valid
-    (``stale``), nor are they before the first comparisons (``not_zeroed``).
+    There is no parallax at standstill: after ``stale_s`` without a comparison, obstacles are not valid
+    (``stale``); before the first comparisons they are not valid either (``not_zeroed``).
 
     Parameters
     ----------
     floor_view
-        The floor plane as the camera sees it, its axes along those of the sensor frame F.
+        The floor plane in the camera's view, its axes along those of the sensor frame F.
     front_m
-        x of the foam's front contour at rest.
+        x of the foam's undeformed front contour.
     settings
-        Where to look, and the rate of false alarms.
+        Size of the strip and the cells, and the rate of false alarms.
     """
 
     def __init__(
@@ -92,9 +92,9 @@ class ObstacleDetector:
         rows = s.rows if not foam >= 8 else min(s.rows, int(foam))
         self._cells = FaceCells(floor_view, rows, s)
         shape = (len(self._cells.range_m), len(self._cells.lateral_m))
-        #: one frame says at most so much, and so much is asked for
+        #: maximum change of the evidence by one frame
         self._limit = math.log(1.0 / s.disturbed)
-        # Faces of one cell, of two, four and so on: none is covered by less than half.
+        # Faces of one cell, of two, four and so on: every face is covered by at least half.
         self._widths = tuple(2**k for k in range(shape[1].bit_length() - 1))
         # Half of the alarms are those of single cells, a quarter of pairs, and so on.
         self._thresholds = math.log(
@@ -104,7 +104,7 @@ class ObstacleDetector:
         self._step_m = self._cells.baseline_m / _COMPARISONS
         self._evidence = np.zeros((len(self._widths), *shape))
         self._keys: deque[tuple[StripImage, np.ndarray, np.ndarray]] = deque(maxlen=3 * _COMPARISONS)
-        #: by how much the last ranges of the nearest face were not where the one before had them [m]
+        #: errors of the last ranges of the nearest face, predicted from the previous one [m]
         self._misses: deque[float] = deque(maxlen=_COMPARISONS)
         self._restart()
 
@@ -120,12 +120,12 @@ class ObstacleDetector:
 
     @property
     def sight_m(self) -> float:
-        """How far ahead of the foam the lowest obstacle has been in view for long enough to be found."""
+        """Distance in front of the foam at which the lowest obstacle has been in view for long enough to be detected."""
         return max(self._cells.face_far_m - self._needed * self._step_m - self.front_m, 0.0)
 
     @property
     def blind_m(self) -> float:
-        """How far ahead of the foam the strip begins: what is nearer is not watched."""
+        """Distance in front of the foam at which the strip starts: closer obstacles are not monitored."""
         return max(self._cells.near_m - self.front_m, 0.0)
 
     def update(self, image: UInt8[np.ndarray, "rows columns *colour"], motion: Motion) -> Obstacle:
@@ -136,7 +136,7 @@ class ObstacleDetector:
         image
             Grey or colour image.
         motion
-            Of frame F since the frame before; where it is not valid all begins anew.
+            Motion of frame F since the previous frame; if it is not valid, the detection restarts.
         """
         camera, cells = self.floor_view.camera, self._cells
         if image.shape[:2] != (camera.height, camera.width):
@@ -152,7 +152,7 @@ class ObstacleDetector:
             self._pose = chain(self._pose, step)
             self._standing = (self._standing - step[:2]) @ rotation_2d(step[2])
             self._range_m -= step[0]
-            # Wheels are wrong by a scale: errors of successive frames add up like lengths.
+            # Odometry has a scale error: errors of successive frames add linearly.
             self._sigma = self._sigma + np.sqrt(np.diag(motion.covariance))
         way = np.linalg.norm((self._pose - self._compared_at)[:2])
         if not self._keys or way >= self._step_m:
@@ -167,7 +167,7 @@ class ObstacleDetector:
         return self._nearest()
 
     def _compare(self, now: StripImage, hidden: UInt8[np.ndarray, "rows columns"], t_s: float) -> None:
-        """Evidence of the newest frame, against the one that was taken a baseline before."""
+        """Evidence of the newest frame, compared with the one a baseline before."""
         s, ahead = self.settings, self._cells.baseline_m
         while len(self._keys) > 1 and np.linalg.norm((self._pose - self._keys[1][1])[:2]) >= ahead:
             self._keys.popleft()
@@ -178,22 +178,22 @@ class ObstacleDetector:
         pair = self._cells.pair(now, before, motion, self._sigma - sigma, hidden)
         ratio, squares = self._cells.compare(pair)
         single = s.weight * ratio - 0.5 * s.weight**2 * s.correlated_bins * squares
-        # A wider face is the sum of its cells: of a plain one only the outlines say anything.
+        # A wider face is the sum of its cells: on a textureless one only the outlines contain information.
         evidence = np.stack([_summed(single, width) for width in self._widths])
-        # The same factor for all ranges of a direction keeps their order.
+        # The same factor for all ranges of a direction preserves their order.
         evidence *= np.minimum(1.0, self._limit / np.maximum(evidence.max(axis=1, keepdims=True), 1e-9))
         self._evidence = np.maximum(self._evidence + np.maximum(evidence, -self._limit), 0.0)
         self._comparisons, self._compared_s = self._comparisons + 1, t_s
         self._locate(pair)
 
     def _carry(self) -> None:
-        """Move the evidence with the floor, from where it was summed to where the platform is now."""
+        """Propagate the evidence with the floor, from its previous to the current platform pose."""
         import cv2
 
         x, y, turn = chain(inverse(self._compared_at), self._pose)
         self._compared_at = self._pose
         cells, (c, s) = self._cells, (math.cos(turn), math.sin(turn))
-        # From (lateral, range) indices now to those before.
+        # From current (lateral, range) indices to previous ones.
         size = np.array([self.settings.width_m, cells.range_m[1] - cells.range_m[0]])
         start = np.array([cells.lateral_m[0], cells.range_m[0]])
         turned = np.array([[c, s], [-s, c]])
@@ -204,12 +204,12 @@ class ObstacleDetector:
             self._evidence[k] = cells.in_view * cv2.warpAffine(evidence, moved, shape, flags=flags)
 
     def _locate(self, pair: FramePair) -> None:
-        """Cells above the threshold, and the range of those that are nearest."""
+        """Cells above the threshold, and the range of the nearest ones."""
         cells = self._cells
         found = self._evidence[0] > self._thresholds[0]
         wider = zip(self._evidence[1:], self._thresholds[1:], self._widths[1:], strict=True)
         for evidence, threshold, width in wider:
-            # Of the cells of a wide face those stand that say so themselves.
+            # Of the cells of a wide face, those with their own evidence are occupied.
             wide = _summed((evidence > threshold).astype(np.float64)[:, ::-1], width)[:, ::-1] > 0
             found |= wide & (self._evidence[0] > 0.0)
         standing = np.flatnonzero(found.any(axis=0))
@@ -220,7 +220,7 @@ class ObstacleDetector:
             self._range_m = math.nan
             self._misses.clear()
             return
-        # One face are the cells that may stand at the range of the nearest one as well: of a plain face all say little alone.
+        # One face consists of the cells consistent with the range of the nearest one: on a textureless face all have little evidence.
         around = slice(max(int(best.min()) - 1, 0), int(best.min()) + 2)
         one = (self._evidence[0][around][:, standing] > 0.0).any(axis=0)
         nearest, face = int(np.median(best[one])), standing[one]
@@ -238,14 +238,14 @@ class ObstacleDetector:
         self._y_m, self._at_border = float(cells.lateral_m[face].mean()), nearest == 0
 
     def _nearest(self) -> Obstacle:
-        """What the last comparison found, from where the platform is now."""
+        """Result of the last comparison, relative to the current platform pose."""
         near, sigma, y = self._range_m - self.front_m, self._sigma_m, self._y_m
         if not len(self._standing):
             near, sigma, y = np.inf, np.inf, np.nan
         return Obstacle(self._mask(), self._cells.binning, True, Reason.OK, near, sigma, y, self._at_border)
 
     def _mask(self) -> UInt8[np.ndarray, "rows columns"]:
-        """255 from the upper border down to the foot of what stands, as the platform sees it now."""
+        """255 from the upper border down to the foot of the obstacles, from the current platform pose."""
         half, mask = 0.5 * self.settings.width_m, np.zeros(self._cells.shape, np.uint8)
         for x, y in self._standing:
             foot = self.floor_view.project(np.array([[x, y - half], [x, y + half]])) / self._cells.binning

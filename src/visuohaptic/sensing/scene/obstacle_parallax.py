@@ -1,15 +1,15 @@
-"""What the motion of a camera says of upright faces on the floor: plane and parallax.
+"""Detection of upright faces on the floor from a moving camera: plane and parallax.
 
 Between two frames with the motion (R, t) a plane ``n . X = d`` of the camera's frame moves by the
 homography ``K (R + t n^T / d) K^-1``. A pixel is either on the floor, or on the face of an obstacle that stands
-at the range x = r: both planes predict where the pixel was in the earlier frame. Joints, grain and
-patterns follow the floor's homography, whatever they look like; a face that rises from the floor does not,
-its foot excepted. The logarithm of the light, less its mean around, is what is compared: a shadow
-multiplies the light of floor and face alike.
+at the range x = r: both planes predict the pixel's position in the earlier frame. Joints, grain and
+patterns follow the floor's homography, whatever their appearance; a face that rises from the floor does not,
+except for its foot. The logarithm of the intensity, minus its local mean, is compared: a shadow
+scales the intensity of floor and face equally.
 
-Residuals e of a pixel follow Student's t, scaled by the noise of both images and by what a part of a pixel of
-wrong registration does at an edge. The log ratio of both planes, ``l = log p(e_face) - log p(e_floor)``, is summed over
-the pixels that see one cell of (range, lateral position) at the height of the lowest obstacle that matters.
+Residuals e of a pixel follow Student's t, scaled by the noise of both images and by the effect of a subpixel
+registration error at an edge. The log-likelihood ratio of both planes, ``l = log p(e_face) - log p(e_floor)``, is summed over
+the pixels that see one cell of (range, lateral position) at the height of the lowest relevant obstacle.
 """
 
 from __future__ import annotations
@@ -26,60 +26,60 @@ from ...core.ranges import POSITIVE, above, at_least, check_ranges, within
 
 __all__ = ["FaceCells", "FramePair", "ObstacleSettings", "StripImage"]
 
-#: Edge of the square whose mean is removed [bins]: a few times the largest parallax, so that no texture that it
-#: could show is lost, and smaller than the penumbra of what walks by.
+#: Edge of the square whose mean is removed [bins]: a few times the maximum parallax, so that no texture that it
+#: could show is removed, and smaller than the penumbra of moving shadows.
 _MEAN_BINS = 15
-#: At the border the mean is not that of the surroundings: nothing is compared there, and there must be more.
+#: At the border the mean is not that of the surroundings: nothing is compared there, and the strip must be larger.
 _BORDER, _MIN_ROWS = _MEAN_BINS // 2, _MEAN_BINS + 1
-#: Grey level that is added before the logarithm: black is dark, not infinitely so.
+#: Grey level that is added before the logarithm, which limits it for black.
 _BLACK = 5.0
-#: Degrees of freedom of the residuals: tails of occlusions, highlights and the borders of cast shadows.
+#: Degrees of freedom of the residuals: tails due to occlusions, highlights and the borders of cast shadows.
 _FREEDOM = 4.0
 #: Standard deviation of the registration [bins]: a third of a bin is a uniform error of half a bin each way.
 _REGISTRATION_BINS = 0.3
-#: Its part that all pixels of a face share: faces are not quite square to the drive, and interpolation blurs
+#: Its part that is common to all pixels of a face: faces are not exactly perpendicular to the drive, and interpolation blurs
 #: the two frames differently. Errors of the range are 1.5 to 4 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
 _SYSTEMATIC_BINS = 0.2
 #: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
 _QUARTER_SIGMAS = 0.3186
-#: Residuals of a noiseless image [grey levels]: those of rounding, 1 / sqrt(12), of both.
+#: Residuals of a noiseless image [grey levels]: rounding, 1 / sqrt(12), of both images.
 _MIN_NOISE = 0.4
-#: Tails of the residuals in the steps of the refinement: wide at first, since an edge that is off by its own width
+#: Tails of the residuals in the steps of the refinement: wide at first, since an edge that is displaced by its own width
 #: looks like an outlier.
 _TAILS = (64.0, 16.0, 4.0, 1.0)
-#: Steps of the derivatives by (x, y, theta) [m, rad]: a small part of a bin; no motion is known better than that.
+#: Steps of the derivatives by (x, y, theta) [m, rad]: a small fraction of a bin; no motion is known more accurately.
 _STEPS = (2e-4, 2e-4, 5e-4)
-#: A face whose range is wrong by a step of the cells moves by this much too much or too little [bins].
+#: Error of a face's motion for a range error of one step of the cells [bins].
 _STEP_BINS = 0.7
-#: Half cells by which a face may be farther than the first guess, or nearer than the nearest cell.
+#: Half cells by which a face may be farther than the first estimate, or closer than the nearest cell.
 _BEYOND_CELLS = 4
-#: Slopes of a face, ahead by aside: steps of what two outlines 10 cm apart tell. Those turned by more are not told apart.
+#: Slopes of a face, forward per lateral: steps that two outlines 10 cm apart resolve. Faces with larger slopes are not distinguished.
 _SLOPES = np.linspace(-0.3, 0.3, 7)
-#: Where the strip shows the horizon, ranges end after this many steps.
+#: If the strip shows the horizon, ranges end after this number of steps.
 _MAX_RANGES = 48
 
 
 @dataclass(frozen=True, slots=True)
 class ObstacleSettings:
-    """How obstacles are told from the floor."""
+    """Settings of the separation of obstacles and floor."""
 
     #: height of the strip at the image's upper border [px]; it ends above the foam
     rows: int = field(default=450, metadata=at_least(8))
-    #: pixels are averaged until the strip is at most so wide [bins]
+    #: pixels are averaged until the strip has at most this width [bins]
     max_columns: int = field(default=400, metadata=at_least(50))
-    #: obstacles are at least so high: the foam's edge passes over what is lower
+    #: minimum height of obstacles: the foam's edge passes over lower ones
     height_m: float = field(default=0.05, metadata=POSITIVE)
-    width_m: float = field(default=0.02, metadata=POSITIVE)  #: and so wide
-    #: what the top of the lowest obstacle moves against the floor between two frames that are compared [bins]
+    width_m: float = field(default=0.02, metadata=POSITIVE)  #: and minimum width
+    #: motion of the lowest obstacle's top relative to the floor between two compared frames [bins]
     parallax_bins: float = field(default=4.0, metadata=above(1.0))
     #: declared rate of false alarms
     alarms_per_minute: float = field(default=0.2, metadata=POSITIVE)
-    #: fraction of frames that may show anything
+    #: fraction of frames that may be arbitrarily disturbed
     disturbed: float = field(default=0.02, metadata=within(1e-6, 0.5))
-    #: weight of a pixel's log ratio, lambda: near V / (correlated_bins l) of textured faces
+    #: weight of a pixel's log-likelihood ratio, lambda: near V / (correlated_bins l) of textured faces
     weight: float = field(default=0.05, metadata=POSITIVE)
-    correlated_bins: float = 4.0  #: bins of one independent sample: blur of the lens, and interpolation
-    stale_s: float = 1.0  #: without a comparison for so long nothing is known
+    correlated_bins: float = 4.0  #: bins per independent sample: blur of the lens, and interpolation
+    stale_s: float = 1.0  #: after this time without a comparison the state is unknown
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -89,8 +89,8 @@ class ObstacleSettings:
 class StripImage:
     """One frame of the strip, ready to be compared."""
 
-    detail: Float32[np.ndarray, "rows columns"]  #: logarithm of the grey level less its mean around
-    level: Float32[np.ndarray, "rows columns"]  #: mean grey level around
+    detail: Float32[np.ndarray, "rows columns"]  #: logarithm of the grey level minus its local mean
+    level: Float32[np.ndarray, "rows columns"]  #: local mean grey level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,9 +99,9 @@ class FramePair:
 
     now: StripImage
     before: StripImage
-    #: rotation and translation [m] of the camera's axes from now to before
+    #: rotation and translation [m] of the camera's axes from the current to the earlier frame
     view: tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]
-    drive_sigma_m: float  #: standard deviation of the drive ahead between them
+    drive_sigma_m: float  #: standard deviation of the forward motion between them
     scale: Float32[np.ndarray, "rows columns"]  #: 1 / (degrees of freedom times variance of a residual)
     by_floor: Float32[np.ndarray, "rows columns"]  #: log(1 + scaled square of the floor's residual)
 
@@ -112,11 +112,11 @@ class FaceCells:
     Parameters
     ----------
     floor_view
-        The floor plane as the camera sees it; x ahead, y to the left.
+        The floor plane in the camera's view; x ahead, y to the left.
     rows
         Height of the strip at the image's upper border [px].
     settings
-        Size of the cells and of the lowest face, and how far apart frames are compared.
+        Size of the cells and of the lowest face, and distance of compared frames.
 
     Attributes
     ----------
@@ -127,13 +127,13 @@ class FaceCells:
     in_view
         Whether any pixel sees a cell, (ranges, laterals).
     baseline_m
-        Drive between two frames that are compared.
+        Distance driven between two compared frames.
     eye_x_m
-        Where along x the camera is.
+        x of the camera.
     near_m
         First range of the floor in the strip.
     face_far_m
-        Last range at which the lowest face is in view up to its top, now and a baseline before.
+        Maximum range at which the lowest face is in view up to its top, now and a baseline before.
     """
 
     def __init__(self, floor_view: PlaneView, rows: int, settings: ObstacleSettings) -> None:
@@ -164,7 +164,7 @@ class FaceCells:
                 field="floor_view",
             )
         self.eye_x_m, self.near_m, far_m = float(eye[0]), float(ground[-_BORDER]), float(ground[_BORDER])
-        # At the middle row: size of a bin on the floor, and of the parallax by drive of a face's top.
+        # At the middle row: size of a bin on the floor, and parallax of a face's top per distance driven.
         row = seen[len(seen) // 2]
         bin_m = abs(float(ground[row] - ground[row - 1]))
         rise = height_m / (eye[2] - height_m)
@@ -222,10 +222,10 @@ class FaceCells:
         self, now: StripImage, before: StripImage, motion: Float[np.ndarray, "3"], sigma: Float[np.ndarray, "3"],
         hidden: UInt8[np.ndarray, "rows columns"],
     ) -> FramePair:  # fmt: skip
-        """Two frames, the motion between them that suits the floor best, and how well it explains each pixel.
+        """Two frames, the motion between them with the best fit to the floor, and the residuals of each pixel.
 
-        The floor of the strip itself refines the motion, since wheels whose scale is wrong by 3 % lift all of it by a
-        centimetre: steps of Gauss-Newton on the residuals, weighted after Student's t, from
+        The floor in the strip refines the motion, since an odometry scale error of 3 % apparently lifts it by a
+        centimetre: Gauss-Newton steps on the residuals, weighted by Student's t, with
         ``motion`` as the prior.
 
         Parameters
@@ -235,13 +235,13 @@ class FaceCells:
         motion, sigma
             (x, y, theta) of the platform between them and its standard deviations [m, rad].
         hidden
-            Not 0 where the floor is known to be hidden now.
+            Nonzero where the floor is known to be hidden now.
         """
         import cv2
 
         variance = np.zeros(self.shape, np.float32)
         for axis in ((1, 0), (0, 1)):
-            # Sobel's weights sum up to 8 for a slope of one.
+            # Sobel's weights sum to 8 for a slope of one.
             slope = cv2.Sobel(now.detail, cv2.CV_32F, *axis, scale=0.125)
             variance += _REGISTRATION_BINS**2 * slope * slope
         refined, spread = self._refine(now, before, motion, sigma, np.where(hidden, np.nan, variance))
@@ -253,10 +253,10 @@ class FaceCells:
     def _refine(
         self, now: StripImage, before: StripImage, motion: np.ndarray, sigma: np.ndarray, variance: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        """Motion by the floor, NaN in ``variance`` where it is hidden, and the standard deviation of the drive."""
+        """Motion by the floor, NaN in ``variance`` where it is hidden, and the standard deviation of the forward motion."""
         refined, prior = np.array(motion, dtype=np.float64), np.diag(np.maximum(sigma, _STEPS) ** -2.0)
         information, slopes = prior, None
-        # Every other bin of both directions, which stand for all: neighbours are not independent.
+        # Every other bin in both directions, which represent all: neighbours are not independent.
         sparse, fraction = (slice(None, None, 2), slice(None, None, 2)), 4.0 / self.settings.correlated_bins
         for tail in _TAILS:
             moved = self._floor_before(before, refined)
@@ -277,24 +277,24 @@ class FaceCells:
         return refined, float(np.sqrt(np.linalg.inv(information)[0, 0]))
 
     def _view(self, motion: Float[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
-        """Rotation and translation of the camera's axes from now to before."""
+        """Rotation and translation of the camera's axes from the current to the earlier frame."""
         c, s = math.cos(motion[2]), math.sin(motion[2])
         turn = self._rotation @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ self._rotation.T
         shift = self._rotation @ np.array([motion[0], motion[1], 0.0]) + self._origin - turn @ self._origin
         return turn, shift
 
     def _floor_before(self, before: StripImage, motion: Float[np.ndarray, "3"]) -> np.ndarray:
-        """The earlier frame as it would look now were all of it floor; NaN: unseen."""
+        """The earlier frame warped to the current one by the floor's homography; NaN: not visible."""
         rows, columns = self.shape
         return self._moved(before, self._view(motion), 2, 0.0, (slice(0, rows), slice(0, columns)))
 
     def compare(self, pair: FramePair) -> Float[np.ndarray, "2 ranges laterals"]:
-        """Log ratio of a face by floor in every cell, and the sum of the squares of its pixels.
+        """Log-likelihood ratio of face over floor in every cell, and the sum of the squares of its pixels.
 
         Parameters
         ----------
         pair
-            From :meth:`pair`.
+            Result of :meth:`pair`.
         """
         count = len(self.lateral_m)
         sums = np.zeros((2, len(self.range_m), count))
@@ -305,23 +305,23 @@ class FaceCells:
         return sums
 
     def locate(self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Range of a face in its middle and its standard deviation [m], by its likelihood over the same pixels.
+        """Range of a face at its centre and its standard deviation [m], by its likelihood over the same pixels.
 
-        The inside of a plain face says the same of all ranges behind its own, so that the search goes far towards the
-        camera. The face is the likeliest run of columns of pixels, with floor beside it, and may be turned.
+        The interior of a textureless face has the same likelihood at all ranges behind its own, so that the search extends far towards the
+        camera. The face is the most likely run of columns of pixels, with floor beside it, and may be rotated.
 
         Parameters
         ----------
         pair
-            From :meth:`pair`.
+            Result of :meth:`pair`.
         at
-            Index of the range from where the search starts.
+            Index of the range at which the search starts.
         laterals
             Indices of the lateral cells that show the face.
         """
         step = float(self.range_m[1] - self.range_m[0])
-        # The same pixels for all ranges: those of the next cell, above the foot, where the mean around a pixel of the
-        # face is not that of the floor; and of a cell more on both sides, where the outlines of a plain face are.
+        # The same pixels for all ranges: those of the next cell, above the foot, where the local mean of a pixel of the
+        # face is not that of the floor; and of one more cell on both sides, where the outlines of a textureless face are.
         (rows, _), cell = self._cells[min(at + 1, len(self._cells) - 1)]
         cell = cell.reshape(rows.stop - rows.start, -1)
         seen = (cell >= laterals.min() - 1) & (cell <= min(laterals.max() + 1, len(self.lateral_m) - 1))
@@ -348,7 +348,7 @@ class FaceCells:
     def _ratio(
         self, pair: FramePair, x_m: float, part: tuple[slice, slice]
     ) -> Float32[np.ndarray, "rows columns"]:
-        """Log ratio of every pixel of a part; 0 where a plane was out of view in the earlier frame."""
+        """Log-likelihood ratio of every pixel of a part; 0 where a plane was out of view in the earlier frame."""
         import cv2
 
         face = pair.now.detail[part] - self._moved(pair.before, pair.view, 0, x_m, part)
@@ -361,7 +361,7 @@ class FaceCells:
         self, before: StripImage, view: tuple[np.ndarray, np.ndarray], axis: int, x_m: float,
         part: tuple[slice, slice],
     ) -> Float32[np.ndarray, "rows columns"]:  # fmt: skip
-        """The earlier frame as it would look now were all of it on the plane at ``x_m`` along an axis; NaN: unseen."""
+        """The earlier frame warped by the plane at ``x_m`` along an axis; NaN: not visible."""
         import cv2
 
         normal, (turn, shift), (rows, columns) = self._rotation[:, axis], view, part
@@ -377,23 +377,23 @@ class FaceCells:
 def _over_slopes(
     columns: Float[np.ndarray, "ranges columns"], away: Float[np.ndarray, "columns"]
 ) -> Float[np.ndarray, "ranges"]:
-    """Log likelihood of ranges in the middle of a face: over :data:`_SLOPES`, of the likeliest run of columns.
+    """Log likelihood of ranges at the centre of a face: over :data:`_SLOPES`, of the most likely run of columns.
 
-    The columns are ``away`` from the middle [steps of ranges]; floor instead of face would be 0.
+    The columns are ``away`` from the centre [steps of ranges]; floor instead of face would be 0.
     """
     count, across = len(columns), np.arange(len(away))
     place = np.clip(np.arange(count)[:, None] + _SLOPES[:, None, None] * away, 0.0, count - 1.000001)
     whole = place.astype(np.intp)
     part = place - whole
     each = columns[whole, across] * (1.0 - part) + columns[whole + 1, across] * part
-    # The largest sum of a run of columns: that up to its end, less the least one up to before its beginning.
+    # The maximum sum of a run of columns: the cumulative sum at its end, minus the minimum before its start.
     upto = np.pad(np.cumsum(each, axis=-1), ((0, 0), (0, 0), (1, 0)))
     runs = (upto - np.minimum.accumulate(upto, axis=-1)).max(axis=-1)
     return np.asarray(np.logaddexp.reduce(runs))
 
 
 def _scale(residual: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """1 / (degrees of freedom times variance) of residuals, with the noise that they show themselves."""
+    """1 / (degrees of freedom times variance) of residuals, with their measured noise."""
     known = np.isfinite(residual + variance)
     quarter = np.quantile(np.abs(residual * level)[known][::4], 0.25) if known.any() else 0.0
     noise = max(float(quarter) / _QUARTER_SIGMAS, _MIN_NOISE)

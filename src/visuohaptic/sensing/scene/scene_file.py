@@ -1,4 +1,4 @@
-"""Files of the scene tracking: ``scene.yaml`` that describes it, and a table with the platform's odometry."""
+"""Files of the scene tracking: its configuration ``scene.yaml``, and a table with the platform's odometry."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = ["Odometry", "SceneConfig", "SceneSensor", "SceneSetup", "read_odometr
 
 
 class StripSection(Section):
-    """The foam as it hides the floor."""
+    """The foam as an occluder of the floor."""
 
     length_m: Positive = 0.25  #: along the robot
     front_m: Positive = 0.02  #: x of its front edge in frame F
@@ -42,20 +42,20 @@ class StripSection(Section):
 class SceneConfig(Section):
     """Fields of ``scene.yaml``; file names are relative to its folder.
 
-    Either ``sensor`` names the foam sensor's file: then its force is read, too, and the object that it
-    touches is tracked; or ``camera`` and ``T_camera_foam`` say where frame F is.
+    Either ``sensor`` names the foam sensor's file: then its force is also read, and the touched object
+    is tracked; or ``camera`` and ``T_camera_foam`` give the pose of frame F.
     """
 
     kind: Literal["scene"] = "scene"
-    sensor: str | None = None  #: sensor.yaml of the foam, in place of camera and T_camera_foam
+    sensor: str | None = None  #: sensor.yaml of the foam, instead of camera and T_camera_foam
     camera: str | None = None  #: ROS camera_info
     T_camera_foam: PoseSection | None = None  #: maps the strip's frame F to the camera
-    strip: StripSection = StripSection()  #: the foam as it hides the floor
+    strip: StripSection = StripSection()  #: the foam as an occluder of the floor
     floor_below_m: Positive = 0.05  #: height of the foam's visible edge above the floor
     foam_ahead_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
         0.17  #: from the platform's centre to F
     )
-    strip_rows_px: Annotated[int, Field(ge=8)] = 450  #: the image's upper rows are watched for obstacles
+    strip_rows_px: Annotated[int, Field(ge=8)] = 450  #: the image's upper rows are monitored for obstacles
 
     @model_validator(mode="after")
     def _one_source(self) -> SceneConfig:
@@ -68,7 +68,7 @@ class SceneConfig(Section):
 
     @classmethod
     def load(cls, path: Path | str) -> SceneSetup:
-        """Read the file and what it names.
+        """Read the file and the files that it names.
 
         Parameters
         ----------
@@ -96,20 +96,20 @@ class SceneConfig(Section):
 
 @dataclass(frozen=True, slots=True)
 class SceneSetup:
-    """A configuration with everything that it names, read and checked."""
+    """A validated configuration with the content of all files that it names."""
 
     config: SceneConfig
     camera: Camera
     T_camera_foam: Pose
-    sensor: FoamSetup | None  #: of the foam, where it is read as well
+    sensor: FoamSetup | None  #: of the foam, if its force is also read
 
     def tracker(self, rng: np.random.Generator | None = None) -> SceneTracker:
-        """A tracker that has seen nothing yet.
+        """A tracker in its initial state.
 
         Parameters
         ----------
         rng
-            Of RANSAC; a fixed seed without.
+            Source of RANSAC's random samples; a fixed seed by default.
         """
         config = self.config
         settings = SceneSettings(
@@ -124,17 +124,17 @@ class SceneSetup:
 
 
 class SceneSensor:
-    """The scene ahead as a sensor: reads the foam where there is one, and tracks all around it.
+    """The scene ahead as a sensor: reads the foam if there is one, and tracks its surroundings.
 
     Parameters
     ----------
     setup
-        From :meth:`SceneConfig.load`.
+        Result of :meth:`SceneConfig.load`.
     odometry
-        Newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the floor alone gives the
-        motion.
+        Newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the motion is estimated from the floor
+        alone.
     rng
-        Of RANSAC; a fixed seed without.
+        Source of RANSAC's random samples; a fixed seed by default.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class SceneSensor:
         self.setup, self.odometry, self._rng = setup, odometry, rng
         self.foam = None if setup.sensor is None else FoamSensor.of_setup(setup.sensor)
         self.tracker = setup.tracker(rng)
-        self.profile: ForceProfile | None = None  #: what the foam read in the last frame
+        self.profile: ForceProfile | None = None  #: reading of the foam in the last frame
 
     @classmethod
     def load(
@@ -166,7 +166,7 @@ class SceneSensor:
         odometry
             Newest state of the platform at a time [s].
         rng
-            Of RANSAC; a fixed seed without.
+            Source of RANSAC's random samples; a fixed seed by default.
 
         Raises
         ------
@@ -177,26 +177,26 @@ class SceneSensor:
 
     @property
     def camera(self) -> Camera:
-        """Model of the camera whose frames it reads."""
+        """Camera model of the frames that it reads."""
         return self.setup.camera
 
     @property
     def zeroed(self) -> bool:
-        """Whether its foam has a zero reference; True without foam, which is all that needs one."""
+        """Whether its foam has a zero reference; True without foam, as only foam needs one."""
         return self.foam is None or self.foam.zeroed
 
     def zero(self, frames: Iterable[Frame]) -> ZeroReference | None:
-        """Take the zero reference of the foam; None, and no frame is read, where there is no foam.
+        """Take the zero reference of the foam; without foam, None is returned and no frame is read.
 
         Parameters
         ----------
         frames
-            Of a strip that nothing touches.
+            Frames of an unloaded strip.
 
         Raises
         ------
         CalibrationError
-            The contours were not found, or the strip moved meanwhile.
+            The contours were not found, or the strip moved during zeroing.
         """
         return None if self.foam is None else self.foam.zero(frames)
 
@@ -206,33 +206,33 @@ class SceneSensor:
         Parameters
         ----------
         frame
-            The next one in order of time.
+            The next frame in time order.
         """
         self.profile = None if self.foam is None else self.foam.read(frame)
         state = None if self.odometry is None else self.odometry(frame.t_s)
         return self.tracker.update(frame, self.profile, state)
 
     def reset(self) -> None:
-        """Forget all frames; the zero reference stays."""
+        """Reset the state of all frames; the zero reference is kept."""
         if self.foam is not None:
             self.foam.reset()
         self.tracker, self.profile = self.setup.tracker(self._rng), None
 
     def close(self) -> None:
-        """Nothing is held: the scene has no threads."""
+        """Nothing to release: the scene has no threads."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """Odometry of the platform over time, N rows in order of time."""
+    """Odometry of the platform over time, N rows in time order."""
 
     t_s: Float[np.ndarray, "N"]
     speed_m_s: Float[np.ndarray, "N"]
     turn_rate_rad_s: Float[np.ndarray, "N"]
-    max_gap_s: float = 0.25  #: farther from the rows before and after there is no odometry
+    max_gap_s: float = 0.25  #: maximum time to the adjacent rows; beyond it there is no odometry
 
     def at(self, t_s: float) -> BaseState | None:
-        """State at a time, between two rows by straight lines; None outside of what was recorded.
+        """State at a time, interpolated linearly between two rows; None outside the recorded time.
 
         Parameters
         ----------
@@ -247,12 +247,12 @@ class Odometry:
             return None
         speed = float(np.interp(t_s, self.t_s, self.speed_m_s))
         turn = float(np.interp(t_s, self.t_s, self.turn_rate_rad_s))
-        # The place is not known from here, and not needed: velocities are what is fused.
+        # The position is unknown here, and not needed: velocities are fused.
         return BaseState(t_s, math.nan, math.nan, math.nan, speed, turn)
 
 
 def read_odometry(path: Path | str) -> Odometry:
-    """Read a CSV with columns t_s, speed_m_s, turn_rate_rad_s; others are left alone.
+    """Read a CSV with columns t_s, speed_m_s, turn_rate_rad_s; others are ignored.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def read_odometry(path: Path | str) -> Odometry:
     Raises
     ------
     InputError
-        With the place of the first bad field.
+        States the location of the first invalid field.
     """
     path, names = Path(path), ("t_s", "speed_m_s", "turn_rate_rad_s")
     columns = read_columns(path, names)

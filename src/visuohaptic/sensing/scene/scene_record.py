@@ -1,4 +1,4 @@
-"""Scene readings on their way out: ROS 2 messages in an MCAP file, and rows of a table."""
+"""Output of scene readings: ROS 2 messages in an MCAP file, and rows of a table."""
 
 from __future__ import annotations
 
@@ -63,18 +63,18 @@ def write_scene(
 
     ``/NAME/pose`` is a ``geometry_msgs/PoseWithCovarianceStamped`` of frame F since the start, in frame
     ``odom``; ``/NAME/diagnostics`` has all numbers with their validity and reason; with ``mask``
-    ``/NAME_obstacles/image/compressed`` is the obstacle mask. Events are the caller's.
+    ``/NAME_obstacles/image/compressed`` is the obstacle mask. Events are recorded by the caller.
 
     Parameters
     ----------
     recording
-        Where messages go.
+        Receives the messages.
     reading
         Scene of one frame.
     name
         First part of the topics.
     mask
-        Write the obstacle mask, too.
+        Also write the obstacle mask.
     """
     x, y, heading = (float(v) for v in reading.pose)
     covariance = np.zeros((6, 6))
@@ -91,13 +91,13 @@ def write_scene(
 class SceneTable(Closing):
     """Writes readings to a CSV file, one row each, columns :data:`SCENE_COLUMNS`.
 
-    The file is called ``NAME.part`` until it is closed; a row is with the operating system when
+    The file is named ``NAME.part`` until it is closed; a row has been passed to the operating system when
     ``write`` returns.
 
     Parameters
     ----------
     path
-        Where to write the CSV file.
+        Output CSV file.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -124,6 +124,6 @@ class SceneTable(Closing):
         self._file.write(csv_line(values[name] for name in SCENE_COLUMNS))
 
     def close(self) -> None:
-        """Finish the file and give it its name; harmless when repeated."""
+        """Finish and rename the file; may be called repeatedly."""
         if not self._file.closed:
             self._file.finish()

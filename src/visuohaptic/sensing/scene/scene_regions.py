@@ -1,4 +1,4 @@
-"""Where in the image points are chosen: floor patches beside the foam, and the face of what it touches (Sec. 3.5)."""
+"""Image regions for the selection of points: floor patches beside the foam, and the face of the touched object (Sec. 3.5)."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ from .obstacle_parallax import ObstacleSettings
 __all__ = ["FLOOR", "OBJECT", "SceneRegions", "SceneSettings"]
 
 FLOOR, OBJECT = 1, 2
-#: Edge of the cells in which it is remembered what is not floor, and what is not the object [px].
+#: Edge of the cells that store where points are not on the floor, or not on the object [px].
 _CELL_PX = 16
 
 
 @dataclass(frozen=True, slots=True)
 class SceneSettings:
-    """Where to look, and how."""
+    """Regions and settings of point selection."""
 
     flow: FlowSettings = field(default_factory=FlowSettings)
     floor: FloorMotionSettings = field(default_factory=FloorMotionSettings)
     ego: EgoMotionSettings = field(default_factory=EgoMotionSettings)
     object: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
     obstacles: ObstacleSettings = field(default_factory=ObstacleSettings)
-    front_m: float = 0.02  #: x of the foam's front at rest, frame F
+    front_m: float = 0.02  #: x of the foam's undeformed front, frame F
     foam_half_m: float = field(default=0.125, metadata=POSITIVE)  #: half length of the foam along y
-    patch_inner_m: float = 0.06  #: floor patches begin so far left and right of the middle
-    #: Points on the object are chosen up to this height above the foam.
+    patch_inner_m: float = 0.06  #: floor patches start at this distance left and right of the centre
+    #: Points on the object are selected up to this height above the foam.
     object_height_m: float = field(default=0.12, metadata=POSITIVE)
-    object_margin_m: float = 0.004  #: and so far inside of the contact's ends
-    beside_m: float = 0.04  #: no floor is looked for so near beside the contact
+    object_margin_m: float = 0.004  #: and at this distance inside the contact's ends
+    beside_m: float = 0.04  #: no floor is selected this close to the contact
     max_width_px: int = field(
         default=800, metadata=at_least(100)
-    )  #: images wider than this are binned for the tracks
-    lost_contact_frames: int = 20  #: without contact for so long: the next contact is another object
+    )  #: wider images than this are binned for the tracks
+    lost_contact_frames: int = 20  #: after this time without contact, the next contact is a new object
     min_discriminative_flow_px: float = (
-        1.0  #: flow of the floor from which a point shows whether it is on the floor
+        1.0  #: flow of the floor above which a point can be classified as floor or not
     )
-    widening: float = 1.6  #: a contact that has become wider by this factor shows its face better
+    widening: float = 1.6  #: a contact whose width has grown by this factor determines its face better
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -61,11 +61,11 @@ class SceneRegions:
     Parameters
     ----------
     camera, T_camera_foam
-        The sensor's camera and where frame F is in it.
+        The sensor's camera and the pose of frame F in it.
     floor_view
-        The floor as the camera sees it.
+        The floor in the camera's view.
     settings
-        Where to look.
+        Regions and settings.
     """
 
     def __init__(
@@ -73,25 +73,25 @@ class SceneRegions:
     ) -> None:
         self.camera, self.T_camera_foam = camera, T_camera_foam
         self.floor_view, self.settings = floor_view, settings
-        #: last row of the image that matters, exclusive
+        #: last relevant row of the image, exclusive
         self._hidden, self._patches, self.last_row = self._static_regions()
-        # Where points have shown to be on something else, in cells of so many pixels, for a contact.
+        # Cells (in pixels) where points turned out to be on another surface, during a contact.
         self._not_floor = np.zeros((-(-camera.height // _CELL_PX), -(-camera.width // _CELL_PX)), np.uint8)
         self._not_object = self._not_floor.copy()
 
     def forget(self) -> None:
-        """Forget where points have shown to be on something else."""
+        """Forget where points turned out to be on another surface."""
         self._not_floor[:], self._not_object[:] = 0, 0
 
     def exclude(self, label: int, pixels: Float[np.ndarray, "n 2"]) -> None:
-        """Remember where points have shown not to be what they were taken for.
+        """Store where points turned out to be on another surface than assumed.
 
         Parameters
         ----------
         label
-            What they were taken for, ``FLOOR`` or ``OBJECT``.
+            Assumed surface, ``FLOOR`` or ``OBJECT``.
         pixels
-            Where they are, (x, y) [px].
+            Their positions, (x, y) [px].
         """
         cells = self._not_floor if label == FLOOR else self._not_object
         at = np.clip(pixels / _CELL_PX, 0, np.array(cells.shape[::-1]) - 1).astype(int)
@@ -100,21 +100,21 @@ class SceneRegions:
     def labels(
         self, obstacle: Obstacle | None, tracked: ObjectTracker, half_width_m: float
     ) -> UInt8[np.ndarray, "rows columns"]:
-        """Where to choose points in this frame.
+        """Regions for the selection of points in this frame.
 
         Parameters
         ----------
         obstacle
-            What stands in the upper strip of the image; None: not known yet.
+            Obstacles in the upper strip of the image; None: not yet known.
         tracked
-            The object that is touched, if any.
+            The touched object, if any.
         half_width_m
-            Half of the width of its face that the contact shows [m].
+            Half the width of its face, from the contact [m].
         """
         import cv2
 
         regions, s = self._patches.copy(), self.settings
-        # Below what stands in the strip there is no floor but the lower part of the same obstacle.
+        # Below an obstacle in the strip there is no floor, but the lower part of the same obstacle.
         if obstacle is not None and obstacle.valid:
             n = obstacle.binning
             standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
@@ -123,7 +123,7 @@ class SceneRegions:
             regions[:, columns] = 0
         if tracked.face is not None:
             polygon = self._face_polygon(tracked, half_width_m, s.object_height_m)
-            # An object is wider than its contact: the floor begins some centimetres beside it.
+            # An object is wider than its contact: the floor starts some centimetres beside it.
             whole = self._face_polygon(tracked, half_width_m + s.beside_m, np.inf)
             if polygon is not None and whole is not None:
                 clear, above = np.zeros_like(regions), np.zeros_like(regions)
@@ -141,7 +141,7 @@ class SceneRegions:
     def _face_polygon(
         self, tracked: ObjectTracker, half_width_m: float, height_m: float
     ) -> np.ndarray | None:
-        """The part of the object's face above the foam, where it is now [px]."""
+        """The part of the object's face above the foam, at its current pose [px]."""
         assert tracked.face is not None
         a = half_width_m
         eye_z = float(self.T_camera_foam.inverse().translation_m[2])
@@ -156,7 +156,7 @@ class SceneRegions:
     def _static_regions(
         self,
     ) -> tuple[Bool[np.ndarray, "rows columns"], UInt8[np.ndarray, "rows columns"], int]:
-        """What the sensor hides, the floor patches, and the last row that matters."""
+        """The region hidden by the sensor, the floor patches, and the last relevant row."""
         import cv2
 
         s, n = self.settings, 4
@@ -165,7 +165,7 @@ class SceneRegions:
         pixels = np.stack([u, v], axis=-1)
         top = PlaneView(self.camera, self.T_camera_foam).cast(pixels)
         floor = self.floor_view.cast(pixels)
-        # The body reaches a little beyond the foam's ends, the side of the foam is seen below its edge.
+        # The body extends slightly beyond the foam's ends, the side of the foam is visible below its edge.
         hidden = (top[..., 0] < s.front_m + 0.004) & (np.abs(top[..., 1]) < s.foam_half_m + 0.035)
         hidden |= top[..., 0] < 0.0
         side = (floor[..., 0] < s.front_m + 0.004) & (np.abs(floor[..., 1]) < s.foam_half_m + 0.01)

@@ -1,7 +1,7 @@
-"""What else the foam's camera sees: obstacles ahead, the floor that passes, the object that is pushed (Sec. 3.5).
+"""Tracking of the foam's surroundings in the camera image: obstacles ahead, floor motion, the pushed object (Sec. 3.5).
 
 One call per frame. Points are tracked on floor patches left and right of the foam and, during
-a contact, on the object's face above it; the upper strip of the image is watched for what comes near.
+a contact, on the object's face above it; the upper strip of the image is monitored for approaching obstacles.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ __all__ = ["SceneReading", "SceneTracker"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneReading:
-    """What one frame shows of the surroundings."""
+    """Reading of the surroundings in one frame."""
 
     t_s: float
     motion: Motion  #: of frame F since the last frame, floor and odometry fused
-    floor_motion: Motion  #: the part that the floor alone gives
+    floor_motion: Motion  #: from the floor alone
     pose: Float[np.ndarray, "3"]  #: (x, y, heading) of frame F since the start [m, rad]
     pose_covariance: Float[np.ndarray, "3 3"]  #: of ``pose``
     object_motion: ObjectMotion  #: since the contact began
-    object_angle_rad: float  #: turn of the object in the world since then; NaN when it is not seen
+    object_angle_rad: float  #: rotation of the object in the world since then; NaN when it is not visible
     events: tuple[Event, ...]  #: FALL and SLIP
     obstacle: Obstacle
     floor_points: int
@@ -55,12 +55,12 @@ class SceneReading:
 
     @property
     def valid(self) -> bool:
-        """Whether the motion of the platform can be trusted."""
+        """Whether the motion of the platform is valid."""
         return self.motion.valid
 
     @property
     def reason(self) -> Reason:
-        """Why not; ``ok`` when valid."""
+        """Reason if not valid; ``ok`` when valid."""
         return self.motion.reason
 
     @property
@@ -70,23 +70,23 @@ class SceneReading:
 
     @property
     def proximity_m(self) -> float:
-        """Distance of the nearest obstacle ahead of the foam; inf = free, NaN = not known."""
+        """Distance of the nearest obstacle in front of the foam; inf = free, NaN = unknown."""
         return self.obstacle.proximity_m
 
 
 class SceneTracker:
-    """Everything around the foam, frame by frame.
+    """Tracks the surroundings of the foam, frame by frame.
 
     Parameters
     ----------
     camera, T_camera_foam
-        The sensor's camera and where frame F is in it.
+        The sensor's camera and the pose of frame F in it.
     floor_below_m
         Height of the foam's visible edge above the floor.
     settings
-        Where to look, and how.
+        Regions and settings of point selection.
     rng
-        Of RANSAC.
+        Source of RANSAC's random samples.
 
     Examples
     --------
@@ -124,10 +124,10 @@ class SceneTracker:
         self._near = ObstacleMemory(self._obstacles.blind_m)
         self._half_width_m, self._without, self._heading = 0.0, 0, 0.0
         self._angle, self._angle_before = 0.0, 0.0
-        self._flat_angle = float("nan")  # direction of a flat face, less the turn that it had then
+        self._flat_angle = float("nan")  # direction of a flat face, minus the rotation at that time
         self._deflection_m = 0.0
         self._last_t_s = float("nan")
-        self._force_N = 0.0  # largest of the contact, slowly forgotten
+        self._force_N = 0.0  # maximum of the contact, slowly decaying
 
     @classmethod
     def of_sensor(
@@ -137,7 +137,7 @@ class SceneTracker:
         settings: SceneSettings | None = None,
         rng: np.random.Generator | None = None,
     ) -> Self:
-        """The surroundings of a foam sensor, through its own camera; the strip's size is the sensor's.
+        """Create a tracker for the camera of a foam sensor; the strip's size is the sensor's.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class SceneTracker:
         floor_below_m
             Height of the foam's visible edge above the floor [m].
         settings
-            Where to look, and how; the strip's size is replaced.
+            Regions and settings; the strip's size is replaced.
         rng
             Source of the random samples; a fixed seed without.
         """
@@ -161,7 +161,7 @@ class SceneTracker:
 
     @property
     def sight_m(self) -> float:
-        """How far ahead of the foam an obstacle can be seen."""
+        """Distance in front of the foam at which an obstacle can be detected."""
         return self._obstacles.sight_m
 
     def update(
@@ -178,13 +178,13 @@ class SceneTracker:
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in time order.
         profile
-            What the foam read from the same frame; without it no object is tracked.
+            Reading of the foam in the same frame; without it no object is tracked.
         base_state, gyroscope_rad_s
             Odometry and turn rate of the platform, if there are any.
         primitive
-            Shape fitted to the contact; without it the contact is taken as straight.
+            Shape fitted to the contact; without it the contact is assumed to be straight.
         """
         if frame.image.shape[:2] != (self.camera.height, self.camera.width):
             raise InputError(
@@ -211,7 +211,7 @@ class SceneTracker:
             fraction = profile.force_N / self._force_N if self._force_N > 0 else 1.0
         moved, events = self._object.update(on_object, t_s, in_contact=in_contact, force_fraction=fraction)
         self._points.drop(np.array(sorted(self._object.rejected), dtype=np.int64))
-        # Once it leans, a turn about the vertical is no longer a turn on the floor.
+        # For a tilted object, a rotation about the vertical is no longer a rotation on the floor.
         stands = moved.valid and moved.tilt_rad < 0.2
         angle = float("nan")
         if stands:
@@ -236,10 +236,10 @@ class SceneTracker:
     def _follow_contact(
         self, profile: ForceProfile | None, primitive: Primitive | None
     ) -> tuple[bool, tuple[Contact, Primitive | None, float] | None]:
-        """Whether something is touched, and its contact, shape and half width where its face is to be looked at.
+        """Whether there is a contact, and the contact, shape and half width if its face is to be measured.
 
-        That is at the first contact, and again when it has become wider. Lets go of an object that
-        has not been felt for long.
+        That is at the first contact, and again when it has become wider. An object without contact
+        for a long time is released.
         """
         contact = None
         if profile is not None:
@@ -253,21 +253,21 @@ class SceneTracker:
                 self._angle = self._angle_before = 0.0
             return False, None
         self._without = 0
-        # Beside the object the foam is drawn along: only where it is pressed is there a face behind.
+        # Beside the object the foam is dragged along: there is a face only behind compressed foam.
         pressed = contact.points_foam_m[contact.delta_m > 0.5 * np.max(contact.delta_m, initial=0.0)]
         reach = 0.5 * float(np.ptp(pressed[:, 1])) if len(pressed) else 0.0
         width = max(reach - self.settings.object_margin_m, 0.01)
         begins = self._object.face is None
-        # The first touch is a narrow one: the contact's line is known better once the foam has given way.
+        # The first contact is narrow: its line is more accurate after more compression.
         wider = width > self.settings.widening * self._half_width_m and self._object.stands
         if not ((begins or wider) and len(contact.points_foam_m) >= 2):
             return True, None
         return True, (contact, primitive if primitive is not None else _shape_of(contact), width)
 
     def _measure_face(self, contact: Contact, shape: Primitive | None, half_width_m: float) -> None:
-        """Measure the face again as the contact shows it now, and choose points on it."""
+        """Measure the face again from the current contact, and select points on it."""
         begins = self._object.face is None
-        # A contact of a few millimetres knows nothing of the face, one of 10 cm all but everything.
+        # A contact of a few millimetres has no information about the face, one of 10 cm determines it almost completely.
         known = min(1.0, 0.02 / half_width_m)
         self._object.start(
             contact_face(contact, shape),
@@ -281,7 +281,7 @@ class SceneTracker:
         self._heading = float(self.ego.pose[2])
         self._flat_angle = float("nan") if begins else self._flat_angle
         if shape is not None and shape.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT):
-            # A flat face that is felt twice gives the turn in between better than the texture.
+            # For a flat face, two contacts determine the rotation in between more accurately than the texture.
             along = contact_face(contact, shape).rotation[:, 0]
             in_world = float(np.arctan2(along[0], -along[1])) + self._heading
             if np.isfinite(self._flat_angle):
@@ -291,21 +291,21 @@ class SceneTracker:
             self._force_N = contact.force_N
         self._points.forget(OBJECT)
         regions = self._labels()
-        # Points that were taken for floor may be on the object.
+        # Points assumed to be on the floor may be on the object.
         self._points.forget(FLOOR, outside=regions)
         self._points.choose(regions)
 
     def _pushes(self, profile: ForceProfile | None, ahead_m: float) -> bool:
-        """Whether what is touched moves with the platform: the foam no longer gives way as it goes on."""
+        """Whether the touched object moves with the platform: the foam is no longer compressed further."""
         before = self._deflection_m
         seen = profile is not None and profile.contacts
         self._deflection_m = float(np.nanmax(profile.delta_m)) if profile is not None and seen else 0.0
         return bool(seen) and before > 0.0 and self._deflection_m - before < 0.3 * ahead_m
 
     def _sorted(self, step: FlowStep, expected: np.ndarray) -> FlowStep:
-        """Without the points that the platform's way shows to be on the other of both, floor or object.
+        """Remove points whose motion shows that they are on the other surface, floor or object.
 
-        What is pushed stands still in the image while the floor passes.
+        A pushed object is static in the image while the floor moves.
         """
         floor = self.floor_view.cast(step.before_px)
         passed = self.floor_view.project((floor - expected[:2]) @ rotation_2d(expected[2]))
@@ -316,7 +316,7 @@ class SceneTracker:
         still = discriminative & (np.linalg.norm(flow, axis=1) < 0.3 * way)
         passes = discriminative & (np.linalg.norm(flow - predicted, axis=1) < 0.3 * way)
         wrong_floor = still & (step.label == FLOOR)
-        # Few floor points may disagree with the wheels by chance, or the object be seen to start late.
+        # A few floor points may disagree with the odometry by chance, or the start of the object's motion be detected late.
         wrong_object = passes & (step.label == OBJECT)
         for label, wrong in ((FLOOR, wrong_floor), (OBJECT, wrong_object)):
             self._regions.exclude(label, step.after_px[wrong])
@@ -329,7 +329,7 @@ class SceneTracker:
 
 
 def _shape_of(contact: Contact) -> Primitive | None:
-    """The primitive that fits the contact so far."""
+    """The best-fitting primitive of the contact so far."""
     from ..push.primitives import fit_contact
 
     return fit_contact(contact).best if len(contact.points_foam_m) >= 5 else None

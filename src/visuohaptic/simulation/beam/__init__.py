@@ -1,4 +1,4 @@
-"""The bending rod and its view."""
+"""Bending rod and its camera view."""
 
 from ...core.front_door import attach
 

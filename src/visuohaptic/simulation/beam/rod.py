@@ -1,8 +1,8 @@
-"""A bending rod of spring steel on a guided spring: the truth for tests of the beam sensor.
+"""A bending rod of spring steel on a guided spring: ground truth for tests of the beam sensor.
 
-The rod is a chain of rigid links; the moment at each joint turns it by its
-fraction of the curvature, and the equilibrium is found by repetition. It bends as
-far as it likes, twists, stretches and shears. None of this is shared with the
+The rod is a chain of rigid links; the moment at each joint rotates it by its
+part of the curvature, and the equilibrium is found by fixed-point iteration. Bending is
+not limited to small angles; the rod also twists, stretches and shears. No code is shared with the
 estimator in ``sensing``, which integrates a differential equation.
 """
 
@@ -23,7 +23,7 @@ __all__ = ["ElasticRod", "RodState"]
 
 @dataclass(frozen=True, slots=True)
 class ElasticRod:
-    """Round rod clamped to a slider that a spring holds; the defaults are those of Alt 2016, Sec. 3.6.1.
+    """Round rod clamped to a spring-loaded slider; the defaults are those of Alt 2016, Sec. 3.6.1.
 
     X points along the straight rod from the slider to the tip, Y and Z across
     it, right-handed.
@@ -35,7 +35,7 @@ class ElasticRod:
     poisson: float = 0.29
     spring_N_per_m: float = 500.0  #: along X
     spring_Nm_per_rad: float = 0.2  #: about X
-    links: int = 160  #: the error falls with the square of this number
+    links: int = 160  #: the error decreases with the square of this number
 
     def bend(
         self, force_N: Float[np.ndarray, "3"], moment_Nm: Float[np.ndarray, "3"] | None = None
@@ -45,12 +45,12 @@ class ElasticRod:
         Parameters
         ----------
         force_N, moment_Nm
-            In the frame of the straight rod; the moment is about the displaced tip.
+            Force and moment in the frame of the straight rod; the moment is about the displaced tip.
 
         Raises
         ------
         InputError
-            The load buckles or rolls up the rod, so that no shape was found.
+            The load buckles or rolls up the rod, so that no equilibrium was found.
         """
         force = np.asarray(force_N, dtype=np.float64)
         moment = np.zeros(3) if moment_Nm is None else np.asarray(moment_Nm, dtype=np.float64)
@@ -63,7 +63,7 @@ class ElasticRod:
             [self.youngs_Pa * area, *[shear_Pa * area * 6 * (1 + self.poisson) / (7 + 6 * self.poisson)] * 2]
         )
         h = self.length_m / self.links
-        # The plain repetition oscillates under loads far beyond the yield limit; a damped one does not.
+        # The plain iteration oscillates under loads far beyond the yield limit; a damped one does not.
         for relaxation in (1.0, 0.3):
             curvature, twist = np.zeros((self.links, 3)), 0.0
             for _ in range(600):

@@ -1,4 +1,4 @@
-"""Images to stick on the simulated rod: an AprilTag, a collage, or any image."""
+"""Prints on the simulated rod: an AprilTag, a collage, or any image."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["Print", "collage", "print_of_image", "print_of_tag"]
 
 #: Cells of a tag of family 36h11 along its side, with its black border; half a cell of white around it.
 _CELLS = 8
-#: Fine pixels of a cell.
+#: Subpixels per cell.
 _CELL_PX = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Print:
-    """Ink on paper, finer than a camera sees it."""
+    """Ink on paper, at a higher resolution than the camera's."""
 
     levels: Float32[np.ndarray, "R C"]  #: grey levels
     width_m: float  #: of the whole image, C columns
@@ -52,7 +52,7 @@ def print_of_tag(tag_id: int, size_m: float) -> Print:
 
 
 def print_of_image(image: UInt8[np.ndarray, "R C"], width_m: float) -> Print:
-    """An image as a printer puts it on paper: smooth between its pixels, and not quite black or white.
+    """A printed image: interpolated between its pixels, and with reduced contrast.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def print_of_image(image: UInt8[np.ndarray, "R C"], width_m: float) -> Print:
 
 
 def collage(seed: int) -> UInt8[np.ndarray, "side side"]:
-    """An image of 320 x 320 pixels full of shapes and shades, different for every seed; it tracks as a photo does.
+    """An image of 320 x 320 pixels with many shapes and grey levels, different for every seed; it tracks like a photo.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def collage(seed: int) -> UInt8[np.ndarray, "side side"]:
     import cv2
 
     rng = np.random.default_rng([7202, seed])
-    size = 512  # fractal noise wants a power of two
+    size = 512  # fractal noise requires a power of two
     canvas = 128 + 35 * fractal_noise(rng, size, 1.3)
     for _ in range(220):
         centre = rng.uniform(0, size, 2)

@@ -26,7 +26,7 @@ class PoseNoise:
 
     @classmethod
     def of(cls, lateral_um: float, depth_um: float, in_plane_mdeg: float, tilt_mdeg: float) -> PoseNoise:
-        """From the units in which trackers are compared.
+        """Convert from the units in which trackers are usually compared.
 
         Parameters
         ----------
@@ -40,7 +40,7 @@ class PoseNoise:
 
     @property
     def covariance(self) -> Float[np.ndarray, "6 6"]:
-        """Of (x, y, z, r_X, r_Y, r_Z) about the axes of the camera [m, rad]."""
+        """Standard deviations of (x, y, z, r_X, r_Y, r_Z) about the axes of the camera [m, rad]."""
         lateral, tilt = self.lateral_m, self.tilt_rad
         return np.diag(np.square([lateral, lateral, self.depth_m, tilt, tilt, self.in_plane_rad]))
 
@@ -55,12 +55,12 @@ POSE_NOISE: Mapping[float, PoseNoise] = {
 }
 
 
-#: A print that looks up along Z: its x along X, its y along -Y, its z (into the paper) along -Z.
+#: A print that faces up along Z: its x along X, its y along -Y, its z (into the paper) along -Z.
 _FACE_UP = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 
 
 def _mounts() -> dict[str, tuple[float, Pose]]:
-    # Not aligned well, and above the rod: the zero has to take care of both.
+    # Not well aligned, and above the rod: the zero reference has to compensate both.
     return {
         "middle": (0.5, Pose.from_rotation_vector([0.02, -0.03, 0.05], [0.001, -0.002, 0.006]) @ _FACE_UP),
         "tip": (1.0, Pose.from_rotation_vector([-0.04, 0.02, -0.03], [-0.002, 0.001, 0.007]) @ _FACE_UP),
@@ -72,14 +72,14 @@ class RodRig:
     """A rod, a reference template on its base, templates along it, and a camera that looks along -Z."""
 
     rod: ElasticRod = field(default_factory=ElasticRod)
-    #: where each template sits: xi, and its pose in the cross section at xi
+    #: pose of each template: xi, and its pose in the cross section at xi
     mounts: Mapping[str, tuple[float, Pose]] = field(default_factory=_mounts)
     reference: str = "reference"
     #: the reference template in the frame S of the sensor
     T_sensor_reference: Pose = field(
         default_factory=lambda: Pose.from_rotation_vector([0.0, 0.0, 0.1], [-0.04, 0.01, 0.004]) @ _FACE_UP
     )
-    distance_m: float = 0.3  #: from the camera to the middle of the rod
+    distance_m: float = 0.3  #: from the camera to the centre of the rod
     tilt_rad: float = 0.0  #: of the camera about the rod's axis
 
     @property

@@ -1,7 +1,7 @@
-"""The camera's image of the beam sensor: prints on a bending rod above a table.
+"""Camera images of the beam sensor: prints on a bending rod above a table.
 
-Every print is a plane of its own. A pixel is the mean of ``fine`` x ``fine`` rays, each
-traced through the lens to the print; the lens's blur, the light and the noise come on top
+Every print is a plane. A pixel is the mean of ``fine`` x ``fine`` rays, each
+traced through the lens to the print; blur of the lens, light and noise are added
 as for all simulated cameras.
 """
 
@@ -33,16 +33,16 @@ _BASE_M = (-0.075, 0.0, 0.02)
 
 
 class RodRenderer:
-    """Draws a rod with prints as a camera sees it.
+    """Renders a rod with prints as seen by a camera.
 
     Parameters
     ----------
     rig
-        Where prints and camera are.
+        Poses of prints and camera.
     camera
         Size, matrix and distortion.
     prints
-        What is stuck to the reference and to the rod, by the names of the rig.
+        Prints on the reference and on the rod, by the names of the rig.
     effects
         Blur, light and noise.
     table_m
@@ -171,7 +171,7 @@ class RodRenderer:
             depth * _along(slopes, axis) - pose.translation_m @ axis for axis in pose.rotation[:, :2].T
         )
         inside = (np.abs(across) <= half[0]) & (np.abs(down) <= half[1])
-        # Rays further apart than the pixels of the print would miss where its edges are.
+        # Rays further apart than the pixels of the print would alias at its edges.
         apart_m = pose.translation_m[2] / (_FINE * self.camera.focal_px)
         shown = self._shown(drawn, max(1, math.ceil(apart_m / drawn.pixel_m)))
         pitch_m = 2 * half / shown.shape[::-1]
@@ -182,13 +182,13 @@ class RodRenderer:
             cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        # The lens blurs before the pixels sample: what they miss would otherwise come back as waves along the edges.
+        # The lens blurs before the pixels sample: otherwise there would be aliasing along the edges.
         parts = [inside.astype(np.float32), (levels * inside).astype(np.float32)]
         if self.effects.blur_px > 0:
-            # The patch is wider than the print by the reach of the blur: nothing is cut off.
+            # The patch is wider than the print by the radius of the blur: nothing is cut off.
             parts = [cv2.GaussianBlur(part, (0, 0), _FINE * self.effects.blur_px) for part in parts]
         size = int(right - left), int(bottom - top)
-        # Of whole blocks of rays their mean.
+        # Average over whole blocks of rays.
         fraction, paint = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in parts)
         region = image[top:bottom, left:right]
         region *= 1.0 - fraction
@@ -211,7 +211,7 @@ class RodRenderer:
 def _slopes(
     camera: Camera, x: Float[np.ndarray, "w"], y: Float[np.ndarray, "h"]
 ) -> tuple[Float[np.ndarray, "*a"], Float[np.ndarray, "*b"]]:
-    """x and y by z of the rays through a grid of pixels; those of a lens without distortion are a row and a column."""
+    """x / z and y / z of the rays through a grid of pixels; without distortion, one row and one column."""
     if camera.distortion.any() or camera.matrix[0, 1]:
         rays = camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
         return rays[..., 0], rays[..., 1]
@@ -235,9 +235,9 @@ def _ribbon(points_camera_m: Float[np.ndarray, "n 3"], width_m: float) -> Float[
 
 
 def hand_held(rig: RodRig, t_s: float) -> Pose:
-    """``T_camera_sensor`` of a hand-held camera: slow swings about the view of the rig.
+    """``T_camera_sensor`` of a hand-held camera: slow oscillations about the view of the rig.
 
-    Sines of unlike periods of 2 to 5 s, of 1 cm and 0.04 rad, in every direction.
+    Sines with different periods of 2 to 5 s, of 1 cm and 0.04 rad, in every direction.
 
     Parameters
     ----------

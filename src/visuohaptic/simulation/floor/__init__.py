@@ -1,4 +1,4 @@
-"""Objects on a floor in rigid-body physics."""
+"""Rigid-body simulation of objects on a floor."""
 
 from ...core.front_door import attach
 

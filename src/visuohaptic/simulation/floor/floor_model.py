@@ -23,18 +23,18 @@ EDGE_M, FOOT_M = 0.006, 0.004
 #: Time constant of the contact with the rim (s): 10 N press it in by 3 mm with an object of 3 kg.
 FOAM_S = 0.03
 #: Time constant of the feet (s): they sink in by 4 mm, so that sliding, which lifts an object in MuJoCo's
-#: convex contacts, does not let it hop.
+#: convex contacts, does not make it hop.
 SINK_S = 0.02
-#: Walls are as hard as furniture is: friction of outlines against them and each other.
+#: Walls are as hard as furniture: friction of outlines against them and each other.
 WALL_FRICTION = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorObject:
-    """Something that stands on the floor."""
+    """An object that stands on the floor."""
 
     id: str
-    footprint_m: Float[np.ndarray, "p 2"]  #: outline where it stands at first, map frame
+    footprint_m: Float[np.ndarray, "p 2"]  #: initial outline, map frame
     mass_kg: float
     floor_friction: float
     contact_friction: float = 0.3  #: with the robot's rim
@@ -53,7 +53,7 @@ class FloorObject:
 
     @property
     def friction_N(self) -> float:
-        """Force that moves it."""
+        """Force required to move it."""
         return self.mass_kg * GRAVITY_M_S2 * self.floor_friction
 
 
@@ -62,7 +62,7 @@ class FloorRobot:
     """A round robot on two wheels."""
 
     radius_m: float = 0.17
-    force_max_N: float = 20.0  #: of the drive; pushed back harder it stands
+    force_max_N: float = 20.0  #: of the drive; it stalls above this force
     acceleration_m_s2: float = 0.5
     turn_acceleration_rad_s2: float = 2.0
 
@@ -74,7 +74,7 @@ def floor_mjcf(
     robot: FloorRobot,
     step_s: float,
 ) -> str:
-    """MuJoCo model; contact bit 1 is the floor with the feet, bit 2 what stands on it.
+    """MuJoCo model; contact bit 1 is the floor with the feet, bit 2 the objects on it.
 
     Parameters
     ----------
@@ -113,10 +113,10 @@ def floor_mjcf(
 
 
 def _item_mjcf(item: FloorObject) -> str:
-    """A ring of capsules, or a sphere, on feet: pairs with closed formulas for their contact."""
+    """A ring of capsules, or a sphere, on feet: pairs with closed-form contacts."""
     centre, height = polygon_centroid(item.footprint_m), PUSH_HEIGHT_M
     own = item.footprint_m - centre
-    # Foam is between rim and outline: soft, so that it feels forces and no blows.
+    # Foam is between rim and outline: soft, so that forces are measured and no impacts.
     shape = (
         f'mass="0" contype="2" conaffinity="2" priority="1" solref="{FOAM_S} 1" solimp="0.8 0.8 0.001" '
         f'friction="{item.contact_friction} 0 0"'
@@ -133,7 +133,7 @@ def _item_mjcf(item: FloorObject) -> str:
             for a, b in zip(inner, np.roll(inner, -1, axis=0), strict=True)
         )
         feet = 0.8 * own
-    # It stands upright and evenly on its feet: they move with the centre of mass.
+    # It stands upright with even load on its feet: they are placed relative to the centre of mass.
     feet = feet + np.asarray(item.centre_offset_m)
     stand = "".join(
         f'<geom type="sphere" size="{FOOT_M}" pos="{u} {v} {FOOT_M}" mass="0" contype="0" conaffinity="1" '
@@ -152,7 +152,7 @@ def _item_mjcf(item: FloorObject) -> str:
 
 
 def _inset(outline: Float[np.ndarray, "p 2"], by_m: float) -> Float[np.ndarray, "q 2"]:
-    """The outline moved inwards, so that capsules about it end where the outline is."""
+    """The outline moved inwards, so that capsules along it end at the outline."""
     import shapely
 
     inner = shapely.Polygon(outline).buffer(-by_m, join_style="mitre")

@@ -1,4 +1,4 @@
-"""What a robot on the simulated floor perceives: the truth with small errors."""
+"""Perception of a robot on the simulated floor: ground truth with small errors."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ __all__ = ["FloorSenses", "SenseErrors"]
 
 @dataclass(frozen=True, slots=True)
 class SenseErrors:
-    """Standard deviations, and how slowly localisation wanders."""
+    """Standard deviations, and time constant of the localisation error."""
 
     place_m: float = 0.006  #: of the robot, per axis
     heading_rad: float = 0.008
     wander_s: float = 5.0  #: time over which these errors change
-    look_m: float = 0.005  #: of an object, new with every look
+    look_m: float = 0.005  #: of an object, independent in every observation
     look_rad: float = 0.015
     force_fraction: float = 0.05
     contact_m: float = 0.004
-    range_m: float = 4.0  #: objects farther away are not seen
+    range_m: float = 4.0  #: objects farther away are not detected
 
 
 class FloorSenses:
-    """Pose, touch and looks, as ``tasks.travel.TravelSenses`` asks for them.
+    """Pose, touch and observed objects, as required by ``tasks.travel.TravelSenses``.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class FloorSenses:
         self._t_s = world.t_s
 
     def pose(self) -> tuple[float, float, float]:
-        """Where the robot is, with an error that wanders."""
+        """Estimated pose of the robot, with a slowly varying error."""
         passed_s, self._t_s = self._world.t_s - self._t_s, self._world.t_s
         if passed_s > 0:
             keep = math.exp(-passed_s / self._errors.wander_s)
@@ -61,18 +61,18 @@ class FloorSenses:
         return float(x), float(y), float(heading)
 
     def touch(self) -> tuple[float, tuple[float, float] | None]:
-        """Force on the rim and where it acts."""
+        """Force on the rim and its point of application."""
         touch = self._world.touch
         if touch is None:
             return 0.0, None
         e = self._errors
         force = touch.force_N * max(0.0, 1.0 + e.force_fraction * float(self._rng.standard_normal()))
-        # The rim feels where on itself it is touched: in the map that has the error of localisation.
+        # The rim measures the contact in its own frame: in the map it has the error of localisation.
         x, y = np.array(touch.point_m) + self._bias[:2] + e.contact_m * self._rng.standard_normal(2)
         return force, (float(x), float(y))
 
     def look(self, id: str) -> tuple[float, float, float] | None:
-        """Measured pose (x [m], y [m], yaw [rad]) of an object; ``None`` where it is not seen.
+        """Measured pose (x [m], y [m], yaw [rad]) of an object; ``None`` if it is not visible.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
-"""A floor with the walls of a map, objects that slide on it, and a round robot that drives among them.
+"""A floor with the walls of a map, sliding objects, and a round robot that drives among them.
 
-MuJoCo moves the objects; it knows nothing of the planners. The robot moves as
-its wheels are told until something pushes back harder than its drive: then it
-stands. What is not near the robot rests, so that no physics is computed while
+MuJoCo moves the objects, independently of the planners. The robot follows
+its wheel commands until the reaction exceeds the force of its drive: then it
+stalls. Objects that are not near the robot are at rest, so that no physics is computed while
 it drives through free space.
 """
 
@@ -28,17 +28,17 @@ __all__ = ["FloorBase", "FloorTouch", "FloorWorld"]
 
 #: Physics is computed while the rim is nearer than this to anything (m).
 NEAR_M = 0.03
-#: The drive stands when it is pushed back too hard for so long (s).
+#: The drive stalls when the reaction is too large for this time (s).
 STALL_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class FloorTouch:
-    """What the rim feels: the sum of the forces, and where it acts."""
+    """Measurement of the rim: the sum of the forces, and its point of application."""
 
     force_N: float
     point_m: tuple[float, float]  #: in the map frame
-    items: tuple[str, ...]  #: true ids of what is touched; "" for a wall
+    items: tuple[str, ...]  #: true ids of the touched objects; "" for a wall
 
 
 class FloorWorld:
@@ -49,13 +49,13 @@ class FloorWorld:
     map
         Its occupied cells are walls; objects must not be among them.
     items
-        What may be pushed, each on feet at its corners or, round ones, on a ring of them. They slide and turn, but do not tip.
+        Objects, each on feet at its corners or, round ones, on a ring of feet. They slide and rotate, but do not tip.
     start_m
         Pose of the robot (x, y, heading).
     robot
         Size and strength.
     time_step_s
-        Of the physics.
+        Time step of the physics.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class FloorWorld:
         return own @ rotation_2d(yaw).T + (x, y)
 
     def step(self, duration_s: float) -> None:
-        """Let time pass.
+        """Advance the simulation.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class FloorWorld:
         raise InputError("FloorWorld", f"found no object '{id}', expected one of: {names}")
 
     def _gap(self) -> float:
-        """Distance from the rim to the nearest wall or object, or less."""
+        """Distance from the rim to the nearest wall or object, or a lower bound."""
         x, y = float(self._pose[0]), float(self._pose[1])
         gap = math.inf
         for index, reach in enumerate(self._reach):
@@ -208,7 +208,7 @@ class FloorWorld:
         self._feel(step_s)
 
     def _hold(self, way: Float[np.ndarray, "3"]) -> None:
-        """It weighs tons, and is where its wheels bring it."""
+        """Its mass is several tons, and it is moved kinematically by its wheels."""
         self._pose += way
         self._data.qpos[:3] = self._pose
 
@@ -229,7 +229,7 @@ class FloorWorld:
             touched.add(owner)
             total += force[0]
             moment += force[0] * contact.pos[:2]
-            # Of what the contact frame's axes say: on the robot it acts against the rim's outward normal.
+            # From the contact frame's axes: the force on the robot is opposite to the rim's outward normal.
             outward = np.asarray(contact.pos[:2]) - self._pose[:2]
             back += force[0] * float(outward @ heading) / max(float(np.hypot(*outward)), 1e-9)
         if "" in touched:
@@ -240,10 +240,10 @@ class FloorWorld:
             if total > 0
             else None
         )
-        # What lasts counts, not the blow of the first touch.
+        # Sustained force counts, not the impact of the first contact.
         self._back_N += (back - self._back_N) * min(1.0, step_s / STALL_S)
         if self._back_N * math.copysign(1.0, self.speed_m_s) > self.robot.force_max_N:
-            # The wheels slip: it stands, and gives back what it has gone too far.
+            # The wheels slip: it stops, and the overshoot is taken back.
             self._pose[:2] -= self.speed_m_s * step_s * heading
             self._data.qpos[:3] = self._pose
             self.speed_m_s = 0.0

@@ -1,4 +1,4 @@
-"""Walls of an occupancy map as few rectangles, for physics that knows boxes."""
+"""Walls of an occupancy map as a small number of rectangles, for physics engines with boxes."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ __all__ = ["merged_rectangles", "wall_boxes"]
 
 
 def wall_boxes(map: OccupancyMap, *, depth_cells: int = 2) -> Float[np.ndarray, "n 4"]:
-    """Occupied cells that something could touch, merged.
+    """Occupied cells that can be touched, merged.
 
     Parameters
     ----------
     map
         Cells of 50 and more are walls.
     depth_cells
-        Cells farther than this from every other cell are left out: nothing gets there.
+        Cells farther than this from every other cell are omitted: they cannot be reached.
 
     Returns
     -------
     (x0, y0, x1, y1) [m] in the frame of the grid: from the outer corner of cell
-    (0, 0), along its rows and columns; turn and place by ``map.origin``.
+    (0, 0), along its rows and columns; transform by ``map.origin``.
     """
     wall = map.cells >= 50
     open_ = ~wall
@@ -45,7 +45,7 @@ def merged_rectangles(cells: Bool[np.ndarray, "rows columns"]) -> Float[np.ndarr
     Parameters
     ----------
     cells
-        Which cells (rows, columns) are to be covered.
+        Mask (rows, columns) of the cells to cover.
     """
     padded = np.pad(cells, ((0, 0), (1, 1))).astype(np.int8)
     change = np.diff(padded, axis=1)

@@ -1,4 +1,4 @@
-"""Foam under load, written apart from the sensor that reads it."""
+"""Simulation of foam under load, independent of the sensor's model."""
 
 from ...core.front_door import attach
 

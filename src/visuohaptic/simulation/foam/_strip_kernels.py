@@ -1,4 +1,4 @@
-"""Compiled parts of the foam strip: how deep bodies reach, and the equilibrium of the columns."""
+"""Kernels of the foam strip: penetration depth of bodies, and equilibrium of the columns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...core.kernels import kernel
 
 __all__ = ["penetration", "solve_strip"]
 
-#: Rays of columns start so many widths behind the back contour.
+#: Rays of columns start this many widths behind the back contour.
 BEHIND = 3.0
 
 
@@ -25,7 +25,7 @@ def penetration(
     depth: Float[np.ndarray, "k"],
     owner: Int[np.ndarray, "k"],
 ) -> None:
-    """Depth to which rounded polygons reach below the undeformed front, per column.
+    """Depth to which rounded polygons penetrate below the undeformed front, per column.
 
     A body is a convex or concave polygon grown by a disc; a single vertex is a
     disc. The ray of a column starts ``BEHIND`` widths behind the back, inside
@@ -41,7 +41,7 @@ def penetration(
     vertices, starts, radii
         All vertices (m, 2) counter-clockwise, first index of every body (b + 1), radius (b).
     depth, owner
-        Results (k): depth [m], -1 where nothing is near; index of the body.
+        Results (k): depth [m], -1 where nothing is close; index of the body.
     """
     none = -1.0
     for i in range(base.shape[0]):
@@ -138,7 +138,7 @@ def solve_strip(
     iterations
         Maximum number of Newton steps.
     touched
-        (k,) columns that a body touched in the last step: where the search for contacts begins.
+        (k,) columns in contact in the last step: start of the contact search.
     reaction
         (k,) result: force of the body on the column [N].
 
@@ -215,7 +215,7 @@ def solve_strip(
                 x = (0.5 * (strain[i, m] + strain[i + 1, m]) - table_start) / table_step
                 k = min(max(int(x), 0), last)
                 shear = shear_table[k] + (x - k) * (shear_table[k + 1] - shear_table[k])
-                # Its own table: a slope that jumps at every entry would keep Newton from settling.
+                # Its own table: a slope that jumps at every entry would prevent Newton's method from converging.
                 rise = shear_slope_table[k] + (x - k) * (shear_slope_table[k + 1] - shear_slope_table[k])
                 root = np.sqrt(1.0 + square / shear_limit**2)
                 volume = height * thickness[m] * d
@@ -249,7 +249,7 @@ def solve_strip(
             p = i * N + N - 1
             reaction[i] = 0.0
             if active[i]:
-                # A column that was let go several times stays: two neighbours may swap for ever.
+                # A column that was released several times stays in contact: two neighbours may alternate endlessly.
                 if gradient[p] < 0.0 and released[i] < 4:
                     active[i] = False
                     released[i] += 1
@@ -264,7 +264,7 @@ def solve_strip(
         for i in range(K):
             p = i * N + N - 1
             if active[i]:
-                # The step of this unknown is given: move its column to the right-hand side.
+                # The step of this unknown is prescribed: move its column to the right-hand side.
                 given = u[i, N - 1] - limit[i]
                 for m in range(1, band + 1):
                     if p + m < count:

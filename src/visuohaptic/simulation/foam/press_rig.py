@@ -1,4 +1,4 @@
-"""A press that pushes known shapes into foam, with exact truth: the bench of Alt 2016, Fig. 3.2 and 3.7."""
+"""A press that pushes known shapes into foam, with exact ground truth: the bench of Alt 2016, Fig. 3.2 and 3.7."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .strip_law import SOFT_FOAM, StripLaw
 
 __all__ = ["PressSample", "PressShape", "calibration_press", "press", "press_outline", "press_path"]
 
-#: Longest move of the plate that is followed in one step (m).
+#: Maximum motion of the plate per step (m).
 STEP_M = 1e-4
 #: Speed of the press (m/s).
 SPEED_M_S = 0.01
@@ -36,21 +36,21 @@ class PressShape(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressSample:
-    """The press at rest at one depth."""
+    """Static state of the press at one depth."""
 
     t_s: float
     depth_m: float  #: travel of the shape after first touch
     direction: str  #: "loading" or "unloading"
     force_N: float  #: true force of the foam on the shape, along the direction of travel
-    reference_N: float  #: the same as a force sensor with noise reads it
+    reference_N: float  #: the same, measured by a force sensor with noise
     strip: StripState  #: true profiles
-    scene: FoamScene  #: what the camera sees
+    scene: FoamScene  #: view of the camera
 
 
 def press_outline(
     shape: PressShape, depth_m: float, *, width_m: float = 0.02, centre_m: float = 0.0, yaw_rad: float = 0.0
 ) -> Outline:
-    """Cross section of a test shape in frame F whose foremost point has gone ``depth_m`` into the foam.
+    """Cross section of a test shape in frame F whose foremost point has penetrated the foam by ``depth_m``.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def press_path(max_m: float, steps: int, *, runs: int = 1, unload: bool = True) 
     runs
         Number of runs, one after the other.
     unload
-        Whether the steps are taken back as well; otherwise a run ends with one move to 0.
+        Whether to include the steps back; otherwise a run ends with one move to 0.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def calibration_press(
     reference_sigma_N: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> list[tuple[float, float, str]]:
-    """Calibration rows (strain, stress_Pa, direction) as a large plate measures them (Sec. 3.2), down to a strain of 0.6.
+    """Calibration rows (strain, stress_Pa, direction) measured with a large plate (Sec. 3.2), down to a strain of 0.6.
 
     The stress is the force by the area of the front; write the rows with
     :func:`~visuohaptic.simulation.foam.strip_law.write_calibration_csv`.
@@ -199,7 +199,7 @@ def calibration_press(
 def _pressed(
     geometry: FoamStripGeometry, law: StripLaw, steps: int, runs: int
 ) -> tuple[tuple[float, float, str], ...]:
-    """Strain, force [N] and direction without the force sensor's noise: every sensor of one foam presses the same."""
+    """Strain, force [N] and direction without sensor noise: identical for every sensor of one foam."""
     path = press_path(0.6 * geometry.width_m, steps, runs=runs)
     samples = press(PressShape.LARGE_PLATE, path, geometry=geometry, law=law)
     return tuple((x.depth_m / geometry.width_m, x.force_N, x.direction) for x in samples)

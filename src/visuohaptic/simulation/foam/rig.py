@@ -1,4 +1,4 @@
-"""The camera above the strip, as on the platform of Alt 2016, Sec. 3.3: where it sits and what it is."""
+"""The camera above the strip, as on the platform of Alt 2016, Sec. 3.3: pose and intrinsics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SensorRig:
     The defaults are those of figure 3.4: 0.3 m away, 70 degrees to the sensor plane, f = 1800 px.
     """
 
-    distance_m: float = 0.3  #: d, from the camera to the middle of the strip
+    distance_m: float = 0.3  #: d, from the camera to the centre of the strip
     angle_rad: float = math.radians(70.0)  #: gamma, between the line of sight and the sensor plane
     focal_px: float = 1800.0
     width_px: int = 1600

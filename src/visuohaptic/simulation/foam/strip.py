@@ -1,4 +1,4 @@
-"""The true foam strip: columns that a rigid outline compresses and that pull at each other."""
+"""The simulated foam strip: columns that are compressed by rigid outlines and coupled by shear."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class StripState:
     delta_m: Float[np.ndarray, "k"]  #: deflection of the front towards the base
     pressure_Pa: Float[np.ndarray, "k"]  #: contact force by undeformed front area
     front_m: Float[np.ndarray, "k 2"]  #: front contour
-    body: Int[np.ndarray, "k"]  #: index of the body that touches, -1 without
+    body: Int[np.ndarray, "k"]  #: index of the touching body, -1 if none
     load_N: float  #: integral of the pressure over the front: the F of Eq. (3.1)
     #: of the foam on all bodies; its length is ``load_N`` on a straight strip
     force_N: Float[np.ndarray, "2"]
@@ -53,7 +53,7 @@ class StripState:
 
 
 class FoamStrip:
-    """A strip with its memory (hysteresis); :meth:`press` moves bodies against it.
+    """A strip with hysteresis; :meth:`press` moves bodies against it.
 
     Forces act along the columns' normals only: shear along the mounting curve
     is negligible (Alt 2016, Sec. 3.3).
@@ -63,7 +63,7 @@ class FoamStrip:
     geometry
         Size and spacing; the standard strip by default.
     law
-        Of the foam.
+        Material law of the foam.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class FoamStrip:
         self.reset()
 
     def reset(self) -> None:
-        """Back to rest: no deflection and no memory."""
+        """Reset to the undeformed state: no deflection and no memory."""
         k, n, j = len(self.s_m), len(self._thickness), self._losses.shape[1]
         # One row per column: displacements, strains, chi (n each), xi (n j), touched (1).
         self._memory = np.zeros((k, 3 * n + n * j + 1))
@@ -112,15 +112,15 @@ class FoamStrip:
         return self._back + self._normal * (height_m - moved[:, None])
 
     def press(self, bodies: Sequence[Outline], dt_s: float = 0.0) -> StripState:
-        """Find the equilibrium with bodies at new places and remember the way there.
+        """Find the equilibrium with bodies at new positions and update the hysteresis.
 
         Parameters
         ----------
         bodies
-            Outlines in frame F. A move by more than about 1 mm is followed in one
-            go: give small moves where the order of loading matters.
+            Outlines in frame F. A move by more than about 1 mm is treated as one
+            step: use small moves where the order of loading matters.
         dt_s
-            Time since the last call; only relaxation feels it.
+            Time since the last call; affects only relaxation.
         """
         geometry, law, w, n = self.geometry, self.law, self.geometry.width_m, len(self._thickness)
         vertices, starts, radii = _flat(bodies)
@@ -247,7 +247,7 @@ class FoamStrip:
             np.bincount(who + 1, weights=x, minlength=bodies + 1)[1:]
             for x in (force[:, 0], force[:, 1], moment)
         ]
-        # The load of an extra column goes to its regular neighbours, so that the profile keeps the force.
+        # The load of an extra column is assigned to its regular neighbours, so that the profile preserves the force.
         low = np.floor(at).astype(np.int64)
         fraction = at - low
         load = np.bincount(low, weights=reaction * (1 - fraction), minlength=k)
@@ -277,7 +277,7 @@ class FoamStrip:
 def _flat(
     bodies: Sequence[Outline],
 ) -> tuple[Float[np.ndarray, "m 2"], Int[np.ndarray, "b1"], Float[np.ndarray, "b"]]:
-    """All vertices in one array, as the kernel wants them."""
+    """All vertices in one array, in the kernel's format."""
     starts = np.cumsum([0, *(len(body.vertices_m) for body in bodies)]).astype(np.int64)
     vertices = [np.asarray(body.vertices_m, dtype=np.float64) for body in bodies]
     flat = np.ascontiguousarray(np.concatenate(vertices)) if bodies else np.zeros((0, 2))
@@ -285,7 +285,7 @@ def _flat(
 
 
 def _blend(values: Float[np.ndarray, "k *rest"], at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q *rest"]:
-    """Values at fractional indices, between neighbours linearly."""
+    """Linear interpolation at fractional indices."""
     low = np.minimum(np.floor(at).astype(np.int64), len(values) - 2)
     fraction = (at - low).reshape(-1, *([1] * (values.ndim - 1)))
     return values[low] * (1 - fraction) + values[low + 1] * fraction

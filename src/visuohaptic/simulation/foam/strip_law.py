@@ -1,4 +1,4 @@
-"""What the simulated foam is made of: hyperelastic, hysteretic, slowly relaxing, held together sideways.
+"""Material law of the simulated foam: hyperelastic, with hysteresis, slow relaxation and shear coupling.
 
 Symbols
 -------
@@ -23,13 +23,13 @@ __all__ = ["REFERENCE_FOAM", "SOFT_FOAM", "StripLaw"]
 
 #: Range and number of the tables that the kernel reads; strain below 0 is tension.
 TABLE_START, TABLE_END, TABLE_SIZE = -0.6, 0.95, 6201
-#: Below this strain (0.2 um of 20 mm) foam counts as free and forgets its past.
+#: Below this strain (0.2 um of 20 mm) foam counts as unloaded and its memory is reset.
 FREE_STRAIN = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
 class StripLaw:
-    """The true law of the foam, written apart from every estimator.
+    """The true law of the foam, independent of every estimator.
 
     The loading branch is the uniaxial nominal stress of the Ogden-Hill
     (Storakers) potential with Poisson ratio 0,
@@ -39,22 +39,22 @@ class StripLaw:
     Hysteresis multiplies it by ``1 - sum_j r_j (1 - xi_j)`` where every xi_j is
     a stop operator (Maxwell slip element, Prandtl): it follows ``d epsilon /
     e_j`` and slips at +1 and -1. Work done in a closed loop is never negative
-    because sigma does not change its sign. A part of the foam that lies free
-    forgets its past (xi_j = 1), so every loading from rest is the same curve.
+    because sigma does not change its sign. An unloaded part of the foam
+    resets its memory (xi_j = 1), so every loading from rest is the same curve.
 
-    Neighbouring columns are tied by their shear with the energy
+    Neighbouring columns are coupled by shear with the energy
     ``G(epsilon) g0^2 (sqrt(1 + gamma^2 / g0^2) - 1)`` per volume: quadratic
     for small shear gamma, like a string for large. The modulus
     ``G = k (m sigma lambda / (1 - lambda^2) + (1 - m) mu)`` follows the
     tangent shear modulus of the compressed potential with weight m; k < 1
-    stands for the sideways motion of the foam, which columns cannot do.
+    represents the lateral motion of the foam, which columns do not have.
     """
 
     mu_Pa: tuple[float, ...] = (11000.0, 50.0)  #: mu_i
     alpha: tuple[float, ...] = (8.0, -2.0)  #: alpha_i
     loss: tuple[float, ...] = (0.015, 0.03, 0.06, 0.08)  #: r_j, their sum < 0.5
     loss_strain: tuple[float, ...] = (0.001, 0.004, 0.015, 0.05)  #: e_j
-    relaxation: float = 0.0  #: part of the stress that a fast loading adds and that relaxes
+    relaxation: float = 0.0  #: part of the stress that fast loading adds and that relaxes
     relaxation_strain: float = 0.2  #: strain over which that part builds up
     relaxation_time_s: float = 20.0  #: time constant of its decay
     shear_factor: float = 0.386  #: k
@@ -109,12 +109,12 @@ class StripLaw:
     def uniaxial(
         self, strain: Float[np.ndarray, "n"], direction: str = "loading", *, max_strain: float = 0.6
     ) -> Float[np.ndarray, "n"]:
-        """Stress that a plate over the whole strip feels [Pa].
+        """Stress on a plate over the whole strip [Pa].
 
         Parameters
         ----------
         strain
-            In any order.
+            Strains in any order.
         direction
             ``"loading"`` from rest, or ``"unloading"`` after ``max_strain``.
         max_strain

@@ -1,4 +1,4 @@
-"""Houses with furniture and with objects in the way: the fixed office, and drawn ones."""
+"""Houses with furniture and obstacles: a fixed office, and randomly generated ones."""
 
 from ...core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""A house as it truly is: walls and furniture, what stands in a doorway today, and how badly wheels count there."""
+"""Ground truth of a house: walls and furniture, objects in a doorway, and odometry errors on its floor."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from ..mobile.office import furnished_office
 
 __all__ = ["House", "door_row", "office_house"]
 
-#: The laser looks at cells this many times finer than those in which walls are drawn.
+#: Ratio of the resolution of the laser's grid to that of the walls.
 FINER = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class House:
-    """The truth of one floor on one day."""
+    """Ground truth of one floor on one day."""
 
     grid: OccupancyMap  #: walls and furniture
-    tour_m: tuple[tuple[float, float], ...]  #: corners of the path on which a person leads the robot at first
-    table_m: tuple[float, float]  #: from where the table is served; the tour stops there
-    heading_rad: float  #: in which the robot stands at the end of the tour, where its errands begin
-    obstacles: tuple[SimulatedObstacle, ...] = ()  #: what stands on the floor today
+    tour_m: tuple[tuple[float, float], ...]  #: corners of the path along which a person first leads the robot
+    table_m: tuple[float, float]  #: position from which the table is reached; the tour stops there
+    heading_rad: float  #: heading at the end of the tour, where its tasks start
+    obstacles: tuple[SimulatedObstacle, ...] = ()  #: objects on the floor today
     odometry: OdometryErrors = field(default_factory=OdometryErrors)
 
     @property
     def start(self) -> tuple[float, float, float]:
-        """Where errands begin: x, y [m], heading [rad]."""
+        """Start of the tasks: x, y [m], heading [rad]."""
         return (*self.tour_m[-1], self.heading_rad)
 
     def fine_grid(self) -> OccupancyMap:
-        """The map in finer cells, for what stands on the floor."""
+        """The map at a finer resolution, for objects on the floor."""
         fine = np.kron(self.grid.cells, np.ones((FINER, FINER), dtype=np.int8))
         return OccupancyMap(fine, self.grid.resolution_m / FINER, self.grid.origin)
 
@@ -54,15 +54,15 @@ def door_row(
     Parameters
     ----------
     kinds
-        From right to left as seen by who goes through.
+        Objects from right to left in the direction of passage.
     centre_m
-        Of the doorway (x, y) [m].
+        Centre of the doorway (x, y) [m].
     heading_rad
-        In which it is gone through [rad].
+        Direction of passage [rad].
     width_m
-        Of the doorway [m].
+        Width of the doorway [m].
     rng
-        Draws by how much each stands before or behind the row.
+        Source of the random offset of each object along the passage.
     """
     widths = [min(one.width_m, one.length_m) if one.fixed else one.width_m for one in kinds]
     gap = (width_m - sum(widths)) / (len(kinds) + 1)
@@ -83,7 +83,7 @@ def office_house(rng: np.random.Generator) -> House:
     Parameters
     ----------
     rng
-        Draws the order of light bin, heavy box and fixed leg in the doorway.
+        Source of the random order of light bin, heavy box and fixed leg in the doorway.
     """
     office = furnished_office()
     kinds = [path.obstacle for path in office.paths]

@@ -1,4 +1,4 @@
-"""A platform that is led through a house: what it perceives of it are odometry that drifts, and laser scans."""
+"""A platform that is led through a house: perceives only drifting odometry and laser scans."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from .house import House
 
 __all__ = ["LedPlatform"]
 
-#: Of a platform on its way [m/s].
+#: Speed of the platform [m/s].
 SPEED_M_S = 0.3
 
 
 class LedPlatform(MobileBase):
-    """Where it is led it goes, exactly; what it knows of that are :meth:`odometry` and :meth:`scan`.
+    """Follows the lead exactly; perceives only :meth:`odometry` and :meth:`scan`.
 
     Parameters
     ----------
     house
         Walls, and errors of the odometry.
     pose
-        Where it truly is at first: x, y [m], heading [rad].
+        True initial pose: x, y [m], heading [rad].
     rng
-        Of the odometry's errors.
+        Source of the odometry's errors.
     laser_rng
-        Of the laser's noise.
+        Source of the laser's noise.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class LedPlatform(MobileBase):
         self.see(house.grid)
 
     def see(self, grid: OccupancyMap) -> None:
-        """What the laser sees from now on.
+        """Set the world that the laser scans from now on.
 
         Parameters
         ----------
@@ -63,27 +63,27 @@ class LedPlatform(MobileBase):
         Parameters
         ----------
         step
-            Ahead, to the left [m], turn [rad].
+            Forward, to the left [m], rotation [rad].
         """
         self.pose = compose_2d(self.pose, step)
         self.t_s += max(math.hypot(step[0], step[1]) / SPEED_M_S, 1e-3)
         self._drifting.state()
 
     def odometry(self) -> tuple[float, float, float]:
-        """Where the wheels say that it is."""
+        """Pose by odometry."""
         state = self._drifting.state()
         return state.x_m, state.y_m, state.heading_rad
 
     def scan(self) -> LaserScan:
-        """What the laser sees from where it truly is."""
+        """Laser scan from the true pose."""
         return self._laser.scan(self.pose, self.t_s)
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """It is led, and does not drive."""
+        """Ignored: the platform is led and does not drive."""
 
     def stop(self) -> None:
-        """It stands."""
+        """Ignored: the platform stands."""
 
     def state(self) -> BaseState:
-        """Where it truly is."""
+        """True pose."""
         return BaseState(self.t_s, *self.pose, 0.0, 0.0)

@@ -1,7 +1,7 @@
-"""Floor plans: rooms, a doorway that can be blocked, furniture of real sizes, and a table that can be reached.
+"""Floor plans: rooms, a doorway that can be blocked, furniture of realistic size, and an accessible table.
 
-A plan is drawn with its doorway crossed along x, and then turned or mirrored: nothing of it lies along the axes of
-the world by design. Walls and furniture are cells of ``CELL_M``.
+A plan is generated with its doorway crossed along x, and then rotated or mirrored, so that the axes of
+the world have no special role. Walls and furniture are cells of ``CELL_M``.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ __all__ = ["FloorPlan", "draw_plan"]
 CELL_M = 0.05
 #: Solid border of a plan, and unknown cells beyond it [m].
 WALL_M, MARGIN_M = 0.1, 0.2
-#: Distance from furniture that paths of a platform have at least, and places where it stops [m].
+#: Minimum distance of furniture from paths of a platform, and from its stops [m].
 CLEAR_M, STAND_M = 0.3, 0.4
-#: What stands along a wall: depth [m], and range of its length [m].
+#: Furniture along a wall: depth [m], and range of its length [m].
 ALONG_WALLS = (
     (0.6, (1.2, 2.4)),
     (0.65, (0.6, 0.65)),
@@ -31,7 +31,7 @@ ALONG_WALLS = (
     (0.9, (1.4, 2.0)),
     (0.3, (0.3, 0.4)),
 )
-#: What stands on four legs of a cell: ranges of its sides [m].
+#: Furniture with four legs of one cell: ranges of its sides [m].
 ON_LEGS = (((1.0, 1.6), (0.7, 0.9)), ((0.45, 0.45), (0.4, 0.45)))
 TABLE = ((1.2, 1.6), (0.8, 0.9))
 
@@ -40,16 +40,16 @@ Box = tuple[float, float, float, float]
 
 @dataclass(slots=True, eq=False)
 class FloorPlan:
-    """A floor as it is drawn."""
+    """A generated floor."""
 
     size_m: tuple[float, float]
     cells: Int8[np.ndarray, "rows columns"]
     door_m: tuple[float, float]  #: centre of the doorway
     door_width_m: float
-    rooms: list[Box]  #: (x0, y0, x1, y1): where it begins, and the table's
-    table_m: tuple[float, float] = (math.nan, math.nan)  #: from where the table is served
+    rooms: list[Box]  #: (x0, y0, x1, y1): start room, and the table's room
+    table_m: tuple[float, float] = (math.nan, math.nan)  #: position from which the table is reached
     home_m: tuple[float, float] = (math.nan, math.nan)
-    keep: list[Box] = field(default_factory=list)  #: where no furniture may stand
+    keep: list[Box] = field(default_factory=list)  #: where no furniture is allowed
 
     @property
     def beside_door_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -58,7 +58,7 @@ class FloorPlan:
         return (x - 0.8, y), (x + 0.8, y)
 
     def clearance_m(self) -> Float[np.ndarray, "rows columns"]:
-        """Distance of each cell from everything [m]."""
+        """Distance of each cell from the nearest occupied cell [m]."""
         return ndimage.distance_transform_edt(self.cells == FREE) * CELL_M
 
     def index(self, point_m: tuple[float, float]) -> tuple[int, int]:
@@ -67,12 +67,12 @@ class FloorPlan:
         Parameters
         ----------
         point_m
-            In the plan [m].
+            Point in the plan [m].
         """
         return int((point_m[1] + MARGIN_M) / CELL_M), int((point_m[0] + MARGIN_M) / CELL_M)
 
     def reachable(self) -> Bool[np.ndarray, "rows columns"]:
-        """Cells to which a platform can drive from before the door."""
+        """Cells that a platform can reach in front of the door."""
         clear = self.clearance_m()
         labels, _ = ndimage.label(clear > CLEAR_M)
         row, column = self.index(self.beside_door_m[0])
@@ -86,7 +86,7 @@ class FloorPlan:
         box
             (x0, y0, x1, y1) [m].
         value
-            Of an occupancy map.
+            Value of the occupancy map.
         """
         a, b, c, d = (round((v + MARGIN_M) / CELL_M) for v in box)
         self.cells[b : max(d, b + 1), a : max(c, a + 1)] = value
@@ -94,7 +94,7 @@ class FloorPlan:
     def as_map(
         self, turn: tuple[bool, bool, bool]
     ) -> tuple[OccupancyMap, Callable[[tuple[float, float]], tuple[float, float]]]:
-        """The plan in the world, and where its points come to lie.
+        """The plan in the world frame, and the transform of its points.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ def _snapped(rng: np.random.Generator, low_m: float, high_m: float) -> float:
 
 
 def _rooms(rng: np.random.Generator) -> FloorPlan:
-    """Walls: one with the doorway, and sometimes one that leaves a third room off the first."""
+    """Walls: one with the doorway, and sometimes one that separates a third room from the first."""
     wide, deep = _snapped(rng, 7.0, 10.0), _snapped(rng, 4.5, 7.0)
     shape = tuple(round((side + 2 * MARGIN_M) / CELL_M) for side in (deep, wide))
     wall_x = _snapped(rng, 0.45 * wide, 0.62 * wide)
@@ -152,7 +152,7 @@ def _rooms(rng: np.random.Generator) -> FloorPlan:
     plan.fill((0.0, 0.0, wide, deep), FREE)
     plan.fill((wall_x - 0.05, 0.0, wall_x + 0.05, deep), OCCUPIED)
     plan.fill((wall_x - 0.05, y - 0.5 * width, wall_x + 0.05, y + 0.5 * width), FREE)
-    # The first metres before and behind the doorway are free: things are pushed there.
+    # The first metres before and behind the doorway stay free: objects are pushed there.
     plan.keep = [(wall_x - 1.6, y - 0.8, wall_x + 1.6, y + 0.8)]
     if wall_x > 3.6 and deep > 5.0 and rng.random() < 0.6:
         up = y < 0.5 * deep
@@ -170,7 +170,7 @@ def _rooms(rng: np.random.Generator) -> FloorPlan:
 
 
 def _place_table(plan: FloorPlan, rng: np.random.Generator) -> bool:
-    """The table on which the object stands, and a free place before one of its sides."""
+    """The table with the object, and a free position next to one of its sides."""
     x0, y0, x1, y1 = plan.rooms[1]
     a, b = (float(rng.uniform(*span)) for span in TABLE)
     if rng.random() < 0.5:
@@ -203,7 +203,7 @@ def _legs(box: Box) -> list[Box]:
 
 
 def _stand_on_legs(plan: FloorPlan, box: Box) -> bool:
-    """Draw four legs where there is room for the whole piece."""
+    """Draw four legs if there is space for the whole piece."""
     if not _room_for(plan, box):
         return False
     for leg in _legs(box):
@@ -220,7 +220,7 @@ def _room_for(plan: FloorPlan, box: Box) -> bool:
 
 
 def _furnish(plan: FloorPlan, room: Box, rng: np.random.Generator) -> None:
-    """One piece where there is room, unless it would cut something off."""
+    """One piece of furniture where there is space, unless it would disconnect the free space."""
     x0, y0, x1, y1 = room
     before = plan.cells.copy()
     if rng.random() < 0.6:
@@ -257,7 +257,7 @@ def _inside(plan: FloorPlan, room: Box) -> Bool[np.ndarray, "rows columns"]:
 
 
 def _place_to_stand(plan: FloorPlan, room: Box, rng: np.random.Generator) -> tuple[float, float]:
-    """A reachable place in a room with as much room about it as there is, up to ``STAND_M``."""
+    """A reachable position in a room with maximum clearance, up to ``STAND_M``."""
     reach, clear = plan.reachable() & _inside(plan, room), plan.clearance_m()
     need = min(STAND_M, float(clear[reach].max()) - CELL_M)
     rows, columns = np.nonzero(reach & (clear > need))

@@ -1,4 +1,4 @@
-"""Houses that nobody chose: a drawn plan, objects that block its doorway, and clutter beside the path."""
+"""Randomly generated houses: a floor plan, objects that block its doorway, and clutter beside the path."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from .plan import FloorPlan, draw_plan
 
 __all__ = ["random_house"]
 
-#: Wheels that are off by 2 % of the distance, and slip.
+#: Odometry with a scale error of 2 %, and slip.
 ODOMETRY = OdometryErrors(scale=0.02, scale_turn=0.005, slip_m=0.004)
-#: A gap through which no platform of 34 cm fits, and one through which it does [m].
+#: A gap that is too narrow for any platform of 34 cm, and one that is wide enough [m].
 BLOCKED_M, OPEN_M = 0.30, 0.48
-#: Foam takes about this force by width of a flat face before it is densified [N/m].
+#: Force per width of a flat face that the foam bears before densification [N/m].
 FOAM_N_PER_M = 33.0
-#: Distance of clutter from the doorway's path, and how many pieces are tried [m].
+#: Distance of clutter from the doorway's path, and number of attempts [m].
 BESIDE_M, CLUTTER = 0.9, 3
 
 
 def random_house(seed: int, visit: int = 0) -> House:
-    """A house, and what stands in it on one day.
+    """A house with the objects of one day.
 
-    Walls, furniture and objects belong to the seed; where the movable ones stand, to the visit too.
+    Walls, furniture and objects depend on the seed; the positions of the movable ones also on the visit.
 
     Parameters
     ----------
     seed
-        Of everything.
+        Seed of all random numbers.
     visit
         Day: people put the objects back into the doorway, in another order on most days.
     """
@@ -67,7 +67,7 @@ def random_house(seed: int, visit: int = 0) -> House:
 
 
 def _corners(plan: FloorPlan) -> list[tuple[float, float]]:
-    """Where the tour looks about in the table's room: its reachable place farthest from table and door."""
+    """Scan position of the tour in the table's room: the reachable position farthest from table and door."""
     x0, y0, x1, y1 = plan.rooms[1]
     reach = plan.reachable()
     places = [
@@ -82,7 +82,7 @@ def _corners(plan: FloorPlan) -> list[tuple[float, float]]:
 
 
 def _door_objects(width_m: float, rng: np.random.Generator) -> list[SimulatedObstacle]:
-    """Objects that leave no gap between them, of which one that can be pushed leaves one when it has gone."""
+    """Objects without gaps between them; removing a pushable one opens a gap."""
     while True:
         count = 3 if width_m > 1.0 else 2
         light = _light_bin("bin", rng)
@@ -114,7 +114,7 @@ def _light_bin(name: str, rng: np.random.Generator) -> SimulatedObstacle:
 
 
 def _other(number: int, rng: np.random.Generator) -> SimulatedObstacle:
-    """A box that can be pushed, one that is too heavy, something screwed to the floor, or another bin."""
+    """A pushable box, one that is too heavy, a fixed object, or another bin."""
     draw, friction = float(rng.random()), float(rng.uniform(0.25, 0.45))
     if draw < 0.25:
         return _light_bin(f"bin {number}", rng)
@@ -137,7 +137,7 @@ def _clutter(
     place: Callable[[tuple[float, float]], tuple[float, float]],
     rng: np.random.Generator,
 ) -> list[SimulatedObstacle]:
-    """Things that lie about since the tour, away from its corners and from the doorway."""
+    """Clutter added since the tour, away from its corners and from the doorway."""
     reach, found = plan.clearance_m(), []
     for number in range(CLUTTER):
         room = plan.rooms[int(rng.integers(2))]
@@ -152,7 +152,7 @@ def _clutter(
 
 
 def _distance(point: tuple[float, float], a: tuple[float, float], b: tuple[float, float]) -> float:
-    """From a point to a segment."""
+    """Distance from a point to a segment."""
     along = np.subtract(b, a)
     length = float(along @ along)
     part = 0.0 if length == 0 else float(np.clip(np.subtract(point, a) @ along / length, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""Beams through a grid of cells, exact to rounding."""
+"""Ray casting in a grid of cells, exact to rounding."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ class LaserConfig:
     range_min_m: float = 0.05
     range_max_m: float = 8.0
     sigma_m: float = 0.01
-    lost_fraction: float = 0.01  #: of beams without echo for no reason
+    lost_fraction: float = 0.01  #: fraction of beams that randomly lack an echo
 
     def __post_init__(self) -> None:
         if not (self.beams >= 2 and 0 < self.field_of_view_rad <= 2 * np.pi and 0 <= self.lost_fraction < 1):
@@ -34,8 +34,8 @@ class LaserConfig:
 class SimulatedLaser:
     """Scans of a map from any pose.
 
-    Occupied cells (50 and more) give an echo at their border; unknown cells end
-    a beam without one, so that it cannot look into what was never seen.
+    Occupied cells (50 and more) return an echo at their border; unknown cells end
+    a beam without one, so that unobserved space is not visible.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class SimulatedLaser:
     config
         The scanner.
     rng
-        Of noise and lost beams.
+        Source of noise and lost beams.
     """
 
     def __init__(self, grid: OccupancyMap, config: LaserConfig | None, rng: np.random.Generator) -> None:

@@ -19,9 +19,9 @@ def feet_mjcf(obstacle: SimulatedObstacle) -> str:
 
     MuJoCo's friction is associated: a foot that slides is also lifted, in
     proportion to the damping of its friction rows, and with the default
-    constants boxes hop on their feet and stop too late. Friction rows four
+    constants boxes hop on their feet and stop too late. Friction rows that are four
     times slower than a soft normal row keep the feet down and the friction
-    that of Coulomb; the no-slip solver keeps obstacles at rest from creeping.
+    Coulomb-like; the no-slip solver prevents creep of obstacles at rest.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def obstacle_mjcf(obstacle: SimulatedObstacle) -> str:
     o = obstacle
     place = f'pos="{o.x_m} {o.y_m} 0" euler="0 0 {o.yaw_rad}"'
     half = 0.5 * o.height_m
-    # Obstacles and floor meet each other (bit 1); the rigid platform meets obstacles (bit 2).
+    # Obstacles and floor collide with each other (bit 1); the rigid platform collides with obstacles (bit 2).
     mask = 'contype="3" conaffinity="3"'
     name = f"obstacle:{o.name}"
     if o.kind is ObstacleKind.TABLE:
@@ -97,7 +97,7 @@ def obstacle_mjcf(obstacle: SimulatedObstacle) -> str:
 
 
 def platform_mjcf(config: PlatformConfig) -> str:
-    """MuJoCo body of the platform: three planar joints; only its rigid hull touches obstacles.
+    """MuJoCo body of the platform: three planar joints; only its rigid hull collides with obstacles.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def platform_mjcf(config: PlatformConfig) -> str:
     """
     c = config
     top = 0.15
-    # Slightly proud of the back contour: rigid contact begins when the foam has bottomed out.
+    # Slightly in front of the back contour: rigid contact starts when the foam has bottomed out.
     proud = 0.04 * c.strip.width_m
     if c.round:
         shape = f'type="cylinder" size="{c.radius_m + proud} {top}" pos="0 0 {top + 0.01}"'
@@ -123,14 +123,14 @@ def platform_mjcf(config: PlatformConfig) -> str:
 def world_mjcf(config: PlatformConfig, obstacles: Sequence[SimulatedObstacle]) -> str:
     """MuJoCo model of platform, obstacles and floor.
 
-    Elliptic cones and no-slip iterations keep boxes at rest from creeping.
+    Elliptic cones and no-slip iterations prevent creep of boxes at rest.
 
     Parameters
     ----------
     config
         Shape and mass of the platform.
     obstacles
-        With different names.
+        Obstacles with unique names.
     """
     bodies = "\n".join(obstacle_mjcf(o) for o in obstacles)
     feet = "\n".join(feet_mjcf(o) for o in obstacles)

@@ -1,4 +1,4 @@
-"""Objects that a platform meets on the floor: boxes, cylinders, tables, walls, hinged doors."""
+"""Obstacles of a platform on the floor: boxes, cylinders, tables, walls, hinged doors."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ UPRIGHT_RAD = 0.002
 
 
 class ObstacleKind(StrEnum):
-    """What an obstacle is."""
+    """Type of an obstacle."""
 
     BOX = "box"
     CYLINDER = "cylinder"
@@ -46,7 +46,7 @@ class ObstacleKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SimulatedObstacle:
-    """One obstacle, its place in the world, and what the physics has to know of it.
+    """One obstacle: its pose in the world, and its physical properties.
 
     A box, table or wall is placed by its centre, a door by its hinge: the
     closed wing points along x of its own frame.
@@ -62,14 +62,14 @@ class SimulatedObstacle:
     height_m: float = 0.3
     mass_kg: float = 1.0
     friction: float = 0.4  #: dynamic, with the floor
-    static_ratio: float = 1.1  #: static by dynamic friction
+    static_ratio: float = 1.1  #: static over dynamic friction
     fixed: bool = False  #: cannot move at all
     edge_m: float = 0.002  #: radius of its upright edges
     leg_m: float = 0.04  #: side or diameter of a table's legs
     round_legs: bool = False
     hinge_friction_Nm: float = 0.3  #: of a door
     hinge_damping_Nms: float = 0.2
-    grey: float = 90.0  #: look
+    grey: float = 90.0  #: appearance
     texture: float = 20.0
     seed: int = 0
     material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
@@ -99,7 +99,7 @@ class SimulatedObstacle:
 
     @property
     def static_friction_N(self) -> float:
-        """Force that makes it slide."""
+        """Force that starts it sliding."""
         return self.dynamic_friction_N * self.static_ratio
 
     @property
@@ -121,7 +121,7 @@ class SimulatedObstacle:
 
     @property
     def reach_m(self) -> float:
-        """Radius of a circle about its place that holds it."""
+        """Radius of the bounding circle about its origin."""
         far = 1.0 if self.kind is ObstacleKind.DOOR else 0.5
         return float(np.hypot(far * self.length_m, 0.5 * self.width_m))
 
@@ -175,7 +175,7 @@ def cylinder(
 def table(
     name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (1.2, 0.7, 0.72), **rest: Any
 ) -> SimulatedObstacle:
-    """A table that does not move; the foam meets its legs.
+    """A fixed table; the foam touches its legs.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def wall(
 def door(
     name: str, hinge_x_m: float, hinge_y_m: float, length_m: float = 0.8, mass_kg: float = 12.0, **rest: Any
 ) -> SimulatedObstacle:
-    """A door leaf that turns about its hinge.
+    """A door leaf that rotates about its hinge.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def section(
     rotation: Float[np.ndarray, "3 3"],
     height_m: float,
 ) -> tuple[Outline, ...]:
-    """Cut of an obstacle by a horizontal plane, in the world; empty when it lies below or above.
+    """Section of an obstacle in a horizontal plane, in the world; empty when it lies below or above.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def section(
     if tilt < UPRIGHT_RAD:
         if not position_m[2] < height_m < position_m[2] + obstacle.height_m:
             return ()
-        # A slight lean shifts the section by its lever.
+        # A slight tilt shifts the section by its lever arm.
         lean = rotation[:2, 2] * (height_m - position_m[2])
         x, y = float(position_m[0] + lean[0]), float(position_m[1] + lean[1])
         return tuple(outline.moved(x, y, yaw) for outline in obstacle.outlines)
@@ -270,7 +270,7 @@ def section(
 
 
 def leaning_solid(obstacle: SimulatedObstacle, T_world_obstacle: Pose, T_foam_world: Pose) -> Solid | None:
-    """The body itself where an upright section does not give its appearance: it leans, or is round and turns.
+    """The body itself if an upright section does not give its appearance: it is tilted, or round and rotating.
 
     Parameters
     ----------

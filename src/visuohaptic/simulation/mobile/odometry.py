@@ -1,4 +1,4 @@
-"""A platform that does not know exactly where it is: wheels that slip a little, a gyroscope that drifts."""
+"""Odometry errors of a platform: wheel slip and gyroscope drift."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ __all__ = ["DriftingBase", "OdometryErrors"]
 
 @dataclass(frozen=True, slots=True)
 class OdometryErrors:
-    """What is wrong with odometry and IMU; standard deviations, drawn once per run unless said."""
+    """Errors of odometry and IMU; standard deviations, sampled once per run unless stated otherwise."""
 
     scale: float = 0.01  #: of the distance driven, relative
     scale_turn: float = 0.003  #: of turns, relative (gyroscope)
-    gyro_bias_rad_s: float = 1e-5  #: after the zero at standstill
+    gyro_bias_rad_s: float = 1e-5  #: after zeroing at standstill
     walk_rad: float = 0.001  #: of the heading, per square root of a second of motion
-    slip_m: float = 0.001  #: of the place along and across, per square root of a metre
+    slip_m: float = 0.001  #: of the position along and across, per square root of a metre
 
 
 class DriftingBase(MobileBase):
-    """A ``robots.MobileBase`` whose state drifts away from the truth; commands go through.
+    """A ``robots.MobileBase`` whose state drifts from ground truth; commands are passed through.
 
-    Both agree at the start.
+    Both are equal at the start.
 
     Parameters
     ----------
@@ -53,11 +53,11 @@ class DriftingBase(MobileBase):
         self._base.drive(speed_m_s, turn_rate_rad_s)
 
     def stop(self) -> None:
-        """Stand still."""
+        """Stop."""
         self._base.stop()
 
     def state(self) -> BaseState:
-        """Odometry, with the errors that have gathered until now."""
+        """Odometry with the accumulated errors."""
         true, last, told = self._base.state(), self._true, self._told
         dt = true.t_s - last.t_s
         if dt <= 0:
@@ -74,7 +74,7 @@ class DriftingBase(MobileBase):
         turn = true.heading_rad - last.heading_rad
         turn = (turn + math.pi) % (2 * math.pi) - math.pi
         moving = way > 1e-6 or abs(turn) > 1e-6
-        # A gyroscope at rest is zeroed: it drifts only on the way.
+        # A gyroscope is zeroed at standstill: it drifts only in motion.
         walk = (
             e.walk_rad * math.sqrt(dt) * float(self._rng.standard_normal()) + self._bias * dt
             if moving

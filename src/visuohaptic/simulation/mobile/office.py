@@ -1,4 +1,4 @@
-"""A furnished office of our own, and places for obstacles in any occupancy map.
+"""A furnished office of this project, and positions for obstacles in any occupancy map.
 
 A map is an array of cells, row 0 at the bottom: -1 unknown, 0 free, 100
 occupied; ``origin`` is the pose (x, y, yaw) of its lower left corner in the
@@ -20,28 +20,28 @@ from .obstacles import SimulatedObstacle, box, cylinder, table
 __all__ = ["ApproachPath", "Office", "furnished_office", "obstacles_for_map"]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
-#: Clearance on both sides of a way, free gap between foam and obstacle at its start, and free length behind [m].
+#: Clearance on both sides of a path, free gap between foam and obstacle at its start, and free length behind [m].
 ROBOT_RADIUS_M, APPROACH_M, PUSH_M = 0.2, 0.35, 0.35
 
 
 @dataclass(frozen=True, slots=True)
 class ApproachPath:
-    """A straight way to one obstacle, free of anything in the map, and on behind it."""
+    """A straight path to one obstacle, collision-free in the map, and its continuation behind the obstacle."""
 
     obstacle: SimulatedObstacle
-    start: tuple[float, float, float]  #: platform (x [m], y [m], heading [rad]) where it begins
+    start: tuple[float, float, float]  #: initial platform pose (x [m], y [m], heading [rad])
     distance_m: float  #: from the platform's centre to that of the obstacle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Office:
-    """Map and objects to meet in it."""
+    """Map and obstacles."""
 
     cells: Int8[np.ndarray, "rows columns"]
     resolution_m: float
     origin: tuple[float, float, float]
     paths: tuple[ApproachPath, ...]  #: light, heavy, fixed
-    furniture: tuple[SimulatedObstacle, ...] = ()  #: drawn in the map already
+    furniture: tuple[SimulatedObstacle, ...] = ()  #: already drawn in the map
 
     @property
     def obstacles(self) -> tuple[SimulatedObstacle, ...]:
@@ -50,7 +50,7 @@ class Office:
 
 
 def furnished_office() -> Office:
-    """An office of 8 m x 6 m with two rooms, desks, shelves and a meeting table, drawn here."""
+    """An office of 8 m x 6 m with two rooms, desks, shelves and a meeting table."""
     resolution = 0.05
     columns, rows = 168, 128
     origin = (-0.2, -0.2, 0.0)
@@ -88,16 +88,16 @@ def obstacles_for_map(
     resolution_m: float,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[ApproachPath, ApproachPath, ApproachPath]:
-    """Three reachable places for a light, a heavy and a fixed obstacle, each at the end of a straight path.
+    """Three reachable positions for a light, a heavy and a fixed obstacle, each at the end of a straight path.
 
-    A corridor as wide as the platform, from behind the start of the way to the
+    A corridor as wide as the platform, from behind the start of the path to the
     end of the push, is free of occupied and unknown cells and of the other
-    obstacles. All starts lie in the largest connected part of the free space.
+    obstacles. All starts are in the largest connected part of the free space.
 
     Parameters
     ----------
     cells, resolution_m, origin
-        The map, see the module.
+        The map, see the module docstring.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def obstacles_for_map(
         )
     rng = np.random.default_rng(0)
     order = rng.permutation(len(rows))
-    # The roomiest places first, in random order among equals of 10 cm.
+    # Positions with the largest clearance first, in random order within 10 cm.
     order = order[np.argsort(-np.floor(clearance[rows, columns] / 0.1)[order], kind="stable")]
     sample = order[:: max(1, len(order) // 4000)]
     found: list[ApproachPath] = []
@@ -155,12 +155,12 @@ def obstacles_for_map(
 
 
 def _three() -> tuple[SimulatedObstacle, SimulatedObstacle, SimulatedObstacle]:
-    """Light, heavy and fixed obstacle of the demonstration, at no place yet."""
+    """Light, heavy and fixed obstacle of the demonstration, not yet positioned."""
     light = cylinder(
         "light bin", 0, 0, 0.09, 0.28, mass_kg=0.5, friction=0.35, grey=105, texture=7, seed=1, material="metal",
         bgr=(150.0, 105.0, 45.0),
     )  # fmt: skip
-    # As heavy as a strip of foam can push over this width before it is densified.
+    # Maximum mass that a strip of foam can push over this width without densification.
     heavy = box(
         "heavy box", 0, 0, (0.16, 0.18, 0.3), mass_kg=1.6, friction=0.38, grey=95, texture=14, seed=2,
         bgr=(70.0, 105.0, 140.0),
@@ -187,7 +187,7 @@ def _way(
     place: tuple[float, float], before_m: float, behind_m: float, resolution_m: float,
     taken: list[tuple[float, float, float]],
 ) -> tuple[float, list[tuple[float, float, float]]] | None:  # fmt: skip
-    """Heading of a free straight way to a place, and the discs it covers (cells, radius in cells)."""
+    """Heading of a free straight path to a position, and the discs it covers (cells, radius in cells)."""
     steps = np.arange(-before_m, behind_m + 1e-9, 0.5 * resolution_m) / resolution_m
     need = ROBOT_RADIUS_M / resolution_m
     for heading in np.arange(16) * math.pi / 8:
@@ -199,7 +199,7 @@ def _way(
             or column.max() >= region.shape[1]
         ):
             continue
-        # One cell of reserve: the clearance is that of the cell's centre.
+        # One cell of margin: the clearance is that of the cell's centre.
         if not region[row[0], column[0]] or (clearance[row, column] < ROBOT_RADIUS_M + resolution_m).any():
             continue
         if any((np.hypot(x - u, y - v) < r + need + 1).any() for u, v, r in taken):
@@ -211,6 +211,6 @@ def _way(
 def _world(
     place: tuple[float, float], heading: float, resolution_m: float, origin: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """From cells to the world."""
+    """Convert cells to world coordinates."""
     x, y, yaw = compose_2d(origin, (place[0] * resolution_m, place[1] * resolution_m, heading))
     return x, y, wrap_angle(yaw)

@@ -1,4 +1,4 @@
-"""The mobile platform: a body on the floor with the foam strip in front, driven by velocities."""
+"""The mobile platform: a velocity-controlled body on the floor with the foam strip in front."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PlatformConfig:
     max_acceleration_m_s2: float = 0.5
     max_turn_acceleration_rad_s2: float = 2.0
     max_force_N: float = 40.0  #: of the drive
-    kinematic: bool = False  #: moves as commanded, whatever pushes back
+    kinematic: bool = False  #: moves as commanded, independent of reaction forces
     strip: FoamStripGeometry = field(default_factory=lambda: FoamStripGeometry(spacing_m=0.001))
     floor_below_m: float = 0.05  #: height of the foam's visible edge above the floor
 
@@ -43,7 +43,7 @@ class PlatformConfig:
 
     @property
     def foam_height_m(self) -> float:
-        """Middle of the foam above the floor: where it pushes."""
+        """Height of the foam's centre above the floor, where it pushes."""
         return self.floor_below_m - 0.5 * self.strip.height_m
 
 
@@ -64,7 +64,7 @@ class DrivenWorld(Protocol):
 
 
 class CommandedBase(MobileBase):
-    """What a simulated platform was told last: ``target_speed_m_s``, ``target_turn_rate_rad_s``."""
+    """Latest command to a simulated platform: ``target_speed_m_s``, ``target_turn_rate_rad_s``."""
 
     target_speed_m_s = target_turn_rate_rad_s = 0.0
 
@@ -77,7 +77,7 @@ class CommandedBase(MobileBase):
         self.target_speed_m_s, self.target_turn_rate_rad_s = float(speed_m_s), float(turn_rate_rad_s)
 
     def stop(self) -> None:
-        """Stand still as soon as the acceleration allows."""
+        """Stop as fast as the acceleration limit allows."""
         self.drive(0.0, 0.0)
 
 
@@ -89,7 +89,7 @@ class SimulatedBase(CommandedBase):
     Parameters
     ----------
     world
-        That moves the platform by :meth:`ramp`.
+        Simulated world that moves the platform by :meth:`ramp`.
     """
 
     def __init__(self, world: DrivenWorld) -> None:
@@ -97,7 +97,7 @@ class SimulatedBase(CommandedBase):
         self._speed_m_s = self._turn_rate_rad_s = 0.0
 
     def halt(self) -> None:
-        """Stand still at once, as after being carried."""
+        """Stop immediately, as after being carried."""
         self.stop()
         self._speed_m_s = self._turn_rate_rad_s = 0.0
 
@@ -108,7 +108,7 @@ class SimulatedBase(CommandedBase):
         return BaseState(self._world.t_s, x, y, heading, speed, turn)
 
     def ramp(self, dt_s: float) -> tuple[float, float]:
-        """Velocities that the drive aims at after a time step (speed [m/s], turn rate [rad/s]).
+        """Velocities of the drive after a time step (speed [m/s], turn rate [rad/s]).
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class SimulatedBase(CommandedBase):
 
 
 def towards(now: float, target: float, step: float) -> float:
-    """A velocity that comes nearer to its target by a step at most.
+    """Change a velocity towards its target by at most one step.
 
     Parameters
     ----------

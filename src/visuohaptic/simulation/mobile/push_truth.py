@@ -29,14 +29,14 @@ class BodyTruth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PushTruth:
-    """Everything at one time."""
+    """Ground truth at one time."""
 
     t_s: float
-    load_N: float  #: integral of the foam's pressure, what Eq. (3.1) measures
+    load_N: float  #: integral of the foam's pressure, measured by Eq. (3.1)
     force_foam_N: Float[np.ndarray, "2"]  #: of the foam on all bodies, frame F
     strip: StripState
     bodies: tuple[BodyTruth, ...]  #: movable obstacles
-    force_on: dict[str, float]  #: length of the foam's force by obstacle, those that touch
+    force_on: dict[str, float]  #: magnitude of the foam's force by obstacle, for those in contact
     platform_pose: tuple[float, float, float]  #: (x [m], y [m], heading [rad])
     platform_velocity: tuple[float, float, float]  #: (forward, left [m/s], turn rate [rad/s])
     drive_N: float  #: forward force of the drive

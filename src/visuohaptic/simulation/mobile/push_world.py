@@ -1,4 +1,4 @@
-"""The push world: MuJoCo moves platform and obstacles, the foam strip is the only object between them."""
+"""The push world: MuJoCo moves platform and obstacles, which interact only through the foam strip."""
 
 from __future__ import annotations
 
@@ -29,36 +29,36 @@ from .push_truth import BodyTruth, PushTruth
 
 __all__ = ["FoamPushWorld"]
 
-#: Interval of the foam's equilibrium, aimed at (s); MuJoCo takes two steps in it.
+#: Target interval of the foam's equilibrium (s); MuJoCo takes two steps in it.
 FOAM_STEP_S = 0.002
 #: Objects nearer than this to the strip are in the scene (m).
 SCENE_RADIUS_M = 0.7
-#: Speed scale over which static becomes dynamic friction (m/s).
+#: Speed over which static friction changes to dynamic friction (m/s).
 STRIBECK_M_S = 0.002
-#: Force that counts as touch (N), motion that counts as moving (m), tilt that counts as fallen (rad).
+#: Thresholds of contact (force, N), motion (m) and fall (tilt, rad).
 TOUCH_N, MOTION_M, FALL_RAD = 1e-3, 5e-4, 0.5
 
 
 class FoamPushWorld:
     """Platform, foam and obstacles.
 
-    Friction, mass and inertia are MuJoCo's. Every two milliseconds the cross
-    sections of near obstacles at the foam's height are put into frame F where
-    they will be in the middle of the interval (a force held constant from its
-    beginning would add energy), the strip finds its equilibrium, and its force
-    acts on the obstacle at that height and reversed on the platform. No other
-    contact is between them until the foam has bottomed out.
+    Friction, mass and inertia are MuJoCo's. Every two milliseconds, the cross
+    sections of near obstacles at the foam's height are transformed to frame F at
+    their predicted pose in the middle of the interval (a force held constant from its
+    start would add energy), the equilibrium of the strip is computed, and its force
+    acts on the obstacle at that height and, reversed, on the platform. There is no other
+    contact between them until the foam has bottomed out.
 
     Parameters
     ----------
     obstacles
-        With different names.
+        Obstacles with unique names.
     platform
         Shape and start.
     law
-        Of the foam.
+        Material law of the foam.
     seed
-        Of everything random; friction varies by ``friction_sigma`` between worlds.
+        Seed of all random numbers; friction varies by ``friction_sigma`` between worlds.
     friction_sigma
         Relative standard deviation of every movable obstacle's friction.
     """
@@ -123,7 +123,7 @@ class FoamPushWorld:
         return c * vx + s * vy, c * vy - s * vx, turn
 
     def place_platform(self, x_m: float, y_m: float, heading_rad: float) -> None:
-        """Put the platform elsewhere, at rest and with fresh foam, and start a new push.
+        """Move the platform to another pose, at rest and with undeformed foam, and start a new push.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class FoamPushWorld:
         self.truth = self._record(self.t_s)
 
     def step(self, dt_s: float) -> PushTruth:
-        """Let time pass; the last equilibrium of the foam is the new :attr:`truth`.
+        """Advance the simulation; the last equilibrium of the foam is the new :attr:`truth`.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class FoamPushWorld:
         return self.truth
 
     def scene(self) -> FoamScene:
-        """What the sensor's camera sees at ``truth.t_s``."""
+        """View of the sensor's camera at ``truth.t_s``."""
         truth = self.truth
         x, y, heading = truth.platform_pose
         c, s = math.cos(heading), math.sin(heading)
@@ -194,7 +194,7 @@ class FoamPushWorld:
             )
             solid = leaning_solid(obstacle, Pose(rotation, position), pose.inverse())
             if solid is not None and not cuts:
-                # It lies lower than the foam: nothing of it can hide the sensor.
+                # It is lower than the foam, so it cannot occlude the sensor.
                 hull = solid.T_foam_solid.apply(np.column_stack([solid.outline_m, 0 * solid.outline_m[:, 0]]))
                 cuts, top = [Outline(hull[:, :2])], 0.0
             objects += [
@@ -229,7 +229,7 @@ class FoamPushWorld:
         return self._data.xpos[body], self._data.xmat[body].reshape(3, 3)
 
     def _velocity(self, index: int) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """Velocity of its frame's origin and turn rates, both in the world."""
+        """Velocity of its frame's origin and angular velocity, both in the world."""
         obstacle, dof = self.obstacles[index], self._dofs[index]
         if not obstacle.movable:
             return np.zeros(3), np.zeros(3)
@@ -238,7 +238,7 @@ class FoamPushWorld:
         return self._data.qvel[dof : dof + 3], self._pose(index)[1] @ self._data.qvel[dof + 3 : dof + 6]
 
     def _cut(self, index: int, ahead_s: float) -> tuple[Outline, ...]:
-        """Cross section at the foam's height, a little later."""
+        """Cross section at the foam's height, extrapolated by a short time."""
         height = self.config.foam_height_m
         position, rotation = self._pose(index)
         if ahead_s > 0 and self.obstacles[index].movable:
@@ -261,7 +261,7 @@ class FoamPushWorld:
         return float(pose[0]), float(pose[1]), float(pose[2])
 
     def _equilibrium(self, ahead_s: float, interval_s: float) -> None:
-        """Solve the strip against everything near it."""
+        """Equilibrium of the strip with everything near it."""
         pose = self._ahead(ahead_s)
         reach = self._front_m + self.config.strip.length_m
         self._near = []
@@ -272,7 +272,7 @@ class FoamPushWorld:
         self._state = self._strip.press([outline for _, outline in self._near], interval_s)
 
     def _apply(self, interval_s: float) -> None:
-        """Forces of foam and drive for the coming interval, friction by speed."""
+        """Forces of foam and drive for the next interval, friction by speed."""
         data, height, config = self._data, self.config.foam_height_m, self.config
         x, y, heading = self._ahead(0.5 * interval_s)
         c, s = math.cos(heading), math.sin(heading)
@@ -304,18 +304,18 @@ class FoamPushWorld:
         gain = 0.3 / interval_s
         drive = config.mass_kg * gain * (target - forward) - back[0]
         drive = max(-config.max_force_N, min(config.max_force_N, drive))
-        # Wheels hold the platform sideways and against turning.
+        # Wheels prevent sideward motion and rotation of the platform.
         side = -config.mass_kg * gain * left - back[1]
         self._drive_N = float(drive)
         ahead, across = drive + back[0], side + back[1]
         data.qfrc_applied[:2] = c * ahead - s * across, s * ahead + c * across
-        # A turning speed vector needs its centripetal force.
+        # A rotating velocity vector requires its centripetal force.
         data.qfrc_applied[:2] += config.mass_kg * turning * forward * np.array([-s, c])
         inertia = 0.5 * config.mass_kg * config.radius_m**2
         data.qfrc_applied[2] = inertia * gain * (turn_target - turning)
 
     def _watch(self, t_s: float) -> None:
-        """Note contact, motion, release and fall of every obstacle, each once."""
+        """Record contact, motion, release and fall of every obstacle, each once."""
         load: dict[str, float] = {}
         for (index, _), force in zip(self._near, self._state.body_force_N, strict=True):
             name = self.obstacles[index].name
@@ -328,7 +328,7 @@ class FoamPushWorld:
                 self._start[name] = self._placement(index)
                 place = [k for k, (i, _) in enumerate(self._near) if i == index]
                 centres = np.array([self._state.centre_m(k) for k in place])
-                known = centres[np.isfinite(centres)]  # none where the foam has just let go
+                known = centres[np.isfinite(centres)]  # none if the foam has just released it
                 centre = float(known.mean()) if len(known) else float("nan")
                 self._note(name, EventKind.CONTACT, t_s, centre)
             if name not in self._start:
@@ -352,13 +352,13 @@ class FoamPushWorld:
             self.events.append((name, Event(kind, float(t_s), s_m)))
 
     def forget_events(self) -> None:
-        """Begin a new push: events may happen again."""
+        """Start a new push: events may occur again."""
         self.events.clear()
         self._happened.clear()
         self._start.clear()
 
     def _record(self, t_s: float, before_s: float = 0.0) -> PushTruth:
-        """Collect the truth; poses are set back to the middle of the interval that has just ended."""
+        """Collect the ground truth; poses are set back to the middle of the last interval."""
         bodies = []
         parts = list(zip(self._near, self._state.body_force_N, strict=True))
         force_on: dict[str, float] = {}

@@ -1,8 +1,8 @@
-"""The foam's reading straight from the strip's equilibrium: no image is drawn, for long campaigns.
+"""Foam readings directly from the strip's equilibrium, without rendered images, for long campaigns.
 
-What the camera and the contour tracker would add is put in as noise: white
-along the strip and from frame to frame on the contour, a few per cent on the
-force, the same for a whole run.
+The errors of camera and contour tracker are added as noise: white
+along the strip and over time on the contour, a few per cent on the
+force, constant for a whole run.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class StripWorld(Protocol):
         """At the newest step."""
 
     def step(self, dt_s: float) -> _Truth:
-        """Let time pass.
+        """Advance the simulation.
 
         Parameters
         ----------
@@ -60,7 +60,7 @@ class _Setup:
 
 
 class QuickFrames(BlankFrames):
-    """A ``robots.FrameSource`` without images; every frame lets the world's time pass.
+    """A ``robots.FrameSource`` without images; every frame advances the world.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ class QuickFrames(BlankFrames):
         self.world, self.frame_rate_Hz = world, frame_rate_Hz
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s]."""
+        """Advance the simulation; returns the new time [s]."""
         return self.world.step(dt_s).t_s
 
 
 class QuickFoam:
-    """Reads the strip of a ``FoamPushWorld`` or ``QuickWorld`` as a foam sensor would.
+    """Reads the strip of a ``FoamPushWorld`` or ``QuickWorld`` like a foam sensor.
 
-    It offers what tasks use of a foam sensor: ``read(frame)``, ``reset()`` and ``setup.material``.
+    It implements the interface of a foam sensor that tasks use: ``read(frame)``, ``reset()`` and ``setup.material``.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class QuickFoam:
         self.setup = _Setup(_Material(densification_strain, strip.width_m))
 
     def reset(self) -> None:
-        """Nothing is remembered."""
+        """Does nothing: the reading has no memory."""
 
     def read(self, frame: Frame) -> ForceProfile:
         """The profile at the time of the newest frame.
@@ -139,7 +139,7 @@ class QuickFoam:
         saturated = bool(delta.max() > self.setup.material.densification_strain * self.setup.material.width_m)
         reason = Reason.SATURATED if saturated else Reason.OK
         contacts = []
-        # A contact is a deflected region in which something bears.
+        # A contact is a deflected region that contains pressure.
         bears = np.add.reduceat(state.pressure_Pa, np.arange(0, len(state.s_m), self._every)) > 0
         area = state.pressure_Pa * self.world.config.strip.height_m * float(state.s_m[1] - state.s_m[0])
         for first, last in _runs(delta > 5 * self.sigma_m):

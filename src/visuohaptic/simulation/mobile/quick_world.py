@@ -1,9 +1,9 @@
-"""A light push world for long campaigns: no masses, no MuJoCo, the strip's equilibrium once per frame.
+"""A fast push world for long campaigns: no masses, no MuJoCo, one equilibrium of the strip per frame.
 
 Platform and obstacles move quasi-statically: a movable object slides along the
-foam's force once that is larger than its friction, and never turns. For the
-truth of a push take :class:`~visuohaptic.simulation.mobile.push_world.FoamPushWorld`, which
-costs twenty times more.
+foam's force once that exceeds its friction, and never rotates. For the
+full dynamics of a push use :class:`~visuohaptic.simulation.mobile.push_world.FoamPushWorld`, which
+takes twenty times longer.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ __all__ = ["QuickTruth", "QuickWorld"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuickTruth:
-    """What is the case at one time."""
+    """State at one time."""
 
     t_s: float
     strip: StripState
-    touching: tuple[str, ...]  #: obstacles on which the foam bears
+    touching: tuple[str, ...]  #: obstacles in contact with the foam
 
 
 @dataclass
@@ -55,11 +55,11 @@ class QuickWorld(CommandedBase):
         self.pose = (c.x_m, c.y_m, c.heading_rad)
         self.places = {o.name: (o.x_m, o.y_m) for o in self.obstacles}
         self.t_s = 0.0
-        self.last_touched = ""  #: the obstacle on which the foam bore most, when it last bore on one
+        self.last_touched = ""  #: the obstacle with the largest force at the last contact
         self._strip = FoamStrip(c.strip, self.law)
         self._speed = (0.0, 0.0)
         self._sliding: set[str] = set()
-        # The hull but for its front, which is the foam's: it ends a little behind.
+        # The hull except its front, which is the foam: it ends slightly behind.
         self._hull_m = (-c.radius_m, 0.9 * c.radius_m)
         self.truth = QuickTruth(0.0, self._strip.press([]), ())
 
@@ -77,7 +77,7 @@ class QuickWorld(CommandedBase):
         return self.pose
 
     def step(self, dt_s: float) -> QuickTruth:
-        """Let time pass.
+        """Advance the simulation.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class QuickWorld(CommandedBase):
         speed = towards(self._speed[0], self.target_speed_m_s, c.max_acceleration_m_s2 * dt_s)
         turn = towards(self._speed[1], self.target_turn_rate_rad_s, c.max_turn_acceleration_rad_s2 * dt_s)
         if speed > 0 and -self.truth.strip.body_force_N[:, 0].sum() < -c.max_force_N:
-            speed = 0.0  # the wheels stand
+            speed = 0.0  # the wheels stand still
         middle = heading + 0.5 * turn * dt_s
         way = speed * dt_s * np.array([math.cos(middle), math.sin(middle)])
         goal = (x + float(way[0]), y + float(way[1]), heading + turn * dt_s)
@@ -97,7 +97,7 @@ class QuickWorld(CommandedBase):
             goal, way = self.pose, np.zeros(2)
         self.pose, self._speed = goal, (speed, turn)
         self.t_s += dt_s
-        if speed > 0:  # what slides goes with the platform; nothing is pulled
+        if speed > 0:  # a sliding object moves with the platform; nothing is pulled
             for name in self._sliding:
                 self._move(name, way)
         self._brush()
@@ -105,7 +105,7 @@ class QuickWorld(CommandedBase):
         return self.truth
 
     def _press(self, dt_s: float) -> None:
-        """Balance of foam and friction; what is pushed too hard deforms along the push."""
+        """Balance of foam and friction; an object that is pushed with more force slides along the push."""
         near = self._near()
         sliding: set[str] = set()
         heading = self.pose[2]
@@ -135,7 +135,7 @@ class QuickWorld(CommandedBase):
             self.last_touched = near[int(np.argmax(loads))][0].name
 
     def _near(self) -> list[tuple[SimulatedObstacle, Outline]]:
-        """Cuts of everything before the foam, frame F."""
+        """Sections of all objects in front of the foam, frame F."""
         x, y, heading = self.pose
         c, s = math.cos(heading), math.sin(heading)
         fx, fy = x + c * self.config.radius_m, y + s * self.config.radius_m
@@ -148,7 +148,7 @@ class QuickWorld(CommandedBase):
                 for outline in o.outlines:
                     placed = outline.moved(px, py, o.yaw_rad)
                     cut = placed.moved(-c * fx - s * fy, s * fx - c * fy, -heading)
-                    # What lies behind the strip's back or past its ends cannot be touched.
+                    # Objects behind the strip's back or beyond its ends cannot be touched.
                     if _reach_in_band(cut.polygon_m(), half) > 0.0:
                         found.append((o, cut))
         return found
@@ -158,7 +158,7 @@ class QuickWorld(CommandedBase):
         self.places[name] = (px + float(way_m[0]), py + float(way_m[1]))
 
     def _overlaps(self, o: SimulatedObstacle, pose: tuple[float, float, float]) -> bool:
-        """Whether the hull, a rectangle, and an object share some of the floor."""
+        """Whether the hull, a rectangle, and an object overlap."""
         (x, y, heading), (px, py) = pose, self.places[o.name]
         (back, front), v = self._hull_m, 0.5 * self.config.width_m
         c, s = math.cos(heading), math.sin(heading)
@@ -179,11 +179,11 @@ class QuickWorld(CommandedBase):
         )
 
     def _hits(self, pose: tuple[float, float, float]) -> bool:
-        """Whether the hull would enter something fixed."""
+        """Whether the hull would penetrate a fixed object."""
         return any(not o.movable and self._overlaps(o, pose) for o in self.obstacles)
 
     def _brush(self) -> None:
-        """The hull shoves aside what is movable."""
+        """The hull displaces movable objects."""
         for o in self.obstacles:
             if o.movable and self._overlaps(o, self.pose):
                 away = np.array(self.places[o.name]) - np.array(self.pose[:2])
@@ -191,7 +191,7 @@ class QuickWorld(CommandedBase):
 
 
 def _reach_in_band(polygon: Float[np.ndarray, "k 2"], half: float) -> float:
-    """Largest u of a polygon (u, v) within -half < v < half; -inf when it is not in there."""
+    """Largest u of a polygon (u, v) within -half < v < half; -inf if there is no intersection."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     rise = b[:, 1] - a[:, 1]
     inside = polygon[np.abs(polygon[:, 1]) < half, 0]

@@ -1,4 +1,4 @@
-"""The camera above the foam of a simulated platform: every frame lets time pass."""
+"""The camera above the foam of a simulated platform: every frame advances the simulation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Renderer", "SimulatedSensorCamera"]
 
 
 class Renderer(Protocol):
-    """Turns a scene into the camera's image."""
+    """Renders a scene as the camera's image."""
 
     @property
     def camera(self) -> Camera | None:
@@ -41,23 +41,23 @@ class Renderer(Protocol):
 
 
 class SimulatedSensorCamera(Closing):
-    """A ``robots.FrameSource`` whose frames are views of the world; every frame lets time pass.
+    """A ``robots.FrameSource`` whose frames are views of the world; every frame advances the simulation.
 
-    The truth that belongs to the newest frame is ``world.truth``; both have the
-    same time.
+    ``world.truth`` is the ground truth of the newest frame, at the same
+    time.
 
     Parameters
     ----------
     world
-        Shared with whoever drives the platform.
+        Shared with the user that drives the platform.
     renderer
         Any object with ``camera`` and ``render(scene, rng=...)``.
     duration_s
-        Ends the source; endless without.
+        Duration of the source; endless by default.
     frame_rate_Hz
         Frames per simulated second.
     seed
-        Of the image noise.
+        Seed of the image noise.
     """
 
     def __init__(
@@ -84,11 +84,11 @@ class SimulatedSensorCamera(Closing):
 
     @property
     def frame_count(self) -> int | None:
-        """How many frames there will be; ``None`` without an end."""
+        """Number of frames; ``None`` if endless."""
         return self._count
 
     def __iter__(self) -> Iterator[Frame]:
-        """Step the world by a frame period, then look."""
+        """Advance the world by a frame period, then render."""
         index = 0
         while not self._closed and (self._count is None or index < self._count):
             truth = self.world.step(self._period_s)

@@ -17,7 +17,7 @@ WALL_M = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchRoom:
-    """The room, its objects, and what is true of any place in it."""
+    """The room with its objects, and ground truth at any point."""
 
     size_m: tuple[float, float]  #: free space between the walls, corner at (0, 0)
     obstacles: tuple[SimulatedObstacle, ...]
@@ -52,7 +52,7 @@ class TouchRoom:
 
 
 def touch_room(seed: int) -> TouchRoom:
-    """A room of some 3.4 m x 2.6 m whose sizes and objects differ from seed to seed.
+    """A room of about 3.4 m x 2.6 m whose size and objects depend on the seed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The image in the making: coverage, textured planes, layers."""
+"""Image under construction: coverage, textured planes, layers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .textures import MATERIALS, TILE_TEXELS, blurred_texels
 
 __all__ = ["Canvas", "Coverage", "Hole", "Parts", "Plane", "coverage"]
 
-#: Coverages that a canvas remembers.
+#: Number of cached coverages.
 _KEPT_COVERS = 24
 
 
@@ -72,13 +72,13 @@ def coverage(
     # One more pixel on each side: rounding along an edge must not leave the window.
     low = np.floor(polygon_px.min(axis=0) + 0.5).astype(int) - radius - 1
     high = np.floor(polygon_px.max(axis=0) + 0.5).astype(int) + radius + 2
-    # The window keeps all columns left of the image, since the sum runs from there.
+    # The window includes all columns to the left, since the cumulative sum starts there.
     y0, y1 = max(low[1], 0), min(high[1], rows)
     if y1 <= y0 or low[0] >= columns or high[0] <= 0:
         return None
     fraction = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
     polygon = np.ascontiguousarray(polygon_px, dtype=np.float64)
-    # Edges that go down (y grows) count positive, which is the left border of a negative turn.
+    # Downward edges (y grows) count positive: they are the left border of a polygon of negative orientation.
     if polygon_area(polygon) > 0:
         polygon = polygon[::-1].copy()
     if sharp:
@@ -91,16 +91,16 @@ def coverage(
     return Coverage(int(x0), int(y0), fraction)
 
 
-#: Below this the blur is left out: a pixel is a hundred times wider in variance.
+#: Below this, blur is ignored: the variance of a pixel is a hundred times larger.
 SHARP_PX = 0.03
 
-#: Steps per pixel of the tabulated filter; linear interpolation errs by 1 / (8 steps^2) of its curvature.
+#: Steps per pixel of the tabulated filter; the error of linear interpolation is 1 / (8 steps^2) of its curvature.
 _TABLE_STEPS = 256
 
 
 @lru_cache(maxsize=16)
 def _filter_table(blur_px: float) -> tuple[int, np.ndarray, np.ndarray]:
-    """Radius [px], and the filter of square and Gaussian with its integral, at even steps."""
+    """Radius [px], and the filter of square and Gaussian with its integral, at equal steps."""
     from scipy.special import ndtr
 
     radius = int(np.ceil(4.2 * blur_px + 0.5))
@@ -117,14 +117,14 @@ def _filter_table(blur_px: float) -> tuple[int, np.ndarray, np.ndarray]:
 #: The painted parts of a solid.
 Parts = list[tuple[Coverage, Plane]]
 
-#: Signed polygon of a hole [px], and the parts of the solid that is seen there.
+#: Signed polygon of a hole [px], and the parts of the solid that is visible through it.
 Hole = tuple[np.ndarray, float, Parts]
 
 
 class Canvas:
-    """Float image of a camera: layers are painted from far to near, and drawn from near to far.
+    """Float image of a camera: layers are added from far to near, and drawn from near to far.
 
-    So nothing is computed of what a nearer layer hides.
+    Parts that a nearer layer hides are therefore not computed.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ class Canvas:
         self._covers: dict[bytes, Coverage | None] = {}
 
     def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
-        """Coverage of a polygon in this image; cached, as much of a scene stands still to the camera.
+        """Coverage of a polygon in this image; cached, since much of a scene is static in the image.
 
         Parameters
         ----------
@@ -158,7 +158,7 @@ class Canvas:
         """
         key = polygon_px.tobytes()
         if key in self._covers:
-            found = self._covers.pop(key)  # and to the end of the queue again
+            found = self._covers.pop(key)  # and move it to the end of the queue
         else:
             found = coverage(polygon_px, *self._clear.shape, self.blur_px)
         self._covers[key] = found
@@ -222,17 +222,17 @@ class Canvas:
     def paint_facets(
         self, outline: np.ndarray, rest: Plane, polygons: list[np.ndarray], planes: list[Plane]
     ) -> Parts:
-        """Paint the many facets of a round solid inside of its outline.
+        """Paint the many facets of a round solid inside its outline.
 
-        The outline is exact; edges between facets, which hardly differ, are not blurred. What of
-        the blurred outline lies outside of all facets is painted as ``rest``.
+        The outline is exact; edges between facets, which hardly differ, are not blurred. The part of
+        the blurred outline outside all facets is painted as ``rest``.
 
         Parameters
         ----------
         outline
             Corners of the outline (n, 2) [px].
         rest
-            Plane of what no facet covers.
+            Plane of the part that no facet covers.
         polygons
             Corners of each facet (n, 2) [px].
         planes
@@ -260,7 +260,7 @@ class Canvas:
         return parts
 
     def paint_nested(self, covers: list[Coverage | None], planes: list[Plane], holes: list[Hole]) -> None:
-        """Paint regions of which each contains the next, with holes that show other solids.
+        """Paint nested regions, with holes through which other solids are visible.
 
         A hole is the signed sum of its polygons.
 
@@ -271,7 +271,7 @@ class Canvas:
         planes
             Textured plane of each region.
         holes
-            Polygons with signs, and the faces that are seen through them.
+            Polygons with signs, and the faces that are visible through them.
         """
         outer = covers[0]
         if outer is None:
@@ -289,7 +289,7 @@ class Canvas:
             hole, _ = solids.setdefault(id(parts), (np.zeros(shape, np.float32), parts))
             there, here = _overlap(cover, outer)
             hole[there] += np.float32(sign) * cover.fraction[here]
-        # The nearest solid is the last: it takes its part first.
+        # The nearest solid is the last: its part is subtracted first.
         shown = [
             part
             for hole, parts in reversed(list(solids.values()))
@@ -325,7 +325,7 @@ _NO_TILE = np.zeros((16, 16), np.uint32)
 
 
 def _fill_hole(hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer: Coverage) -> Parts:
-    """What is seen of a solid's parts through a hole; taken from the weights of the layers around it."""
+    """Visible parts of a solid through a hole; subtracted from the weights of the surrounding layers."""
     rows, columns = np.flatnonzero(hole.max(axis=1) > 0), np.flatnonzero(hole.max(axis=0) > 0)
     if not len(rows):
         return []
@@ -334,7 +334,7 @@ def _fill_hole(hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer:
     window = Coverage(outer.x0 + int(columns[0]), outer.y0 + int(rows[0]), left)
     faces = [_in_window(c, window) for c, _ in parts]
     total = np.sum(faces, axis=0)
-    # Only what the solid can fill; its own share goes to nothing beyond its blurred outline.
+    # Only the area of the solid; its own fraction decreases to zero beyond its blurred outline.
     left[total < 1e-3] = 0
     taken = np.zeros_like(left)
     for w in weights:
@@ -349,7 +349,7 @@ def _fill_hole(hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer:
 
 
 def _overlap(part: Coverage, frame: Coverage) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Where a coverage lies in the window of another one: slices of the frame and of the part."""
+    """Position of a coverage in the window of another one: slices of the frame and of the part."""
     there, here = [], []
     for axis, shift in enumerate((part.y0 - frame.y0, part.x0 - frame.x0)):
         start = max(shift, 0)

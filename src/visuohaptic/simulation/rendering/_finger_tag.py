@@ -1,4 +1,4 @@
-"""An AprilTag printed on the finger, drawn into an image that is already rendered."""
+"""An AprilTag on the finger, drawn into a rendered image."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["FingerTag", "paint_tag"]
 
 #: Cells of a tag of family 36h11 along its side, with its black border; a white cell goes around it.
 CELLS = 8
-#: Samples of a pixel along each axis.
+#: Samples per pixel along each axis.
 FINE = 4
 
 
@@ -54,7 +54,7 @@ def paint_tag(
     position_m: Float[np.ndarray, "rows"],
     blur_px: float,
 ) -> None:
-    """Paint the tag over the image, each row with the finger where it was when the row was exposed.
+    """Draw the tag into the image, each row with the finger position at the exposure of the row.
 
     Parameters
     ----------

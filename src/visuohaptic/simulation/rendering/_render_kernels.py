@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Shares this close to 0 or 1 are rounding errors of the running sums (float32).
+#: Fractions this close to 0 or 1 are rounding errors of the cumulative sums (float32).
 EDGE = 2e-5
 
 __all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop"]
@@ -16,10 +16,10 @@ __all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop
 
 @kernel
 def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray) -> None:
-    """Exact area of a polygon inside each pixel; the polygon turns to the left on the screen.
+    """Exact area of a polygon inside each pixel; the polygon is oriented counter-clockwise on the screen.
 
     Each edge adds the area between itself and the right border of the window, differentiated
-    along the row; a running sum at the end integrates it again.
+    along the row; a cumulative sum at the end integrates it again.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def add_plane(
     amplitude: float,
     colour: np.ndarray,
 ) -> None:
-    """Add a weighted textured plane to a window of the image, as far as nothing nearer hides it.
+    """Add a weighted textured plane to a window of the image, where no nearer layer hides it.
 
     Its levels are ``colour + amplitude * (tile - 128) / 42``.
 
@@ -190,7 +190,7 @@ def add_plane(
     rays
         Normalised viewing rays (H, W, 2); or (1, W, 2) with ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``.
     matrices
-        From a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale, (H or 1, 3, 3).
+        Transforms from a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale, (H or 1, 3, 3).
     tile
         Texture (T, T) uint32, T a power of two: in its bytes, from the lowest, a texel, its right, its lower and
         its lower right neighbour, of mean 128 and standard deviation 42.
@@ -209,7 +209,7 @@ def add_plane(
         bits += np.int32(1)
     table_rays = rays.shape[0] > 1
     factor, mean, zero = np.float32(amplitude / 42.0), np.float32(128.0), np.float32(0.0)
-    # Texture coordinates stay small enough to be cast to integers: the tile repeats.
+    # Texture coordinates stay small enough for the conversion to integers: the tile repeats.
     far = np.float32(4194304.0)
     part, values = np.zeros(width, np.float32), np.zeros(width, np.float32)
     right, down, at = np.zeros(width, np.float32), np.zeros(width, np.float32), np.zeros(width, np.int32)
@@ -220,7 +220,7 @@ def add_plane(
             first += 1
         while last > first and weight[r, last - 1] * clear[row, x0 + last - 1] == zero:
             last -= 1
-        # From 0 on: numba then leaves out its checks for negative indices, and the loops become vector code.
+        # Start at 0: numba then omits its checks for negative indices, and the loops are vectorised.
         count, start = last - first, first + x0
         if count == 0:
             continue
@@ -236,7 +236,7 @@ def add_plane(
             if not table_rays:
                 y = rays[0, 0, 1] + row * rays[0, 1, 1]
                 ac, bc, wc, ay, by, wy = ac + ay * y, bc + by * y, wc + wy * y, 0.0, 0.0, 0.0
-            # Relative to the middle of the row, less whole tiles, 24 bits are exact to a thousandth of a texel.
+            # Relative to the middle of the row, minus whole tiles, 24 bits are exact to a thousandth of a texel.
             x, y = ray[count // 2, 0], ray[count // 2, 1]
             scale = 1.0 / (size * (wx * x + wy * y + wc))
             i0, j0 = (
@@ -285,9 +285,9 @@ def develop(
     draws: np.ndarray,
     result: np.ndarray,
 ) -> None:
-    """Turn the exact image into grey levels: gain, noise, clipping, rounding.
+    """Convert the exact image to grey levels: gain, noise, clipping, rounding.
 
-    Each 64-bit number of the splitmix64 generator gives four normal numbers.
+    Each 64-bit number of the splitmix64 generator yields four normal random numbers.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def develop(
     seeds
         One seed per row (H,) uint64.
     quantiles
-        Of the standard normal distribution (65536,) float32.
+        Quantiles of the standard normal distribution (65536,) float32.
     words, draws
         Random bits of a row, one memory as (W * C / 4, rounded up) uint64 and four times as many uint16; filled.
     result

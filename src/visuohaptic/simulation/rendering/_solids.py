@@ -1,4 +1,4 @@
-"""Upright prisms as a camera sees them, and what of the sensor plane they hide.
+"""Upright prisms in the camera's view, and the parts of the sensor plane that they hide.
 
 Outlines and contours are in frame F, with their states at the K keys of a frame: (n, K, 2).
 """
@@ -84,9 +84,9 @@ def prism_faces(
     centre_m: Float[np.ndarray, "3"],
     min_normal_x: float = -2.0,
 ) -> list[Face]:
-    """Faces of an upright prism that look at the camera's centre; the outline is counter-clockwise.
+    """Faces of an upright prism that face the camera; the outline is counter-clockwise.
 
-    Side faces whose normal's x is below ``min_normal_x`` are left out.
+    Side faces whose normal's x is below ``min_normal_x`` are omitted.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def prism_faces(
     centre_m
         Centre of the camera (3) in frame F [m].
     min_normal_x
-        Smallest x of the normal of a side face that is kept.
+        Minimum x of the normal of a side face.
     """
     keys = outline_m.shape[1]
     mid = keys // 2
@@ -111,7 +111,7 @@ def prism_faces(
         line = outline_m[np.append(group, (group[-1] + 1) % len(outline_m))]
         chord = line[-1] - line[0]
         direction = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-12)
-        # Texture runs on around the corners: a is the length along the outline.
+        # Texture continues around the corners: a is the length along the outline.
         origin = at_height(line[0] - runs[group[0]] * direction, 0.0)
         faces.append(
             Face(
@@ -167,10 +167,10 @@ def solid_faces(
     texture_z_m: float,
     centre_m: Float[np.ndarray, "3"],
 ) -> list[Face]:
-    """Faces of a prism in any attitude, in frame F.
+    """Faces of a prism in any orientation, in frame F.
 
-    ``texture_z_m`` is the height in the solid at which the texture of its sides begins: that of the sensor
-    plane when it stands, so that nothing jumps when a body starts to lean.
+    ``texture_z_m`` is the height in the solid at which the texture of its sides starts: that of the sensor
+    plane for an upright solid, so that the texture is continuous when a body starts to tilt.
 
     Parameters
     ----------
@@ -226,10 +226,10 @@ def hidden_parts(
     top_m: float,
     centre_m: Float[np.ndarray, "3"],
 ) -> list[tuple[Float[np.ndarray, "q K 2"], float]]:
-    """Polygons with signs whose sum is the foam's top behind an upright prism.
+    """Signed polygons whose sum is the part of the foam's top hidden by an upright prism.
 
-    Hidden is what lies in the shadow that the prism throws from the camera's centre, but not
-    on its own base: there the foam touches it from the near side.
+    Hidden is the shadow of the prism from the camera's centre, without
+    its own base: there the foam touches it from the near side.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def hidden_from(
     top_m: float,
     centre_m: Float[np.ndarray, "3"],
 ) -> Bool[np.ndarray, "n"]:
-    """Which points of the plane z = 0 an upright prism hides; those that touch it are seen.
+    """Mask of points of the plane z = 0 that an upright prism hides; points on its outline are visible.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def _normals(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _seen(outline: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Which side faces look at the camera's centre."""
+    """Mask of side faces that face the camera."""
     normals, lengths = _normals(outline)
     return (((centre_m[:2] - outline) * normals).sum(axis=1) > 0) & (lengths > 1e-9)
 
@@ -317,7 +317,7 @@ def _within(polygon: np.ndarray, points: np.ndarray, margin_m: float) -> np.ndar
 
 
 def _runs_of_edges(wanted: np.ndarray, angles: np.ndarray) -> list[np.ndarray]:
-    """Wanted edges in groups of neighbours whose normals differ little, such as those of a round solid."""
+    """Groups of adjacent edges of the given mask whose normals differ little, as on a round solid."""
     groups: list[list[int]] = []
     for i in np.flatnonzero(wanted):
         if groups and groups[-1][-1] == i - 1:

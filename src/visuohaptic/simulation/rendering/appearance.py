@@ -1,4 +1,4 @@
-"""What surfaces look like before lens and sensor."""
+"""Appearance of surfaces before the effects of lens and sensor."""
 
 from __future__ import annotations
 
@@ -46,23 +46,23 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Surfaces of sensor and floor, and how light falls on them."""
+    """Surfaces of sensor and floor, and their lighting."""
 
     foam: Surface = Surface(170.0, 0.0, "foam", (60.0, 140.0, 235.0))
     body: Surface = Surface(60.0, 0.0, "metal", (62.0, 60.0, 58.0))
     floor: Surface = Surface(100.0, 0.0, "concrete", (96.0, 101.0, 104.0))
     stripe: Surface | None = None  #: stripe along the front edge on top of the foam
     stripe_width_m: float = 0.003  #: width of the stripe, measured from the front edge
-    foam_height_m: float = 0.01  #: height of the strip, where its side can be seen
-    body_margin_m: float = 0.03  #: how far the mounting plate reaches beyond the strip's ends
+    foam_height_m: float = 0.01  #: height of the strip, if its side is visible
+    body_margin_m: float = 0.03  #: length of the mounting plate beyond the strip's ends
     face_contrast: float = 0.0  #: relative difference of light between faces of an object
     shadow: float = 0.0  #: darkening of the floor close to objects and sensor, 0..1
-    shadow_reach_m: float = 0.02  #: how far that darkening reaches
+    shadow_reach_m: float = 0.02  #: range of that darkening
     colour: bool = False  #: images in blue, green, red instead of grey
 
     @classmethod
     def photo(cls, *, colour: bool = False, stripe: bool = False) -> Look:
-        """Textured surfaces with shading, close to a photograph.
+        """Textured surfaces with shading, nearly photorealistic.
 
         Parameters
         ----------
@@ -84,13 +84,13 @@ class Look:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occluder:
-    """Something between camera and scene for a while: a hand, a cable."""
+    """A temporary occluder between camera and scene: a hand, a cable."""
 
     outline: Float[np.ndarray, "n 2"]  #: polygon in pixels, or in x, y of frame F [m] if a height is given
     height_m: float | None = None  #: z of the polygon in frame F; ``None`` = the outline is in pixels
     surface: Surface = field(default_factory=lambda: Surface(130.0, 6.0, "plain", (120.0, 150.0, 200.0)))
-    start_s: float = -np.inf  #: seen from this time on
-    end_s: float = np.inf  #: seen until this time
+    start_s: float = -np.inf  #: visible from this time on
+    end_s: float = np.inf  #: visible until this time
     velocity: tuple[float, float] = (0.0, 0.0)  #: of the outline [px/s or m/s], zero shift at ``start_s``
 
     def outline_at(self, t_s: float) -> Float[np.ndarray, "n 2"]:

@@ -1,4 +1,4 @@
-"""Frames of a simulated world whose time passes with each of them; blank unless the world says what its camera sees."""
+"""Frames that advance a simulated world; blank unless the world renders its camera's view."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["BlankFrames"]
 
 
 class BlankFrames(Closing):
-    """A ``robots.FrameSource`` whose every frame lets the world's time pass; a world says how in :meth:`advance`."""
+    """A ``robots.FrameSource`` that advances the world by one frame period per frame; worlds implement :meth:`advance`."""
 
     frame_rate_Hz: float
     duration_s: float = math.inf
@@ -25,7 +25,7 @@ class BlankFrames(Closing):
 
     @abstractmethod
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s].
+        """Advance the simulation; returns the new time [s].
 
         Parameters
         ----------
@@ -35,11 +35,11 @@ class BlankFrames(Closing):
 
     @property
     def camera(self) -> Camera | None:
-        """The camera's model; None: nothing is drawn."""
+        """The camera's model; None: nothing is rendered."""
         return None
 
     def image(self, t_s: float) -> UInt8[np.ndarray, "rows columns"]:
-        """What the camera sees now; blank by default.
+        """Current view of the camera; blank by default.
 
         Parameters
         ----------
@@ -50,7 +50,7 @@ class BlankFrames(Closing):
 
     @property
     def frame_count(self) -> int | None:
-        """How many frames there will be; ``None`` without an end."""
+        """Number of frames; ``None`` if endless."""
         return None if math.isinf(self.duration_s) else round(self.duration_s * self.frame_rate_Hz)
 
     def __iter__(self) -> Iterator[Frame]:

@@ -1,4 +1,4 @@
-"""Where the contours of the foam really are in a rendered frame."""
+"""Ground truth of the foam's contours in a rendered frame."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ __all__ = ["ContourTruth", "crossings"]
 class ContourTruth:
     """Exact image curves of a frame, with lens distortion and rolling shutter.
 
-    Curves are polylines in pixels, fine enough that straight pieces between
-    their points are exact to 1e-3 px. Points outside of the view are NaN.
+    Curves are polylines in pixels, dense enough that straight segments between
+    their points are accurate to 1e-3 px. Points outside the view are NaN.
     """
 
     back_px: Float[np.ndarray, "m 2"]  #: contour between body and foam
     front_px: Float[np.ndarray, "n 2"]  #: contour between foam and surroundings
     stripe_px: Float[np.ndarray, "q 2"]  #: inner edge of the stripe; (0, 2) without stripe
-    #: for each point of ``FoamScene.front_m``: not behind an object
+    #: for each point of ``FoamScene.front_m``: not hidden by an object
     front_visible: Bool[np.ndarray, "points"]
 
 

@@ -1,4 +1,4 @@
-"""What lens and sensor do to the exact image: blur, shading, light, noise, rounding, JPEG."""
+"""Effects of lens and sensor on the exact image: blur, shading, light, noise, rounding, JPEG."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["CameraEffects", "in_bands"]
 
 @dataclass(frozen=True, slots=True)
 class CameraEffects:
-    """Imperfections of a camera; the default is a good one in even light.
+    """Imperfections of a camera; the default is a good camera in uniform light.
 
     The lens blurs first (the renderer does it, edge by edge), then light and gain
     scale, then noise is added, then levels are clipped to 0..255 and rounded, then JPEG.
@@ -112,12 +112,12 @@ class CameraEffects:
         return result if self.jpeg_quality is None else _through_jpeg(result, self.jpeg_quality)
 
 
-#: A band of fewer rows is done (1 ms) before a thread for it has paid (.1 ms to start it).
+#: A smaller band of rows takes less time (1 ms) than is worth starting a thread (0.1 ms).
 _MIN_BAND_ROWS = 128
 
 
 def in_bands(work: Callable[[int, int], None], rows: int) -> None:
-    """Work on bands of rows at the same time, as many as there are cores; the bands share no pixel.
+    """Process bands of rows in parallel, one per core; the bands share no pixel.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def in_bands(work: Callable[[int, int], None], rows: int) -> None:
     """
     count = max(1, min(available_cores(), rows // _MIN_BAND_ROWS))
     ends = [rows * i // count for i in range(count + 1)]
-    # Threads of a frame end with it: a process that is forked between frames inherits none.
+    # Threads of a frame end with it: a process that is forked between frames does not inherit any.
     with ThreadPoolExecutor(count) as pool:
         others = [pool.submit(work, *band) for band in pairwise(ends[1:])]
         work(ends[0], ends[1])
@@ -140,7 +140,7 @@ def in_bands(work: Callable[[int, int], None], rows: int) -> None:
 def _light_field(rows: int, columns: int, vignetting: float, x: float, y: float) -> np.ndarray:
     across = np.linspace(-1, 1, columns)[None, :]
     down = np.linspace(-1, 1, rows)[:, None]
-    # Natural vignetting falls with r^2 near the axis; the corner has |(columns, rows)| = 1.
+    # Natural vignetting decreases with r^2 near the axis; the corner has |(columns, rows)| = 1.
     diagonal = columns**2 + rows**2
     radius_2 = (across**2 * columns**2 + down**2 * rows**2) / diagonal
     field = (1 - vignetting * radius_2) * (1 + 0.5 * x * across) * (1 + 0.5 * y * down)
@@ -151,7 +151,7 @@ def _light_field(rows: int, columns: int, vignetting: float, x: float, y: float)
 def _normal_quantiles() -> np.ndarray:
     from scipy.special import ndtri
 
-    # Middle of each of the 2^16 cells of probability; rescaled, as the cells' spread is lost.
+    # Centre of each of the 2^16 cells of probability; rescaled, as the variance within the cells is lost.
     table = ndtri((np.arange(65536) + 0.5) / 65536)
     return (table / table.std()).astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""The states of a scene while one frame is exposed, row by row."""
+"""States of a scene during the row-by-row exposure of one frame."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .scene import FoamScene
 
 __all__ = ["CameraShake", "ExposedScene", "SceneLike", "inner_edge", "observe"]
 
-#: A scene that stands still, or one that moves with time [s].
+#: A static scene, or one that depends on time [s].
 SceneLike = FoamScene | Callable[[float], FoamScene]
 
-#: Movement of the camera: maps coordinates of the resting camera to the moved one, by time [s].
+#: Motion of the camera: transforms coordinates of the static camera to the moved one, by time [s].
 CameraShake = Callable[[float], Pose]
 
 
@@ -75,7 +75,7 @@ def observe(
     camera, T_camera_foam
         As of :class:`.SceneRenderer`.
     scene
-        A scene, or a function of time that gives one.
+        A scene, or a function of time that returns one.
     t_s
         Exposure of the first row [s]; by default the time of the scene.
     shake
@@ -86,7 +86,7 @@ def observe(
     Raises
     ------
     InputError
-        No time is given for a scene that moves, its points or objects change in number during the frame, or
+        No time is given for a moving scene, its number of points or objects changes during the frame, or
         they are not finite or not convex.
     """
     rows = np.arange(camera.height)
@@ -113,7 +113,7 @@ def observe(
 
 
 def _check(scene: FoamScene) -> None:
-    """Refuse what could only be drawn wrong."""
+    """Reject scenes that cannot be rendered correctly."""
     for name in ("back_m", "front_m"):
         if not np.isfinite(getattr(scene, name)).all():
             raise InputError("FoamScene", "found points that are not finite", field=name)
@@ -129,7 +129,7 @@ def _check(scene: FoamScene) -> None:
         following = np.roll(edge, -1, axis=0)
         scale = np.linalg.norm(edge, axis=1) * np.linalg.norm(following, axis=1)
         turn = (edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]) / np.maximum(scale, 1e-18)
-        # Sines of the turns; below a thousandth it is rounding, not shape.
+        # Sines of the exterior angles; below a thousandth it is rounding, not shape.
         if turn.min() < -1e-3 and turn.max() > 1e-3:
             raise InputError(
                 "FoamScene",

@@ -1,10 +1,10 @@
-"""The sensor camera's image of a :class:`FoamScene`, with exact sub-pixel truth.
+"""The sensor camera's image of a :class:`FoamScene`, with exact sub-pixel ground truth.
 
-Layers are laid from far to near (and drawn from near to far): floor, objects (whole prisms), foam and robot body
-less the parts of objects that lean over them, occluders. Each layer covers a
-pixel by its exact fraction behind pixel and lens: the layer's polygon convolved with the pixel's
-square and a Gaussian. Where two layers share a border the nearer one is drawn over a farther one that
-goes on below it, so that no third surface shines through. Textures are blurred in their own plane.
+Layers are added from far to near (and drawn from near to far): floor, objects (whole prisms), foam and robot body
+minus the parts hidden by objects that extend over them, occluders. Each layer covers a
+pixel by its exact fraction after pixel and lens: the layer's polygon convolved with the pixel's
+square and a Gaussian. Where two layers share a border, the nearer one is drawn over a farther one that
+continues below it, so that no third surface is visible in between. Textures are blurred in their own plane.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from .textures import MATERIALS
 
 __all__ = ["SceneRenderer"]
 
-#: Light comes from above, behind and the left; a face's light grows with its normal along this.
+#: Light comes from above, behind and the left; a face's brightness grows with its normal along this direction.
 _LIGHT = np.array([-0.5, 0.3, 1.0])
 _MEAN_LIGHT = 0.5
 _SIDE_LIGHT = 0.8
@@ -52,7 +52,7 @@ _SENSOR_AXES = (np.zeros(3), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]
 
 
 class SceneRenderer:
-    """Draws what the sensor's camera sees.
+    """Renders the view of the sensor's camera.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class SceneRenderer:
     shutter_keys
         Number of states that are computed over the readout of a frame when something moves;
         between them pixels are interpolated by cubics. Motion of frequency f and
-        amplitude A px leaves an error of about ``0.02 (2 pi f T / (keys - 1))^4 A`` for
+        amplitude A px causes an error of about ``0.02 (2 pi f T / (keys - 1))^4 A`` for
         a readout of T.
 
     Examples
@@ -118,12 +118,12 @@ class SceneRenderer:
         camera_shake: CameraShake | None = None,
         occluders: Sequence[Occluder] = (),
     ) -> UInt8[np.ndarray, "rows columns *colour"]:
-        """The image that the camera delivers.
+        """Image as delivered by the camera.
 
         Parameters
         ----------
         scene
-            A scene, or a function of time that gives one; objects and points keep their order.
+            A scene, or a function of time that returns one; objects and points keep their order.
         rng
             Source of the noise; the same state gives the same image.
         t_s
@@ -140,12 +140,12 @@ class SceneRenderer:
     def repeated(
         self, scene: FoamScene, count: int, *, rng: np.random.Generator
     ) -> Iterator[UInt8[np.ndarray, "rows columns *colour"]]:
-        """Images of a scene at rest, as :meth:`render` makes them: drawn once, with new noise in each.
+        """Images of a static scene, as :meth:`render` returns them: rendered once, with new noise in each.
 
         Parameters
         ----------
         scene
-            What the camera sees.
+            Scene in the camera's view.
         count
             Number of images.
         rng
@@ -262,7 +262,7 @@ class SceneRenderer:
         tile_m = MATERIALS[self.look.floor.material]
         for scene in shot.scenes:
             world = scene.T_world_foam
-            # The nearest corner of the tiling keeps texture coordinates small far from the world's origin.
+            # The nearest corner of the tiling keeps texture coordinates small, even far from the world's origin.
             corner = np.round(shot.middle.T_world_foam.translation_m[:2] / tile_m) * tile_m
             below = world.apply(np.array([0.0, 0.0, -scene.floor_below_m]))[2]
             origins.append(world.inverse().apply(np.array([*corner, below])))
@@ -301,16 +301,16 @@ class SceneRenderer:
         else:
             import cv2
 
-            # A convex body in any attitude: its border is the hull of its faces.
+            # A convex body in any orientation: its border is the hull of its faces.
             corners = np.concatenate(polygons).astype(np.float32)
             border = cv2.convexHull(corners).reshape(-1, 2).astype(np.float64)
         rest = replace(planes[0], surface=replace(surface, texture=0.0), light=float(np.mean(lights)))
         return self._canvas.paint_facets(border, rest, polygons, planes)
 
     def _draw_foam_side(self, shot: ExposedScene, back: np.ndarray, front: np.ndarray) -> None:
-        """Side faces of the strip that look at the camera; it is above them on most robots."""
+        """Side faces of the strip that face the camera; on most robots the camera is above them."""
         height = self.look.foam_height_m
-        # Reaches a little above the top, which is drawn over it: no gap at their common edge.
+        # Extends slightly above the top, which is drawn over it: no gap at their common edge.
         outline = turned_left(closed(front, back))
         # The back, whose normal points to -x, is glued to the body.
         for face in prism_faces(outline, -height, 0.1 * height, shot.view.centre_foam_m, -0.7):
@@ -322,12 +322,12 @@ class SceneRenderer:
     def _sensor_regions(
         self, shot: ExposedScene, back: np.ndarray, front: np.ndarray
     ) -> list[Coverage | None]:
-        """Foam with body, (foam behind the stripe with body,) body: each contains the next, so no gaps."""
+        """Foam with body, (foam behind the stripe with body,) body: nested regions, so there are no gaps."""
         look, view = self.look, shot.view
         first, last = back[0] - back[1], back[-1] - back[-2]
         first = back[0] + look.body_margin_m * first / np.linalg.norm(first, axis=-1, keepdims=True)
         last = back[-1] + look.body_margin_m * last / np.linalg.norm(last, axis=-1, keepdims=True)
-        # Far behind: the view cuts what lies behind the camera.
+        # Far behind: the view clips everything behind the camera.
         away = np.array([-1.0, 0.0])
         behind = np.stack([last, last + away, first + away, first])
         lines = [np.concatenate([back[:1], front, back[-1:]]), back]
@@ -349,7 +349,7 @@ class SceneRenderer:
             return
         outline = occluder.outline_at(float(times[len(times) // 2]))
         if occluder.height_m is None:
-            # Fixed to the image: its texture is cast to the sensor plane, only the outline matters.
+            # Fixed to the image: its texture is projected to the sensor plane, only the outline matters.
             polygon, height = outline, 0.0
         else:
             height = occluder.height_m

@@ -1,4 +1,4 @@
-"""From moving geometry to the polygons that one frame of a rolling shutter shows.
+"""Projection of moving geometry to polygons in one frame of a rolling shutter.
 
 Symbols: K key times spread over the readout of a frame, n points, m pixels of
 a polygon. Arrays of points carry their state at all keys, shape (n, K, 3), in
@@ -18,10 +18,10 @@ from ...core.camera.pose import Pose
 
 __all__ = ["RollingView", "ray_table"]
 
-#: Nothing is drawn nearer to the camera than this [m].
+#: Nothing nearer to the camera than this is drawn [m].
 NEAR_M = 0.02
 
-#: Polygons are cut this far outside of the image, in parts of its half size.
+#: Polygons are clipped this far outside the image, in parts of its half size.
 MARGIN = 0.1
 
 #: Length of straight pieces of a line that the lens or motion bends [px]; their sagitta
@@ -95,7 +95,7 @@ class RollingView:
         return result
 
     def pixels(self, points_camera_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "n 2"]:
-        """Image positions of points in the frame; NaN outside of the view and its margin.
+        """Image positions of points in the frame; NaN outside the view and its margin.
 
         Parameters
         ----------
@@ -111,13 +111,13 @@ class RollingView:
         if self.keys == 1:
             return each[:, 0]
         seen = each[:, self.keys // 2]
-        # Contracts by (speed of the image) x (row delay), far below 0.1 per round.
+        # Contracts by (speed of the image) x (row delay), far below 0.1 per iteration.
         for _ in range(8):
             seen = np.einsum("nk,nkd->nd", self.weights(seen[:, 1]), each)
         return seen
 
     def polyline(self, points_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
-        """Pixels of an open line, with points added where the image bends it.
+        """Pixels of an open line, with points added where it is curved in the image.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class RollingView:
         return self.pixels(self._divided(points, closed=False))
 
     def polygon(self, points_camera_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
-        """Pixels of a polygon, cut at the border of the view; (0, 2) when nothing is left.
+        """Pixels of a polygon, clipped at the border of the view; (0, 2) if nothing is left.
 
         Parameters
         ----------
@@ -224,8 +224,8 @@ def _adjugate(m: np.ndarray) -> np.ndarray:
 def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Part of a polygon where a linear function of its points is not negative (Sutherland, Hodgman 1974).
 
-    ``points`` (n, ...) may carry any attributes, which are interpolated; parts that
-    fall apart stay joined by lines without area.
+    ``points`` (n, ...) may carry any attributes, which are interpolated; disconnected
+    parts stay joined by lines without area.
     """
     keep = inside >= 0
     if keep.all():

@@ -1,4 +1,4 @@
-"""What a foam sensor's camera can see at one moment: plain geometry, shared by physics and renderer."""
+"""Contents of a foam sensor's camera view at one time: plain geometry, shared by physics and renderer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["FoamScene", "SceneObject", "Solid"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """A prism in any attitude, with a texture that moves with it."""
+    """A prism in any orientation, with a texture fixed to it."""
 
     outline_m: Float[np.ndarray, "n 2"]  #: cross section in its own frame, counter-clockwise
     height_m: float  #: from z = 0 to this in its own frame
@@ -50,7 +50,7 @@ class FoamScene:
     front_m: Float[np.ndarray, "n 2"]  #: front contour, point i is material point i of ``back_m``
     objects: tuple[SceneObject, ...] = ()
     floor_below_m: float = 0.05  #: the floor is at z = -floor_below_m
-    T_world_foam: Pose = field(default_factory=Pose.identity)  #: places the floor's texture
+    T_world_foam: Pose = field(default_factory=Pose.identity)  #: position of the floor's texture
     #: Inner edge of a stripe that is painted on the foam and deforms with it; ``None``: the stripe keeps
     #: its width behind the front.
     stripe_m: Float[np.ndarray, "n 2"] | None = None

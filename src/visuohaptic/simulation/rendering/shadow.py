@@ -1,4 +1,4 @@
-"""Soft darkening of the floor around what stands or hangs close to it."""
+"""Soft darkening of the floor around objects that stand on it or are close to it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _REDUCTION = 8
 def shade_floor(
     view: RollingView, scene: FoamScene, outlines_m: list[np.ndarray], look: Look
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Light of the floor in each pixel of the image, less around the feet of outlines.
+    """Light of the floor in each pixel of the image, reduced around the feet of outlines.
 
     Parameters
     ----------

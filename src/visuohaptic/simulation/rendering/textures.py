@@ -1,7 +1,7 @@
-"""Surfaces made by formulas: tiles that repeat without seams, each from its name and seed.
+"""Procedural surfaces: seamless tiles, each determined by its name and seed.
 
 Every tile is uint8 with mean 128 and standard deviation 42, so that an amplitude in
-grey levels is the standard deviation of what it adds to a surface.
+grey levels is the standard deviation of its contribution to a surface.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def texture_tile(material: str, seed: int = 0, size: int = TILE_TEXELS) -> UInt8
     material
         One of :data:`MATERIALS`.
     seed
-        Chooses the sample of the material.
+        Selects the sample of the material.
     size
         Edge length [texels], a power of two.
 

@@ -1,4 +1,4 @@
-"""Rays through glass, liquid and mirrors to the first diffuse surface; exact quadrics, no facets.
+"""Ray tracing through glass, liquid and mirrors to the first diffuse surface; exact quadrics, no facets.
 
 Layouts of the arrays (built by :mod:`.refraction`):
 
@@ -25,7 +25,7 @@ _TURN = 2.0 * math.pi
 
 @kernel(inline="always")
 def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_min, t_best):
-    """Nearest crossing of one ring of the profile beyond ``t_min``, or ``t_best``."""
+    """Nearest intersection with one ring of the profile beyond ``t_min``, or ``t_best``."""
     r0, z0, r1, z1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
     first, width = segments[s, 11], segments[s, 12]
     if abs(z1 - z0) < 1e-9:
@@ -67,7 +67,7 @@ def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_min, t_best):
 
 @kernel
 def _nearest(origin, direction, solids, segments, boxes, t_min):
-    """(t, solid, segment, box): the nearest surface of any kind; indices -1 where not meant."""
+    """(t, solid, segment, box): the nearest surface of any kind; unused indices are -1."""
     t_best, best_solid, best_segment, best_box = 1e9, -1, -1, -1
     for i in range(len(solids)):
         c, s, squash = solids[i, 3], solids[i, 4], solids[i, 5]
@@ -76,7 +76,7 @@ def _nearest(origin, direction, solids, segments, boxes, t_min):
         px, py = (c * ox + s * oy) / squash, -s * ox + c * oy
         dx, dy = (c * direction[0] + s * direction[1]) / squash, -s * direction[0] + c * direction[1]
         dz = direction[2]
-        # The upright bounding cylinder: does the ray pass its axis near enough, and inside its heights?
+        # The upright bounding cylinder: does the ray pass close enough to its axis, and within its heights?
         flat = dx * dx + dy * dy
         radius = solids[i, 6]
         z_low, z_high = -1e9, 1e9
@@ -172,9 +172,9 @@ def _normal(point, solid, segment, box, solids, segments, boxes, normal):
 
 @kernel
 def _trace(origin, direction, solids, segments, boxes, found, scratch):
-    """Follow one ray to a diffuse surface.
+    """Trace one ray to a diffuse surface.
 
-    ``found``: x, y, z, transmitted share, cosine at the surface, albedo, interfaces passed, then of the first
+    ``found``: x, y, z, transmitted fraction, cosine at the surface, albedo, interfaces passed, then of the first
     interface: distance and normal. Returns 1 where a diffuse surface was reached.
     """
     o, d, normal = scratch[0], scratch[1], scratch[2]
@@ -264,11 +264,11 @@ def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):
 
 @kernel
 def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_y):
-    """Landing points of the projector's pixels, as its pinhole would see them, and the owner of each cell.
+    """Landing points of the projector's pixels in its pinhole image, and the owner of each cell.
 
-    Returns ``landing`` (h, w, 2), NaN without a landing, ``bright`` (h, w), the light per area that each projector
-    pixel gives there (1 = undisturbed), ``owner`` (h, w), the brightest projector pixel (row * w + column) that
-    lands in a cell or -1, and ``mixed`` (h, w), 1 where a second, displaced part of the pattern of at least half
+    Returns ``landing`` (h, w, 2), NaN without a landing, ``bright`` (h, w), the irradiance of each projector
+    pixel there (1 = undisturbed), ``owner`` (h, w), the brightest projector pixel (row * w + column) that
+    lands in a cell or -1, and ``mixed`` (h, w), 1 where a second, displaced part of the pattern with at least half
     the brightness lands on it.
 
     Parameters
@@ -301,7 +301,7 @@ def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_
             u, v = landing[i, j, 0], landing[i, j, 1]
             area = (landing[i, j + 1, 0] - u) * (landing[i + 1, j, 1] - v)
             area = abs(area - (landing[i, j + 1, 1] - v) * (landing[i + 1, j, 0] - u))
-            if not area < 100.0:  # torn apart, or a neighbour without landing
+            if not area < 100.0:  # discontinuous, or a neighbour without landing
                 area = 100.0
             bright[i, j] = found[i, j, 3] / max(area, 0.1)
             if not (u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5):
@@ -322,7 +322,7 @@ def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_
 
 @kernel(parallel=True)
 def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation, projector, focal_x, focal_y, first_x, centre_y, row_tolerance, min_signal):  # fmt: skip
-    """Column of the projector that each camera pixel sees, NaN where the pattern fails there.
+    """Projector column visible in each camera pixel, NaN where the pattern cannot be decoded.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation,
     row_tolerance
         Maximum shift of the pattern across the rows [px].
     min_signal
-        Smallest transmitted fraction x albedo x cosine / depth^2 that can be decoded [1/m^2].
+        Minimum transmitted fraction x albedo x cosine / depth^2 that can be decoded [1/m^2].
     """
     rows, columns = hit.shape
     p_rows, p_columns = owner.shape
@@ -378,7 +378,7 @@ def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation,
             if best < 0 or blurred:
                 continue
             a, b = best // p_columns, best % p_columns
-            # One Newton step from the nearest landing, with the map's own slope.
+            # One Newton step from the nearest landing, with the gradient of the map.
             du, dv = u - landing[a, b, 0], v - landing[a, b, 1]
             if 0 < a < p_rows - 1 and 0 < b < p_columns - 1:
                 uu = 0.5 * (landing[a, b + 1, 0] - landing[a, b - 1, 0])

@@ -1,4 +1,4 @@
-"""A robot arm with a tip: straight motions with limited speed, and the errors that real ones have."""
+"""A robot arm with a tip: straight motions at limited speed, with realistic errors."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ __all__ = ["SimulatedArm"]
 
 
 class SimulatedArm(ProbeArm):
-    """A ``robots.ProbeArm`` whose tip goes straight; time passes by :meth:`advance`.
+    """A ``robots.ProbeArm`` with straight tip motions; time passes by :meth:`advance`.
 
     Parameters
     ----------
     T_base_tip
-        Where the arm believes its tip to be at the start.
+        Initial tip pose reported by the arm.
     error
-        Where the tip is in the tip frame that the arm believes in: what is wrong with its joints and
-        the mount of the tool, the same everywhere.
+        True tip pose in the reported tip frame: constant error of joint calibration and
+        tool mount.
     repeat_sigma_m
-        Standard deviation of every axis at the end of each motion, new for each motion.
+        Standard deviation of every axis at the end of each motion, independent between motions.
     reach_m
-        Smallest and largest distance of the tip from the base.
+        Minimum and maximum distance of the tip from the base.
     turn_rate_rad_s
         Maximum turn rate [rad/s].
     rng
@@ -60,7 +60,7 @@ class SimulatedArm(ProbeArm):
         self._slip = np.zeros(3)
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
-        """Start to move the tip in a straight line, turning evenly on the way.
+        """Start a straight motion of the tip with uniform rotation.
 
         Raises
         ------
@@ -87,13 +87,13 @@ class SimulatedArm(ProbeArm):
             self._slip = self.repeat_sigma_m * self._rng.standard_normal(3)
 
     def stop(self) -> None:
-        """Hold the present pose."""
+        """Hold the current pose."""
         self._from = self._to = self._pose
         self._turn = np.zeros(3)
         self._duration_s = self._done_s = 0.0
 
     def pose(self) -> tuple[float, Pose]:
-        """Newest time [s] and where the arm believes its tip to be."""
+        """Newest time [s] and reported tip pose."""
         return self.t_s, self._pose
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
@@ -101,11 +101,11 @@ class SimulatedArm(ProbeArm):
         return self._reach.copy()
 
     def true_pose(self) -> Pose:
-        """Where the unloaded tip really is."""
+        """True pose of the unloaded tip."""
         return Pose(self._pose.rotation, self._pose.translation_m + self._slip) @ self.error
 
     def advance(self, dt_s: float) -> None:
-        """Let time pass.
+        """Advance the simulation.
 
         Parameters
         ----------

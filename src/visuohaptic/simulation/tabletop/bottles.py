@@ -1,9 +1,9 @@
-"""Parametric bottles with known geometry: round, elliptic and flattened, and a probe that touches them.
+"""Parametric bottles with known geometry: round, elliptic and flattened; with a simulated probe.
 
 The base area is a circle, an ellipse or a flattened ellipse; the wall is a
 stack of straight, convex and concave sections with a neck on top (Alt 2016,
-Sec. 6.1.2 and 5.5.2). The middle is cut out, as a transparent part would be.
-The radius along any direction is a formula, so that truth needs no mesh.
+Sec. 6.1.2 and 5.5.2). The middle can be cut out, like a transparent part.
+The radius along any direction is a formula, so that ground truth needs no mesh.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class Bottle:
     knots_z: Float[np.ndarray, "k"]  #: heights of the profile's knots [m]
     knots_r: Float[np.ndarray, "k"]  #: radius at them [m]
     bulge_m: Float[np.ndarray, "k-1"]  #: of each section, positive outwards
-    aspect: float  #: width across over width along x
-    flat: float  #: sides are cut off at this part of the radius along y; 1: not at all
+    aspect: float  #: ratio of width along y to width along x
+    flat: float  #: sides are cut off at this fraction of the radius along y; 1: not cut
 
     def radius_m(
         self, theta: Float[np.ndarray, "*n"], z_m: Float[np.ndarray, "*n"]
@@ -50,14 +50,14 @@ class Bottle:
         t = np.clip((z - low) / (high - low), 0.0, 1.0)
         base = base + 4 * t * (1 - t) * self.bulge_m[section]
         c, s = np.cos(theta), np.sin(theta)
-        # Necks are round: the cross-section turns into a circle over the shoulder.
+        # Necks are round: the cross-section changes to a circle over the shoulder.
         shoulder = self.knots_z[-3:-1]
         round_ = np.clip((z - shoulder[0]) / (shoulder[1] - shoulder[0]), 0.0, 1.0)
         round_ = round_**2 * (3 - 2 * round_)
         aspect = self.aspect + (1 - self.aspect) * round_
         shape = 1.0 / np.sqrt(c**2 + (s / aspect) ** 2)
         limit = (self.flat + (10.0 - self.flat) * round_) * aspect / np.maximum(np.abs(s), 1e-9)
-        # A soft minimum: real containers have round edges.
+        # A soft minimum: real containers have rounded edges.
         return base * (shape**-12.0 + limit**-12.0) ** (-1.0 / 12.0)
 
     def mesh(
@@ -110,7 +110,7 @@ class Bottle:
         sigma_m: float = 0.0,
         rng: np.random.Generator | None = None,
     ) -> Float[np.ndarray, "3"] | None:
-        """First contact of a point probe that moves along a line; ``None`` when it meets nothing.
+        """First contact of a point probe that moves along a line; ``None`` without contact.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Bottle:
 
 
 def random_bottle(rng: np.random.Generator, kind: str | None = None) -> Bottle:
-    """A bottle as a shop may have it.
+    """A random bottle with realistic dimensions.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """A bottle with a crown cap, and an opener on a beam sensor held by an arm (Alt 2016, Sec. 3.6.5).
 
-The tool frame has its origin in the middle of the opener's bridge, the edge
+The tool frame has its origin at the centre of the opener's bridge, the edge
 that rests on top of the cap: x across, y forward, z up. The bridge is an arch
-about the cap; a hook behind and below it goes under the rim. The opener hangs
-on the beam, which deforms in all six axes; where its edges would enter the
-cap they are pressed back. The balance is found at every moment (quasi-static);
+over the cap; a hook behind and below it goes under the rim. The opener is
+mounted on the beam, which deforms in all six axes; where its edges would penetrate the
+cap, a contact force acts. The equilibrium is computed at every time (quasi-static);
 there is no friction and no inertia.
 """
 
@@ -40,7 +40,7 @@ ROTATION_TOOL_SENSOR = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1
 
 @dataclass(frozen=True, slots=True)
 class OpenerBeam:
-    """The rod that carries the opener: thicker than that of Sec. 3.6.1, which 4 N would bend for good."""
+    """The rod that carries the opener: thicker than that of Sec. 3.6.1, which would yield at 4 N."""
 
     length_m: float = 0.10
     diameter_m: float = 0.005
@@ -51,10 +51,10 @@ class OpenerBeam:
 
     @property
     def compliance_tool(self) -> Float[np.ndarray, "6 6"]:
-        """Motion (d [m], turn [rad]) of the tip per wrench (N, Nm) there, axes of the tool.
+        """Motion (d [m], rotation [rad]) of the tip per wrench (N, Nm) there, axes of the tool.
 
-        A cantilever: a force bends by L^3/3EI and turns by L^2/2EI, a moment
-        bends by L^2/2EI and turns by L/EI. Along and about the rod the springs deform.
+        A cantilever: a force deflects by L^3/3EI and rotates by L^2/2EI, a moment
+        deflects by L^2/2EI and rotates by L/EI. Along and about the rod the springs deform.
         """
         length, ei = self.length_m, self.youngs_Pa * math.pi * self.diameter_m**4 / 64
         c = np.zeros((6, 6))
@@ -74,13 +74,13 @@ class Opener:
     """Shape of the opener in the tool frame."""
 
     bridge_half_m: float = 0.015  #: half width of the arch
-    arch_radius_m: float = 0.028  #: the arch falls by x^2 / (2 R) to the sides
+    arch_radius_m: float = 0.028  #: the arch drops by x^2 / (2 R) to the sides
     hook_behind_m: float = 0.015  #: from the bridge back to the tip of the hook
     #: from the bridge down to the hook's upper edge; the arch stands 3 mm above the cap it bears on
     hook_below_m: float = 0.0112
     hook_half_m: float = 0.005  #: half width of the hook
-    bridge_N_per_m: float = 1e6  #: stiffness of the bridge on the cap
-    rim_N_per_m: float = 6e4  #: of the rim when it is lifted
+    bridge_N_per_m: float = 1e6  #: contact stiffness of the bridge on the cap
+    rim_N_per_m: float = 6e4  #: stiffness of the rim when it is lifted
 
     def points(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"], Bool[np.ndarray, "n"]]:
         """Points on its edges, stiffness of each [N/m], and which of them are the hook's."""
@@ -97,7 +97,7 @@ class Opener:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CapSeen:
-    """Where a camera on the tool saw the cap."""
+    """Observation of the cap by a camera on the tool."""
 
     t_s: float
     valid: bool
@@ -107,10 +107,10 @@ class CapSeen:
 
 @dataclass
 class CrownCapCell(BlankFrames):
-    """Arm, opener, bottle and camera; a ``robots.FrameSource`` whose every frame lets time pass.
+    """Arm, opener, bottle and camera; a ``robots.FrameSource`` whose every frame advances the simulation.
 
-    Frames carry no image worth looking at: :meth:`feel` and :meth:`look`
-    give the readings that belong to the newest frame.
+    Frames contain no useful image: :meth:`feel` and :meth:`look`
+    return the readings of the newest frame.
     """
 
     arm: SimulatedArm
@@ -118,16 +118,16 @@ class CrownCapCell(BlankFrames):
     rng: np.random.Generator
     opener: Opener = field(default_factory=Opener)
     beam: OpenerBeam = field(default_factory=OpenerBeam)
-    open_N: float = 85.0  #: pull of the hook at which the cap comes off
+    open_N: float = 85.0  #: pull of the hook at which the cap is removed
     #: standard deviations of force [N] and moment [Nm] that the sensor reads, axes of the tool
     wrench_sigma: tuple[float, ...] = (0.05, 0.05, 0.25, 0.01, 0.002, 0.01)
     wrench_gain: float = 1.0  #: systematic error of the sensor
-    #: what is wrong with the cap's place as it is seen from afar and from nearby [m], in the base
+    #: error of the cap's observed position from afar and from nearby [m], in the base
     far_error_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     near_error_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    near_m: float = 0.25  #: range at which the tracker sees it well
-    sight_m: float = 0.45  #: farthest range at which the cap is found
-    picture_sigma_m: float = 0.0005  #: noise of every sighting
+    near_m: float = 0.25  #: distance at which the tracker is accurate
+    sight_m: float = 0.45  #: maximum distance at which the cap is detected
+    picture_sigma_m: float = 0.0005  #: noise of every observation
     frame_rate_Hz: float = 30.0
     duration_s: float = math.inf
 
@@ -143,14 +143,14 @@ class CrownCapCell(BlankFrames):
         self._points, self._k, self._is_hook = self.opener.points()
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s]."""
+        """Advance the simulation; returns the new time [s]."""
         for _ in range(2):
             self.arm.advance(0.5 * dt_s)
             self._balance()
         return self.arm.t_s
 
     def feel(self, frame: Frame) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
-        """Wrench (N, Nm) that a beam sensor reads, axes of the tool, and its covariance.
+        """Wrench (N, Nm) measured by a beam sensor, axes of the tool, and its covariance.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class CrownCapCell(BlankFrames):
         return self.wrench_gain * self.wrench_tool + sigma * self.rng.standard_normal(6), np.diag(sigma**2)
 
     def look(self, frame: Frame) -> CapSeen:
-        """Measured pose of the cap in the view of the camera on the tool; not valid once the cap is off.
+        """Measured pose of the cap in the view of the camera on the tool; invalid after the cap is removed.
 
         Parameters
         ----------
@@ -172,7 +172,7 @@ class CrownCapCell(BlankFrames):
         way = self.position_base_m - tip.translation_m
         far = float(np.linalg.norm(way))
         sigma = np.full(3, self.picture_sigma_m)
-        # Looking down from the tool; from very near the opener hides it.
+        # The camera looks down from the tool; at very short distance the opener hides the cap.
         if self.opened or far > self.sight_m or way[2] > -0.008:
             return CapSeen(frame.t_s, False, np.full(3, math.nan), np.full(3, math.inf))
         wrong = np.array(self.near_error_m if far < self.near_m else self.far_error_m)
@@ -180,7 +180,7 @@ class CrownCapCell(BlankFrames):
         return CapSeen(frame.t_s, True, tip.rotation.T @ noisy, sigma)
 
     def _balance(self) -> None:
-        """Deflection at which the beam carries what the contacts press, by Newton's method."""
+        """Deflection at which beam and contact forces are in equilibrium, by Newton's method."""
         tip = self.arm.true_pose()
         q = self.deflection.copy()
         wrench, hook, pull = self._contact(tip, q)
@@ -190,7 +190,7 @@ class CrownCapCell(BlankFrames):
             if error < 1e-4:
                 break
             step = np.linalg.solve(self._stiff + hook, -rest)
-            # A contact that opens or closes on the way changes the slope: shorter steps then.
+            # A contact that opens or closes changes the gradient: then use shorter steps.
             for fraction in (1.0, 0.5, 0.2, 0.05):
                 trial = q + fraction * step
                 wrench, more, pull_now = self._contact(tip, trial)
@@ -206,7 +206,7 @@ class CrownCapCell(BlankFrames):
     def _contact(
         self, tip: Pose, q: Float[np.ndarray, "6"]
     ) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"], float]:
-        """Wrench of the cap on the tool, its slope, and the pull of the hook on the rim [N]."""
+        """Wrench of the cap on the tool, its gradient, and the pull of the hook on the rim [N]."""
         turn = Pose.from_rotation_vector(q[3:], np.zeros(3)).rotation
         arms = self._points @ turn.T
         places = (arms + q[:3]) @ tip.rotation.T + tip.translation_m - self.position_base_m
@@ -218,7 +218,7 @@ class CrownCapCell(BlankFrames):
         around = places[touching, :2] / np.maximum(r[touching, None], 1e-9)
         outward = np.column_stack([around * normal[touching, :1], normal[touching, 1]])
         force = self._k[touching] * depth[touching]
-        # Pull on the rim is what the hook presses upward under it.
+        # The pull on the rim is the upward force of the hook below it.
         pull = float(-(force * outward[:, 2])[self._is_hook[touching] & (outward[:, 2] < 0)].sum())
         inner = outward @ tip.rotation  # to the axes of the tool
         g = np.hstack([inner, np.cross(arms[touching], inner)])
@@ -228,8 +228,8 @@ class CrownCapCell(BlankFrames):
 def _inside(
     outline_m: Float[np.ndarray, "m 2"], r_m: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 2"]]:
-    """Depth of points (r, z) below a solid's surface (0 outside) and the way out, a unit vector (r, z)."""
-    # The axis r = 0 is no surface: its edge is left out.
+    """Depth of points (r, z) below a solid's surface (0 outside) and the exit direction, a unit vector (r, z)."""
+    # The axis r = 0 is not a surface: its edge is omitted.
     a, b = outline_m[:-1], outline_m[1:]
     points = np.column_stack([r_m, z_m])
     along = b - a

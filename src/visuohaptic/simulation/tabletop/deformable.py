@@ -1,4 +1,4 @@
-"""Containers that deform between two fingers, as the models of ``deformation`` say."""
+"""Containers that deform between two fingers, by the models of ``deformation``."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ __all__ = ["GRAIN_FILL", "WATER_FILL", "BulkFill", "DeformableContainer"]
 
 @dataclass(frozen=True, slots=True)
 class BulkFill:
-    """What a container is filled with."""
+    """Filling of a container."""
 
     kg_per_m3: float  #: of the heap, voids included
-    solid: float  #: fraction of the heap that is not air
+    solid: float  #: volume fraction of the grains
 
 
-#: Rice weighs 1450 kg/m^3 and leaves two fifths of its heap to the air.
+#: Rice has a density of 1450 kg/m^3, two fifths of its bulk volume are air.
 WATER_FILL, GRAIN_FILL = BulkFill(1000.0, 1.0), BulkFill(870.0, 0.6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeformableContainer:
-    """Force against deformation of a pinch by two opposite tips, by height.
+    """Force-deformation curve of a pinch by two opposite tips, by height.
 
     Between heights and deformations it is linear.
     """
@@ -72,12 +72,12 @@ class DeformableContainer:
         mass_kg: float = 0.05,
         filling: BulkFill = WATER_FILL,
     ) -> DeformableContainer:
-        """From the linear stiffness of a shell of revolution, and what it encloses.
+        """Create it from the linear stiffness of a shell of revolution and its contents.
 
-        A pinch of a round wall keeps the volume to first order; the ring that
-        it bends into w = d cos(2 t) loses the area (3 pi / 2) d^2, over a
-        length of about a diameter. Enclosed air answers with the third power
-        of the deformation, the more so the less air is left above a filling.
+        A pinch of a round wall preserves the volume to first order; the deformed
+        ring w = d cos(2 t) loses the area (3 pi / 2) d^2, over a
+        length of about a diameter. The force of enclosed air grows with the third power
+        of the deformation, and is larger the less air is left above a filling.
 
         Parameters
         ----------
@@ -88,15 +88,15 @@ class DeformableContainer:
         material
             Name of the material.
         closed
-            Nothing can get out.
+            The contents cannot escape.
         fill
-            Fraction of the volume up to which it is filled; the filling has a weight in any case.
+            Fraction of the volume that is filled; the weight of the filling is always included.
         max_m
             Maximum deformation of the curves [m].
         mass_kg
             Mass of the empty container [kg].
         filling
-            What it is filled with.
+            Filling.
         """
         from ...deformation.shells.fourier_shell import pinch_stiffness
 
@@ -105,13 +105,13 @@ class DeformableContainer:
         stiffness = np.asarray(pinch_stiffness(shell, material))
         free = np.isfinite(stiffness)
         height, radius = np.asarray(shell.height_m)[free], np.asarray(shell.radius_m)[free]
-        # Finer at the start, where the third power is nothing.
+        # Denser at the start, where the third power is negligible.
         depth = max_m * np.linspace(0.0, 1.0, 25) ** 2
         force = stiffness[free, None] * depth
         z, r = np.asarray(shell.height_m), np.asarray(shell.radius_m)
         volume = float(np.sum(0.5 * math.pi * (r[1:] ** 2 + r[:-1] ** 2) * np.diff(z)))
         if closed:
-            # Liquids and their container deform a little: never less than this fraction of air.
+            # Liquids and their container are slightly compressible: at least this fraction of air.
             air = max(1.0 - filling.solid * fill, 0.01) * volume
             lost = 1.5 * math.pi * 2.0 * radius[:, None]
             force = force + AIR_PA * lost**2 * depth**3 / air

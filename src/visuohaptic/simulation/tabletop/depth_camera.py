@@ -1,11 +1,11 @@
-"""Structured-light depth camera: a projector's pattern, bent by glass on its way out and back.
+"""Structured-light depth camera: the projector's pattern is refracted by glass on both paths.
 
-Every camera ray and every projector ray is followed through the glass to a
-diffuse surface. A camera pixel that sees surface point P shows the part of the
-pattern that lands on P, by whatever way; its disparity is read as depth. The
-pattern fails where no light or two displaced parts of it land on P, where it is
-shifted across the rows, too dim, too torn within the correlation window, or
-where the projector's glint blinds the camera.
+Every camera ray and every projector ray is traced through the glass to a
+diffuse surface. A camera pixel whose ray ends at surface point P shows the part of the
+pattern that lands on P, by any path; its disparity is interpreted as depth. The
+pattern cannot be decoded where no light or two displaced parts of it land on P, where it is
+shifted across the rows, too dim, too discontinuous within the correlation window, or
+where the projector's specular reflection saturates the camera.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ __all__ = ["DepthCamera", "DepthCameraOptics"]
 
 @dataclass(frozen=True, slots=True)
 class DepthCameraOptics:
-    """What the sensor does to the pattern; defaults are those of a Kinect/Xtion."""
+    """Decoding of the pattern; defaults are those of a Kinect/Xtion."""
 
     baseline_m: float = 0.075  #: projector to camera, along the camera's x [m]
     range_m: tuple[float, float] = (0.4, 4.0)  #: depths that are reported [m]
-    noise_px: float = 0.06  #: standard deviation of the disparity; 1.4 mm at 1 m, as Eq. (5.1) has it [px]
+    noise_px: float = 0.06  #: standard deviation of the disparity; 1.4 mm at 1 m, as in Eq. (5.1) [px]
     step_px: float = 0.125  #: step of the reported disparities; 0 = exact [px]
     window_px: int = 7  #: edge of the correlation window, odd [px]
-    window_fraction: float = 0.6  #: of the window that must show the pattern undisturbed
+    window_fraction: float = 0.6  #: fraction of the window that must show the pattern undisturbed
     window_tolerance_px: float = 1.0  #: disparities in the window that count as undisturbed [px]
-    row_tolerance_px: float = 1.2  #: shift across the rows that the correlation bears [px]
-    min_signal: float = 0.02  #: transmitted share x albedo x cosine / depth^2 below which it is too dim
-    glint_rad: float = math.radians(3.0)  #: half width of the blinding glint on smooth surfaces [rad]
-    glint_return_rad: float = math.radians(4.5)  #: up to here the glint returns the depth of the glass [rad]
+    row_tolerance_px: float = 1.2  #: maximum shift across the rows for the correlation [px]
+    min_signal: float = 0.02  #: transmitted fraction x albedo x cosine / depth^2 below which it is too dim
+    glint_rad: float = math.radians(3.0)  #: half width of the saturating reflection on smooth surfaces [rad]
+    glint_return_rad: float = math.radians(4.5)  #: up to here, it returns the depth of the glass [rad]
 
 
 def _kinect() -> Camera:
@@ -53,7 +53,7 @@ class DepthCamera:
 
     @classmethod
     def kinect(cls, width: int = 640) -> DepthCamera:
-        """A Kinect's field of view at another width: noise, steps and window keep their size in space.
+        """A Kinect's field of view at another resolution: noise, steps and window keep their size in space.
 
         Parameters
         ----------
@@ -77,16 +77,16 @@ class DepthCamera:
         Parameters
         ----------
         scene
-            What there is.
+            Scene to measure.
         T_world_camera
             ``T_world_camera``, z forward.
         rng
-            Noise of the disparity; without it the image has no noise and no steps.
+            Noise of the disparity; without it the image has neither noise nor quantisation.
 
         Returns
         -------
         depth_m
-            Depth along the optical axis, float32, NaN where the sensor says nothing [m].
+            Depth along the optical axis, float32, NaN where the sensor returns no value [m].
         """
         from ._refraction_kernels import decode_pattern, pattern_map, trace_rays
 
@@ -121,7 +121,7 @@ class DepthCamera:
         return depth_m.astype(np.float32)
 
     def _correlate(self, disparity_px: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-        """Keep what enough of the window agrees with, as the mean of what agrees."""
+        """Keep pixels with sufficient agreement in the window, as the mean of the agreeing values."""
         half = self.optics.window_px // 2
         padded = np.pad(disparity_px, half, constant_values=np.nan).astype(np.float32)
         height, width = disparity_px.shape
@@ -146,7 +146,7 @@ class DepthCamera:
         rotation: Float[np.ndarray, "3 3"],
         focal_baseline: float,
     ) -> None:
-        """Blind the camera, or show the glass itself, where it mirrors the projector (in place)."""
+        """Saturation, or the depth of the glass, where it reflects the projector (in place)."""
         distance_m = found[..., 7]
         i, j = np.nonzero(distance_m > 0)
         if not len(i):
@@ -174,7 +174,7 @@ class DepthCamera:
 
     @staticmethod
     def _noise(rng: np.random.Generator, shape: tuple[int, int]) -> Float[np.ndarray, "h w"]:
-        """Unit noise, half of its variance shared by neighbours: correlation windows overlap."""
+        """Unit noise, half of its variance is correlated between neighbours: correlation windows overlap."""
         import cv2
 
         alone = rng.standard_normal(shape)

@@ -1,8 +1,8 @@
-"""Seeded table scenes with glass among opaque objects, as in Alt 2016, Fig. 5.5, with the truth.
+"""Random table scenes with glass among opaque objects, as in Alt 2016, Fig. 5.5, with ground truth.
 
 Six objects stand on a table in a room; the depth camera moves around them on an
-arc. The truth is the space inside the outer surface of the glass at heights
-that no label hides.
+arc. Ground truth is the space inside the outer surface of the glass at heights
+that no label covers.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ class GlassView:
     """One depth image of a rendered sequence."""
 
     t_s: float  #: [s]
-    depth_m: Float[np.ndarray, "h w"]  #: NaN = nothing read [m]
-    T_world_camera: Pose  #: as the tracker reports it, with its error
-    true_T_world_camera: Pose  #: as it was
+    depth_m: Float[np.ndarray, "h w"]  #: NaN = no measurement [m]
+    T_world_camera: Pose  #: reported by the tracker, with its error
+    true_T_world_camera: Pose  #: true pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlassScene:
-    """A scene, the camera's way around it and what is true."""
+    """A scene, the camera path around it and ground truth."""
 
     kind: GlassKind  #: of its glass objects
     scene: RefractingScene
     glass: tuple[Revolution, ...]  #: the transparent objects
-    arc_rad: float  #: angle that the way covers, seen from above [rad]
-    poses: tuple[Pose, ...]  #: ``T_world_camera`` along the way
-    low_m: Float[np.ndarray, "3"]  #: least corner of the space of interest, world [m]
-    high_m: Float[np.ndarray, "3"]  #: greatest corner [m]
+    arc_rad: float  #: angle that the path covers, seen from above [rad]
+    poses: tuple[Pose, ...]  #: ``T_world_camera`` along the path
+    low_m: Float[np.ndarray, "3"]  #: minimum corner of the region of interest, world [m]
+    high_m: Float[np.ndarray, "3"]  #: maximum corner [m]
 
     def truth(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
         """Which points of the world are inside transparent parts.
@@ -71,7 +71,7 @@ class GlassScene:
         pose_sigma_m: float = 0.0,
         pose_sigma_rad: float = 0.0,
     ) -> Iterator[GlassView]:
-        """Depth images along the path; the reported poses have Gaussian errors, each on its own.
+        """Depth images along the path; the reported poses have independent Gaussian errors.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class GlassScene:
 
 
 def disturb_pose(pose: Pose, rng: np.random.Generator, sigma_m: float, sigma_rad: float) -> Pose:
-    """A pose with an error of ``sigma`` per axis, turned about the camera's own centre.
+    """A pose with an error of ``sigma`` per axis, rotated about the camera's own centre.
 
     Parameters
     ----------
@@ -136,19 +136,19 @@ def disturb_pose(pose: Pose, rng: np.random.Generator, sigma_m: float, sigma_rad
 def glass_scene(
     seed: int, *, kind: GlassKind | None = None, arc_deg: float | None = None, step_m: float = 0.025
 ) -> GlassScene:
-    """The scene of a seed; kinds and arcs go round with the seed unless they are given.
+    """The scene of a seed; kinds and arcs cycle with the seed unless they are given.
 
     Parameters
     ----------
     seed
-        Objects, places and way follow from it alone.
+        Determines objects, positions and path.
     kind
         ``thin`` (0.5-1 mm plastic), ``thick`` (2.5-4 mm glass), ``labelled`` (thin, with an opaque label and
         cap) or ``filled`` (with water).
     arc_deg
-        Angle of the way, else 105, 180, 270 or 360 [deg].
+        Angle of the path, by default 105, 180, 270 or 360 [deg].
     step_m
-        Way between two views [m].
+        Distance between two views [m].
     """
     if kind is not None and kind not in SCENE_KINDS:
         raise InputError("glass_scene", f"found {kind!r}, expected one of {', '.join(SCENE_KINDS)}")
@@ -194,7 +194,7 @@ def glass_scene(
 
 
 def _places(rng: np.random.Generator, count: int) -> list[tuple[float, float]]:
-    """Places on the table at least 14 cm apart."""
+    """Positions on the table at least 14 cm apart."""
     found: list[tuple[float, float]] = []
     while len(found) < count:
         radius, angle = 0.3 * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
@@ -249,7 +249,7 @@ def _glass_object(rng: np.random.Generator, kind: GlassKind, place: tuple[float,
 
 
 def _way(rng: np.random.Generator, arc_rad: float, step_m: float) -> tuple[Pose, ...]:
-    """Views on an arc that look at the middle of the table, with a hand's unsteadiness."""
+    """Views on an arc towards the centre of the table, with the jitter of a hand."""
     radius, height = rng.uniform(0.75, 0.9), rng.uniform(0.4, 0.6)
     first = rng.uniform(0, 2 * math.pi)
     count = max(2, round(arc_rad * radius / step_m) + 1)

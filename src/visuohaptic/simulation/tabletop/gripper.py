@@ -32,7 +32,7 @@ from .gripper_setup import ROD, RUBBER_FOAM, FingerView, GraspObject, GripperDri
 __all__ = ["VirtualGripper"]
 
 
-#: Longest way of the finger in one step [m], and longest step [s].
+#: Maximum motion of the finger per step [m], and maximum step [s].
 STEP_M, STEP_S = 1e-4, 0.005
 
 
@@ -50,7 +50,7 @@ class VirtualGripper(Closing, Gripper):
     drive
         Opening, acceleration and maximum force.
     view
-        Camera and what is visible of the finger.
+        Camera and visible parts of the finger.
     geometry, law
         The foam rod on the finger and its material.
     duration_s
@@ -105,11 +105,11 @@ class VirtualGripper(Closing, Gripper):
         self._target, self._limit = 0.5 * (self.drive.open_m - opening_m), 0.5 * speed_m_s
 
     def stop(self) -> None:
-        """Hold the present opening."""
+        """Hold the current opening."""
         self._target, self._limit, self._speed = self._position, 0.0, 0.0
 
     def state(self) -> GripperState:
-        """Newest reading of the drive, which nobody in Sec. 3.6.4 uses."""
+        """Newest reading of the drive, not used in Sec. 3.6.4."""
         return GripperState(self._times[-1], self.drive.open_m - 2 * self._position, -2 * self._speed)
 
     # FrameSource
@@ -121,7 +121,7 @@ class VirtualGripper(Closing, Gripper):
 
     @property
     def frame_count(self) -> int | None:
-        """How many frames there will be; ``None`` without a duration."""
+        """Number of frames; ``None`` without a duration."""
         return None if math.isinf(self.duration_s) else math.ceil(self.duration_s * self.view.frame_rate_Hz)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -151,7 +151,7 @@ class VirtualGripper(Closing, Gripper):
         return Frame(developed if self._renderer.look.colour else developed[..., 0], t_s, index)
 
     def advance_to(self, t_s: float) -> None:
-        """Let time pass up to ``t_s``.
+        """Advance the simulation to ``t_s``.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class VirtualGripper(Closing, Gripper):
             self._step(min(STEP_S, step, t_s - self._times[-1]))
 
     def skip_to(self, t_s: float) -> None:
-        """Let time pass without images; the next frame is the first one at or after a time.
+        """Advance the simulation without images; the next frame is the first one at or after a time.
 
         Parameters
         ----------
@@ -194,7 +194,7 @@ class VirtualGripper(Closing, Gripper):
         return GripperTruth(t_s, *((1 - fraction) * one + fraction * other for one, other in values))
 
     def scene(self, t_s: float) -> FoamScene:
-        """What the camera sees at a time, in frame F of the finger.
+        """Scene in the camera's view at a time, in frame F of the finger.
 
         Parameters
         ----------
@@ -220,7 +220,7 @@ class VirtualGripper(Closing, Gripper):
         )
 
     def _other_finger(self, truth: GripperTruth) -> tuple[SceneObject, SceneObject]:
-        """Rod and body of the mirrored finger; its foam is drawn as deep as ours is pressed."""
+        """Foam and body of the mirrored finger; its foam is drawn with the same deformation."""
         geometry, foam, body = self._strip.geometry, self._renderer.look.foam, self._renderer.look.body
         back = 2 * geometry.width_m + self.drive.open_m - 2 * truth.position_m
         near = back - float(truth.front_m[:, 0].min())
@@ -234,7 +234,7 @@ class VirtualGripper(Closing, Gripper):
         )
 
     def _ride(self, t_s: float) -> Pose:
-        """The camera as the finger sees it move: the renderer's frame F rides on the finger."""
+        """Motion of the camera relative to the finger: the renderer's frame F is fixed to the finger."""
         rest = self.view.rig.T_camera_foam
         moved = Pose(np.eye(3), np.array([self.truth(t_s).position_m, 0.0, 0.0]))
         return rest @ moved @ rest.inverse()
@@ -258,11 +258,11 @@ class VirtualGripper(Closing, Gripper):
         self._record(now.t_s + dt_s, self._squeeze(dt_s, move))
 
     def _squeeze(self, dt_s: float, way_m: float) -> Float[np.ndarray, "objects"]:
-        """Move foam and springs on by one step of the finger.
+        """Advance foam and springs by one step of the finger.
 
-        The springs deform before the foam is pressed, by what its stiffness in the last step
-        predicts: foam that is pressed too far and let go again would remember it as unloading.
-        What is left of the balance goes into the next step.
+        The springs are moved before the foam is compressed, by the amount that its stiffness in the last step
+        predicts: foam that is compressed too far and released would record an unloading.
+        The remaining imbalance is corrected in the next step.
         """
         if not self.objects:
             return np.zeros(0)

@@ -1,4 +1,4 @@
-"""Foam, drive, view and objects of the simulated gripper, and its truth at one time (Alt 2016, Sec. 3.6.4)."""
+"""Foam, drive, view and objects of the simulated gripper, and its ground truth at one time (Alt 2016, Sec. 3.6.4)."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ __all__ = [
     "gripper_look",
 ]
 
-#: Rubber foam (EPDM): slope some 0.4 MPa per unit strain, a 7 cm bottle reaches 100 N.
+#: Rubber foam (EPDM): slope about 0.4 MPa per unit strain, a 7 cm bottle reaches 100 N.
 RUBBER_FOAM = StripLaw(mu_Pa=(200e3, 5e3), alpha=(3.0, -2.0))
 #: The rod on the finger: cross section 1.5 x 1 cm.
 ROD = FoamStripGeometry(length_m=0.1, width_m=0.015, height_m=0.01, spacing_m=0.001)
-#: Camera above the gripper, slightly outside of the grasping range.
+#: Camera above the gripper, slightly outside the grasping range.
 GRIPPER_RIG = SensorRig(look_ahead_m=0.022)
 #: Width of the stripe on the rod [m].
 STRIPE_M = 0.003
@@ -64,7 +64,7 @@ def gripper_look(*, stripe: bool = True) -> Look:
 
 @dataclass(frozen=True, slots=True)
 class GripperDrive:
-    """Opening and drive of the gripper; both fingers move alike."""
+    """Opening and drive of the gripper; both fingers move symmetrically."""
 
     open_m: float = field(default=0.1, metadata=POSITIVE)  #: maximum opening, between the fronts of both rods
     acceleration_m_s2: float = field(default=0.5, metadata=POSITIVE)  #: of each finger
@@ -76,7 +76,7 @@ class GripperDrive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FingerView:
-    """The camera of the gripper and the surfaces of the finger that it sees."""
+    """The camera of the gripper and the visible surfaces of the finger."""
 
     rig: SensorRig = GRIPPER_RIG
     look: Look = field(default_factory=gripper_look)
@@ -91,10 +91,10 @@ class FingerView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspObject:
-    """Something between the fingers: an outline on a spring that both fingers load."""
+    """An object between the fingers: an outline on a spring that both fingers load."""
 
     outline: Outline  #: cross section, frame R
-    #: Force by the displacement of its surface before one finger; infinite for a rigid object.
+    #: Force by the displacement of its surface at one finger; infinite for a rigid object.
     stiffness_N_per_m: float = math.inf
     top_m: float = 0.05  #: height of its top above the foam's top
     surface: Surface = _BLUE
@@ -108,14 +108,14 @@ class GraspObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GripperTruth:
-    """What is the case at one moment."""
+    """State at one time."""
 
     t_s: float
     position_m: float  #: of the finger along x of R
     speed_m_s: float
     force_N: float  #: of the foam on all objects along x
     object_force_N: Float[np.ndarray, "objects"]  #: on every object
-    shift_m: Float[np.ndarray, "objects"]  #: way that every object's surface has retreated
+    shift_m: Float[np.ndarray, "objects"]  #: displacement of every object's surface
     front_m: Float[np.ndarray, "k 2"]  #: front contour, frame F
     stripe_m: Float[np.ndarray, "k 2"]  #: inner edge of the stripe, frame F
 

@@ -1,7 +1,7 @@
-"""A kitchen table with a container, an arm, and a gripper with foam on its fingers; no image is drawn.
+"""A kitchen table with a container, an arm, and a gripper with foam on its fingers; no image is rendered.
 
-What the finger's camera would say is the truth with noise; for fingers that are
-seen see :class:`visuohaptic.rigs.VirtualHand`.
+The reading of the finger's camera is ground truth with noise; for rendered
+fingers see :class:`visuohaptic.rigs.VirtualHand`.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ __all__ = ["FingerObservation", "KitchenTable"]
 
 @dataclass(frozen=True, slots=True)
 class FingerObservation:
-    """What the finger's sensor says of one frame."""
+    """Reading of the finger's sensor for one frame."""
 
     t_s: float
     valid: bool
     force_N: float
     force_sigma_N: float
-    surface_m: float  #: where the touched surface is, from the middle between the fingers; NaN without touch
+    surface_m: float  #: of the touched surface, from the midpoint between the fingers; NaN without contact
 
 
 @dataclass
 class KitchenTable(BlankFrames, Gripper):
-    """A container at a place, between the fingers when the arm is there; ``Gripper`` and ``FrameSource`` in one.
+    """A container at a pose, between the fingers when the arm is there; ``Gripper`` and ``FrameSource`` in one.
 
-    The tip is the middle between the fingers; z of the base is height above the table.
+    The tip is the midpoint between the fingers; z of the base is height above the table.
     """
 
     container: DeformableContainer
@@ -46,22 +46,22 @@ class KitchenTable(BlankFrames, Gripper):
     place_m: tuple[float, float] = (0.5, 0.0)
     open_m: float = 0.12
     foam_N_per_m: float = 6000.0  #: of the rubber on one finger
-    foam_N_per_m3: float = 3e8  #: it becomes stiffer
+    foam_N_per_m3: float = 3e8  #: relative increase of its stiffness
     force_sigma_N: float = 0.08
     surface_sigma_m: float = 4e-5
     load_sigma_N: float = 0.05  #: of the vertical load on the fingers, frame by frame
-    load_zero_N: float = 0.3  #: of that sensor: it has to be tared
-    wrist_N_per_m: float = math.inf  #: of the spring from which the hand hangs
+    load_zero_N: float = 0.3  #: offset of that sensor: it has to be tared
+    wrist_N_per_m: float = math.inf  #: stiffness of the spring that supports the hand
     frame_rate_Hz: float = 30.0
     force_limit_N: float = 60.0
     slip_at_s: float = math.inf  #: from then on the fingers are wet: a tenth of the friction
-    fall_at_s: float = math.inf  #: the object falls over then
-    blind_at_s: float = math.inf  #: the sensor sees nothing from then on
+    fall_at_s: float = math.inf  #: time at which the object falls over
+    blind_at_s: float = math.inf  #: time from which the sensor is blind
 
     def __post_init__(self) -> None:
         start = Pose(np.eye(3), np.array([*self.place_m, 0.35]))
         self.arm = SimulatedArm(start, repeat_sigma_m=2e-4, rng=self.rng, turn_rate_rad_s=1.0)
-        self._raised_m = 0.0  #: arm above where the fingers have held the object on the table
+        self._raised_m = 0.0  #: height of the arm above the grasp of the object on the table
         self.fallen = False
         self.force_N = self.deformation_m = 0.0
         self._opening, self._target, self._limit = self.open_m, self.open_m, 0.0
@@ -77,7 +77,7 @@ class KitchenTable(BlankFrames, Gripper):
         self._target, self._limit = opening_m, speed_m_s
 
     def stop(self) -> None:
-        """Hold the present opening."""
+        """Hold the current opening."""
         self._target = self._opening
 
     def state(self) -> GripperState:
@@ -88,14 +88,14 @@ class KitchenTable(BlankFrames, Gripper):
         return GripperState(self.arm.t_s, self._opening, moving)
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s]."""
+        """Advance the simulation; returns the new time [s]."""
         self.arm.advance(dt_s)
         step = self._limit * dt_s
         way = max(-step, min(step, self._target - self._opening))
         if way > 0 or self.force_N < self.force_limit_N:
             self._opening += way
-        # What is held has come along before the fingers feel it: the other way round they would feel
-        # the wall as far below as the arm has moved in this frame.
+        # A held object moves before the fingers are read: in the other order they would be
+        # at a height on the wall that is wrong by the arm's motion in this frame.
         self._carry()
         self._balance()
         self._held_z = self._tip_z() if self.force_N > 0 else None
@@ -119,7 +119,7 @@ class KitchenTable(BlankFrames, Gripper):
         return FingerObservation(frame.t_s, True, force, self.force_sigma_N, surface)
 
     def weigh(self, frame: Frame) -> float:
-        """Vertical load on the fingers [N] with its zero's offset; NaN when the sensor is blind.
+        """Vertical load on the fingers [N] including the sensor's offset; NaN when the sensor is blind.
 
         Parameters
         ----------
@@ -132,17 +132,17 @@ class KitchenTable(BlankFrames, Gripper):
 
     @property
     def load_N(self) -> float:
-        """True weight on the fingers: none before the spring of the wrist is stretched by it."""
+        """True weight on the fingers: none until the spring of the wrist is stretched by it."""
         weight_N = self.container.mass_kg * GRAVITY_M_S2
         return min(weight_N, self.wrist_N_per_m * self._raised_m) if self._raised_m > 0 else 0.0
 
     @property
     def lifted_m(self) -> float:
-        """How far the object is above the table: the arm has first to stretch the spring."""
+        """Height of the object above the table: the arm first has to stretch the spring."""
         return max(0.0, self._raised_m - self.container.mass_kg * GRAVITY_M_S2 / self.wrist_N_per_m)
 
     def _height(self) -> float:
-        """Where on the object the fingers are."""
+        """Position of the fingers on the object."""
         return self._tip_z() - self._raised_m
 
     def _tip_z(self) -> float:
@@ -154,7 +154,7 @@ class KitchenTable(BlankFrames, Gripper):
         return 0.0 if self.fallen or beside > 0.01 else self.container.radius_at(self._height())
 
     def _balance(self) -> None:
-        """Force at which foam and wall together are as much shorter as the fingers are too near."""
+        """Force at which the compression of foam and wall equals the penetration of the fingers."""
         self._fall()
         short = self._radius() - 0.5 * self._opening
         if short <= 0:
@@ -179,11 +179,11 @@ class KitchenTable(BlankFrames, Gripper):
             self.fallen, self._raised_m = True, 0.0
 
     def _carry(self) -> None:
-        """The object goes with the fingers as long as friction carries it."""
+        """The object moves with the fingers as long as friction holds it."""
         z = self._tip_z()
         friction = self.container.friction * (0.1 if self.arm.t_s >= self.slip_at_s else 1.0)
         holds = 2.0 * friction * self.force_N >= self.container.mass_kg * GRAVITY_M_S2
         if holds and self._held_z is not None:
             self._raised_m = max(0.0, self._raised_m + z - self._held_z)
         elif not holds:
-            self._raised_m = 0.0  # it drops back onto the table
+            self._raised_m = 0.0  # it falls back onto the table

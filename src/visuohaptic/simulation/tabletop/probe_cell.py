@@ -1,4 +1,4 @@
-"""An arm with a point probe beside a bottle: what the probe enters presses back."""
+"""An arm with a point probe next to a bottle, with contact forces."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["ProbeCell"]
 
 @dataclass
 class ProbeCell(BlankFrames):
-    """A ``robots.FrameSource`` whose every frame lets the arm move; the bottle stands at a pose in the base."""
+    """A ``robots.FrameSource`` that advances the arm with every frame; the bottle stands at a pose in the base."""
 
     arm: SimulatedArm
     bottle: Bottle
@@ -30,12 +30,12 @@ class ProbeCell(BlankFrames):
     duration_s: float = math.inf
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; returns the new time [s]."""
+        """Advance the simulation; returns the new time [s]."""
         self.arm.advance(dt_s)
         return self.arm.t_s
 
     def load_N(self) -> Float[np.ndarray, "3"]:
-        """True force on the probe in the base [N]: outward by how far it is inside the wall."""
+        """True force on the probe in the base [N]: outwards, proportional to its penetration of the wall."""
         x, y, z = self.T_base_bottle.inverse().apply(self.arm.true_pose().translation_m)
         radius = math.hypot(x, y)
         wall = float(np.asarray(self.bottle.radius_m(np.array(math.atan2(y, x)), np.array(z))))
@@ -45,5 +45,5 @@ class ProbeCell(BlankFrames):
         return self.T_base_bottle.rotation @ outward * self.stiffness_N_per_m * (wall - radius)
 
     def force(self) -> Float[np.ndarray, "3"]:
-        """Force on the probe in the base [N], with noise: what a sensor would read that is not drawn."""
+        """Force on the probe in the base [N], with noise: reading of a sensor that is not rendered."""
         return self.load_N() + self.force_sigma_N * self.rng.standard_normal(3)

@@ -1,7 +1,7 @@
-"""Scenes of glass, liquid, mirrors and opaque objects for rays: solids of revolution and boxes.
+"""Ray-tracing scenes of glass, liquid, mirrors and opaque objects: solids of revolution and boxes.
 
 Profiles are exact quadrics with normals smoothed along the profile: facets of a
-mesh would bend rays by steps. Squashed sideways, a solid becomes elliptic.
+mesh would refract rays in steps. A squashed solid is elliptic.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ AIR, WATER, GLASS, PET = 1.0, 1.33, 1.51, 1.57
 
 Kind = Literal["glass", "opaque", "mirror"]
 _KINDS: dict[str, float] = {"glass": 0.0, "opaque": 1.0, "mirror": 2.0}
-#: Edges of a profile that turn by more than this stay sharp [rad].
+#: Edges of a profile with a larger angle stay sharp [rad].
 _CREASE_RAD = math.radians(40)
 
 
@@ -30,7 +30,7 @@ _CREASE_RAD = math.radians(40)
 class Band:
     """Opaque label or cap around a solid, 0.2 mm outside its wall."""
 
-    low_m: float  #: height above the foot where it begins [m]
+    low_m: float  #: height above the foot where it starts [m]
     high_m: float  #: and where it ends [m]
     first_rad: float = 0.0  #: first angle around the axis [rad]
     width_rad: float = 2 * math.pi  #: arc that it covers [rad]
@@ -43,13 +43,13 @@ class Revolution:
 
     foot_m: tuple[float, float, float]  #: point on the axis where the profile's z is 0, world [m]
     profile_m: Float[np.ndarray, "points 2"]  #: outside from the foot up, (radius, height) [m]
-    kind: Kind = "glass"  #: what it is made of
-    wall_m: float | None = None  #: thickness of the wall; None = solid all through [m]
+    kind: Kind = "glass"  #: material
+    wall_m: float | None = None  #: thickness of the wall; None = solid [m]
     index: float = GLASS  #: refractive index of the wall
     fill: float = 0.0  #: fraction of the inner height with liquid, 0-1
     fill_index: float = WATER  #: refractive index of the liquid
     bands: tuple[Band, ...] = ()  #: labels, caps
-    yaw_rad: float = 0.0  #: turn about the axis [rad]
+    yaw_rad: float = 0.0  #: rotation about the axis [rad]
     squash: float = 1.0  #: factor of the width along its own x; 1 = round
     albedo: float = 0.6  #: of an opaque solid
 
@@ -93,7 +93,7 @@ class Revolution:
         return (np.hypot(x, y) <= self.radius_m(local[..., 2])) & (local[..., 2] >= 0)
 
     def transparent_at(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Whether points lie inside at a height where no band hides more than half of it.
+        """Whether points are inside, at a height where no band hides more than half of the wall.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class RefractingScene:
         object.__setattr__(self, "box_rows", np.array(box_rows, dtype=float).reshape(-1, 12))
 
     def opaque_twin(self) -> RefractingScene:
-        """The same scene with all glass painted, as in the pairs of ClearGrasp."""
+        """The same scene with all glass painted, as in the image pairs of ClearGrasp."""
         from dataclasses import replace
 
         return RefractingScene(
@@ -199,7 +199,7 @@ def _segments(solid: Revolution) -> list[tuple[float, ...]]:
 def _rings(
     profile: Float[np.ndarray, "n 2"], ahead: float, behind: float, kind: float, albedo: float
 ) -> list[tuple[float, ...]]:
-    """Rings of a profile whose left side, seen along it, is behind the normal."""
+    """Rings of a profile whose left side, in its direction, is behind the normal."""
     steps = np.diff(profile, axis=0)
     keep = np.hypot(*steps.T) > 1e-9
     profile, steps = np.vstack([profile[:1], profile[1:][keep]]), steps[keep]
