@@ -186,17 +186,17 @@ class ShardFolder:
     def read(self, name: str, row_groups: Sequence[int]) -> list[Arrays]:
         """Arrays of objects in one shard.
 
-                Parameters
-                ----------
-                name
-                    Name of the shard.
-                row_groups
-                    Places of the objects in it.
-        Indices of the objects in it.
-                Raises
-                ------
-                FileNotFoundError
-                    The shard no longer exists: another process has replaced it.
+        Parameters
+        ----------
+        name
+            Name of the shard.
+        row_groups
+            Indices of the objects in it.
+
+        Raises
+        ------
+        FileNotFoundError
+            The shard no longer exists: another process has replaced it.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq

@@ -23,8 +23,8 @@ def solve_step(matrix, vector, active, damping, step):
     ----------
     matrix, vector
         M (m, m) and v (m,).
-    Unknowns to solve for, (m,).
-        Unknowns that are solved for, (m,).
+    active
+        Unknowns to solve for, (m,).
     damping
         Relative to the diagonal.
     step

@@ -30,10 +30,10 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
     ----------
     path
         File; symbolic links are followed.
-    Maximum accepted size [bytes]; None: unlimited.
-        Largest size that is accepted [bytes]; None: any.
-    Exception class to raise.
-        Class that is raised.
+    max_bytes
+        Maximum accepted size [bytes]; None: unlimited.
+    error
+        Exception class to raise.
 
     Raises
     ------

@@ -259,8 +259,8 @@ class TopicNode(Closing):
 
         Parameters
         ----------
-        As in :meth:`advertise`.
-            As of :meth:`advertise`.
+        topic, datatype
+            As in :meth:`advertise`.
         receive
             Called with each message.
         qos

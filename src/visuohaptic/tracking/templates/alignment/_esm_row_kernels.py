@@ -168,8 +168,8 @@ def row_correlation(columns, value, template, inside, sums):
     ----------
     columns
         Number of columns.
-    Samples of the image, the template, and the validity mask, (C,).
-        Samples of the image, the template, and which count, (C,).
+    value, template, inside
+        Samples of the image, the template, and the validity mask, (C,).
     sums
         Added to, (6,).
     """
