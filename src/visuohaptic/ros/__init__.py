@@ -1,4 +1,4 @@
-"""Real robots over ROS 2, with pip alone: a node that speaks as rmw_zenoh does, and adapters to ``robots``."""
+"""Interface to ROS 2 robots, installable with pip alone: a node compatible with rmw_zenoh, and adapters to ``robots``."""
 
 from ..core.front_door import attach
 

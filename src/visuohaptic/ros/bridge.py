@@ -1,4 +1,4 @@
-"""The sensors as a ROS 2 node: image topics in, forces with validity and reason out."""
+"""The sensors as a ROS 2 node: subscribes to image topics, publishes forces with validity and reason."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ __all__ = ["Bridge"]
 class Bridge(Closing):
     """Runs the sensors of ``bridge.yaml``; a context manager.
 
-    Everything is read and checked before the node joins. Each sensor has a thread of its own. Where no image
-    comes for ``stale_s``, that is published: a silent sensor would be taken for one that feels nothing.
+    All files are read and checked before the node joins. Each sensor has its own thread. If no image
+    arrives for ``stale_s``, this is published: a silent sensor could be mistaken for one without contact.
 
     Parameters
     ----------
     config
         Fields of ``bridge.yaml``.
     folder
-        To which its file names are relative.
+        Folder that its file names are relative to.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Bridge(Closing):
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """Read the file and begin.
+        """Load the file and start the bridge.
 
         Parameters
         ----------
@@ -69,29 +69,29 @@ class Bridge(Closing):
         Raises
         ------
         InputError
-            A field, or a file that it names, cannot be used.
+            A field, or a file that it names, is invalid.
         DeviceError
-            No router answers.
+            No router responds.
         """
         return cls(BridgeConfig.load(path), Path(path).parent)
 
     def _fail(self, error: BaseException) -> None:
-        """A sensor cannot go on: all end, and :meth:`wait` raises its error."""
+        """Handle the failure of a sensor: all sensors are stopped, and :meth:`wait` raises its error."""
         self._problem = self._problem or error
         self._stop.set()
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until it is stopped, or for some time; returns whether it was stopped.
+        """Wait until the bridge is stopped, or for a limited time; returns whether it was stopped.
 
         Parameters
         ----------
         timeout_s
-            At most so long [s]; until it is stopped by default.
+            Maximum waiting time [s]; by default until stopped.
 
         Raises
         ------
         InputError, DeviceError
-            What a sensor has failed with.
+            Error of a failed sensor.
         """
         stopped = self._stop.wait(timeout_s)
         if self._problem is not None:
@@ -99,16 +99,16 @@ class Bridge(Closing):
         return stopped
 
     def stop(self) -> None:
-        """End; safe in a signal handler and in any thread."""
+        """Stop; may be called from a signal handler and from any thread."""
         self._stop.set()
 
     @property
     def frames(self) -> int:
-        """Images that were read so far, by all sensors."""
+        """Number of images processed so far, by all sensors."""
         return sum(channel.report.frames for channel in self._channels)
 
     def close(self) -> None:
-        """Stop all sensors, take back all topics; harmless when repeated. ``reports`` says what was done."""
+        """Stop all sensors and remove all topics; may be called repeatedly. ``reports`` contains the statistics."""
         self._stop.set()
         if not self.reports:
             self.reports = tuple(channel.close() for channel in self._channels)
@@ -116,21 +116,21 @@ class Bridge(Closing):
 
 
 def open_reader(section: SensorSection, path: Path, kind: str | None = None) -> SensorReader[Any]:
-    """A sensor, where it can measure as the section says.
+    """Open a sensor and check that it can measure as configured in the section.
 
     Parameters
     ----------
     section
-        Names of its topics.
+        Names of the sensor's topics.
     path
-        Its file.
+        Configuration file of the sensor.
     kind
-        ``foam``, ``beam`` or ``scene``; any by default.
+        ``foam``, ``beam`` or ``scene``; any if omitted.
 
     Raises
     ------
     InputError
-        It is of another kind, has odometry but is a beam, or neither a zero reference nor frames to take one from.
+        It has another kind, is a beam with odometry, or has neither a zero reference nor frames to take one from.
     """
     found = sensor_kind(path)
     if kind is not None and found != kind:
@@ -146,6 +146,6 @@ def open_reader(section: SensorSection, path: Path, kind: str | None = None) -> 
 
 
 def summary(reports: tuple[SensorReport, ...]) -> list[dict[str, Any]]:
-    """Reports as plain data."""
+    """Convert reports to plain data."""
     names = "name frames reasons stale lost left_out damaged"
     return [picked(report, names) for report in reports]

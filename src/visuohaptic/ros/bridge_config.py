@@ -1,4 +1,4 @@
-"""The file ``bridge.yaml``: which sensors look at which topics."""
+"""The file ``bridge.yaml``: sensors and their topics."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class _Section(BaseModel):
 
 
 class NodeSection(_Section):
-    """How the node joins; as :class:`visuohaptic.ros.RosOptions`."""
+    """Connection of the node; see :class:`visuohaptic.ros.RosOptions`."""
 
     name: str = "visuohaptic"
     namespace: str = "/"
     transport: Transport = "zenoh"
     domain: Annotated[int, Field(ge=0, le=232)] = 0  #: ROS_DOMAIN_ID
-    type_hashes: bool = True  #: no for Humble, which has none
-    connect: list[str] = [ROUTER]  #: routers or peers; none: wait for others to connect
-    listen: list[str] = ["tcp/127.0.0.1:0"]  #: where peers may connect; port 0 is any free one
-    zenoh_config: str | None = None  #: a zenoh file (JSON5) instead of the two above
-    patience_s: Positive = 3.0  #: wait so long for a router
+    type_hashes: bool = True  #: false for Humble, which has none
+    connect: list[str] = [ROUTER]  #: routers or peers; empty: wait for others to connect
+    listen: list[str] = ["tcp/127.0.0.1:0"]  #: addresses on which peers may connect; port 0 is any free port
+    zenoh_config: str | None = None  #: zenoh configuration file (JSON5) instead of the two above
+    patience_s: Positive = 3.0  #: time-out for a router [s]
 
     @model_validator(mode="after")
     def _names(self) -> NodeSection:
@@ -41,12 +41,12 @@ class NodeSection(_Section):
         return self
 
     def options(self, folder: Path) -> RosOptions:
-        """Files are relative to ``folder``.
+        """Convert to options; file names are relative to ``folder``.
 
         Parameters
         ----------
         folder
-            Of ``bridge.yaml``, to which file names are relative.
+            Folder of ``bridge.yaml``, which file names are relative to.
         """
         chosen = self.model_dump(exclude={"name", "transport", "connect", "listen", "zenoh_config"})
         file = None if self.zenoh_config is None else folder / self.zenoh_config
@@ -57,12 +57,14 @@ class SensorSection(_Section):
     """One sensor."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
-    config: str  #: sensor.yaml or scene.yaml; its field ``kind`` says which sensor
-    image: str  #: image topic; raw, or compressed when its name ends in /compressed
-    frame: str | None = None  #: of the messages; the sensor's name by default
+    config: str  #: sensor.yaml or scene.yaml; its field ``kind`` determines the sensor type
+    image: str  #: image topic; raw, or compressed if its name ends in /compressed
+    frame: str | None = None  #: coordinate frame of the messages; by default the sensor's name
     odometry: str | None = None  #: nav_msgs/Odometry, for a scene
-    zero_frames: Annotated[int, Field(ge=0, le=10_000)] = 0  #: zero on the first frames; nothing is stored
-    queue: Annotated[int, Field(ge=1, le=100)] = 2  #: frames that wait while one is read
+    zero_frames: Annotated[int, Field(ge=0, le=10_000)] = (
+        0  #: number of initial frames used for zeroing; not stored
+    )
+    queue: Annotated[int, Field(ge=1, le=100)] = 2  #: queued frames while one is processed
 
     @model_validator(mode="after")
     def _topics(self) -> SensorSection:
@@ -78,7 +80,7 @@ class BridgeConfig(_Section):
     kind: Literal["ros_bridge"] = "ros_bridge"
     node: NodeSection = NodeSection()
     sensors: Annotated[list[SensorSection], Field(min_length=1, max_length=16)]
-    stale_s: Positive = 0.5  #: without an image for so long, ``stale`` is published
+    stale_s: Positive = 0.5  #: time without image after which ``stale`` is published
 
     @model_validator(mode="after")
     def _names(self) -> BridgeConfig:
@@ -89,23 +91,23 @@ class BridgeConfig(_Section):
 
     @classmethod
     def load(cls, path: Path | str) -> BridgeConfig:
-        """Read the file.
+        """Load the file.
 
         Parameters
         ----------
         path
-            File of a bridge, as ``bridge.yaml``.
+            Configuration file of a bridge, such as ``bridge.yaml``.
 
         Raises
         ------
         InputError
-            With all fields that cannot be used.
+            Lists all invalid fields.
         """
         return load_yaml_model(path, cls)
 
 
 def sensor_kind(path: Path) -> str:
-    """``foam``, ``beam`` or ``scene``, as the sensor's own file says."""
+    """``foam``, ``beam`` or ``scene``, according to the sensor's configuration file."""
     data: Any = load_yaml(path)
     found = data.get("kind") if isinstance(data, dict) else None
     if found not in ("foam", "beam", "scene"):

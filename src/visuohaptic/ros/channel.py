@@ -1,4 +1,4 @@
-"""One sensor between its image topic and its topics of forces."""
+"""Connection of one sensor from its image topic to its measurement topics."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class SensorReport:
-    """What became of the images of one sensor."""
+    """Image statistics of one sensor."""
 
     name: str
     frames: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
-    stale: int = 0  #: how often it was published that no image comes
-    left_out: int = 0  #: images that came faster than they were read
+    stale: int = 0  #: number of published notices that no image arrives
+    left_out: int = 0  #: images skipped because they arrived faster than they were processed
     damaged: int = 0  #: images that could not be decoded
-    lost: int = 0  #: images that were sent but never came, and those left out
+    lost: int = 0  #: images that were sent but not received, plus skipped images
 
 
 def _odometry(latest: LatestMessage) -> Callable[[float], BaseState | None]:
-    """Newest odometry, where there is some now: without it a sensor goes by its images alone."""
+    """Latest odometry, if current: otherwise a sensor uses its images alone."""
 
     def state(t_s: float) -> BaseState | None:
         try:
@@ -58,15 +58,15 @@ class SensorChannel:
     node
         Node that subscribes and publishes.
     section
-        Names of its topics.
+        Names of the sensor's topics.
     reader
         The sensor; closed with the channel.
     stale_s
-        Without an image for so long, ``stale`` is published [s].
+        Time without image after which ``stale`` is published [s].
     stop
-        Set to end it.
+        Event that stops the channel.
     fail
-        Called in the channel's thread with the error that has ended it.
+        Called in the channel's thread with the error that terminated it.
     """
 
     def __init__(
@@ -89,18 +89,18 @@ class SensorChannel:
         for topic, datatype in reader.topics.items():
             self.sink.advertise(topic, datatype)
         self.frames = TopicFrames(node, section.image, camera=reader.camera, depth=section.queue, grey=True)
-        self.silent = True  #: whether no image has come for ``stale_s``
+        self.silent = True  #: whether no image has arrived for ``stale_s``
         self._last_index = -1
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begin to measure with the next image; again after :meth:`join`."""
+        """Start to measure with the next image; may be called again after :meth:`join`."""
         self.frames.discard()
         self._thread = threading.Thread(target=self._run, name=f"sensor {self.report.name}", daemon=True)
         self._thread.start()
 
     def join(self) -> None:
-        """Wait for the end of the image that is being measured, after ``stop`` was set."""
+        """Wait until the current image is processed, after ``stop`` was set."""
         if self._thread is not None:
             self.frames.interrupt()
             self._thread.join()
@@ -143,7 +143,7 @@ class SensorChannel:
         self._last_index = frame.index
 
     def close(self) -> SensorReport:
-        """End it, after ``stop`` was set; returns what became of its images."""
+        """Close the channel, after ``stop`` was set; returns its image statistics."""
         self.frames.close()
         self.join()
         if self._latest is not None:

@@ -28,30 +28,30 @@ __all__ = ["TopicFrames"]
 
 _log = logging.getLogger(__name__)
 
-#: What camera drivers publish with.
+#: Quality of service of typical camera drivers.
 _SENSOR = Qos(reliable=False, depth=5)
 
 
 class TopicFrames(Closing):
     """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.core.robots.FrameSource`.
 
-    The time of a frame is the stamp in its header, or that of sending where the stamp is zero. Its index is the
-    sender's number of the message, so that a gap tells that messages were lost or left out.
+    The time of a frame is the timestamp in its header, or the sending time if that is zero. Its index is the
+    sender's message number, so that a gap means that messages were lost or skipped.
 
     Parameters
     ----------
     node
         Node that subscribes.
     topic
-        Image topic; a name that ends in ``/compressed`` has compressed images.
+        Image topic; a name that ends in ``/compressed`` refers to compressed images.
     camera
-        Model of the camera; images of another size are refused. Without it, ``CameraInfo`` beside the topic.
+        Camera model; images of another size are rejected. By default, from the ``CameraInfo`` topic of the images.
     depth
-        Frames that wait for a slow reader; beyond that the oldest is left out. 1: always the newest.
+        Queue size for a slow reader; if full, the oldest frame is dropped. 1: always the latest.
     timeout_s
-        Iterating fails when no image comes for so long.
+        Iteration fails if no image arrives within this time.
     grey
-        Decode compressed images to grey at once.
+        Decode compressed images directly to grey.
     """
 
     def __init__(
@@ -68,8 +68,8 @@ class TopicFrames(Closing):
             raise InputError("TopicFrames", f"found {depth}, expected 1 or more", field="depth")
         self.topic = node.resolve(topic)
         self.timeout_s = timeout_s
-        self.left_out = 0  #: frames that came faster than they were read
-        self.damaged = 0  #: images that could not be decoded, or were of another size than those before
+        self.left_out = 0  #: frames dropped because they arrived faster than they were read
+        self.damaged = 0  #: images that could not be decoded, or whose size differed from the previous ones
         self._camera, self._grey = camera, grey
         self._new = threading.Condition()
         self._waiting: deque[tuple[Received, int]] = deque(maxlen=depth)
@@ -87,7 +87,7 @@ class TopicFrames(Closing):
 
     @property
     def camera(self) -> Camera | None:
-        """The camera's model, as soon as it is known."""
+        """Camera model, as soon as it is known."""
         return self._camera
 
     @property
@@ -107,13 +107,13 @@ class TopicFrames(Closing):
             self._new.notify_all()
 
     def _index(self, received: Received) -> int:
-        """The sender's count; another sender goes on behind the last one."""
+        """The sender's message number; a new sender continues after the last one."""
         beside = received.attachment
         if beside is None:
             self._last += 1
             return self._last
         if beside.gid != self._gid or beside.sequence + self._offset <= self._last:
-            # The first message of anybody leaves no gap: what was before was sent to others.
+            # The first message of a sender causes no gap: earlier ones were not sent to this node.
             self._gid, self._offset = beside.gid, self._last + 1 - beside.sequence
         self._last = beside.sequence + self._offset
         return self._last
@@ -124,12 +124,12 @@ class TopicFrames(Closing):
         Parameters
         ----------
         timeout_s
-            How long an image is waited for [s].
+            Time-out [s].
 
         Raises
         ------
         DeviceError
-            No image came in time, or the source is closed.
+            No image arrived in time, or the source is closed.
         """
         until = time.monotonic() + timeout_s
         while True:
@@ -150,29 +150,29 @@ class TopicFrames(Closing):
                 return frame
 
     def interrupt(self) -> None:
-        """End waiting for an image at once, now and until :meth:`discard`."""
+        """Interrupt waiting for images, until :meth:`discard`."""
         with self._new:
             self._interrupted = True
             self._new.notify_all()
 
     def discard(self) -> None:
-        """Leave out the images that wait; they are of a time when nobody measured."""
+        """Discard queued images, which were received while not measuring."""
         with self._new:
             self._interrupted = False
             self._waiting.clear()
 
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
-        """The newest frame, at once.
+        """The latest frame, without waiting.
 
         Parameters
         ----------
         max_age_ms
-            Largest age by the stamp and this machine's clock [ms].
+            Maximum age according to the timestamp and this machine's clock [ms].
 
         Raises
         ------
         StaleFrameError
-            There is none yet, or it is older than ``max_age_ms``.
+            There is no frame yet, or it is older than ``max_age_ms``.
         """
         with self._new:
             entry = self._newest
@@ -185,14 +185,14 @@ class TopicFrames(Closing):
         return frame
 
     def _frame(self, received: Received, index: int) -> Frame | None:
-        """The image with its time; ``None`` where it cannot be decoded."""
+        """The image with its time; ``None`` if it cannot be decoded."""
         image = None
         try:
             image = self._image(received)
             if self._camera is not None:
                 self._camera.check_size(self.topic, image.shape[1], image.shape[0])
         except InputError as error:
-            # The first one of a wrong size is a wrong camera; later on it is somebody else's, or broken.
+            # A wrong size in the first image means a wrong camera; later, it is from another sender, or damaged.
             if image is not None and not self._fitted:
                 raise
             self.damaged += 1
@@ -209,7 +209,7 @@ class TopicFrames(Closing):
         return decode_raw(received.message, self.topic)
 
     def __iter__(self) -> Iterator[Frame]:
-        """Frames until the source is closed; :class:`DeviceError` when none come."""
+        """Frames until the source is closed; :class:`DeviceError` if none arrive."""
         while not self._closed():
             try:
                 yield self.read(self.timeout_s)
@@ -222,7 +222,7 @@ class TopicFrames(Closing):
         return not self._running
 
     def close(self) -> None:
-        """Receive nothing more; harmless when repeated."""
+        """Unsubscribe; may be called repeatedly."""
         with self._new:
             if not self._running:
                 return
@@ -233,18 +233,18 @@ class TopicFrames(Closing):
 
 
 def info_topic(image: str) -> str:
-    """Where the camera's model is, by ROS's convention: beside the image."""
+    """Topic of the camera model, by ROS convention in the namespace of the image."""
     return image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
 
 
 def message_pose(message: Any) -> Pose:
-    """Of a ``geometry_msgs/Pose``."""
+    """Convert a ``geometry_msgs/Pose``."""
     place, turn = message.position, message.orientation
     return Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [place.x, place.y, place.z])
 
 
 def planar(message: Any) -> tuple[float, float, float]:
-    """x, y [m] and heading [rad] of a ``geometry_msgs/Pose``, whatever its roll and pitch."""
+    """x, y [m] and heading [rad] of a ``geometry_msgs/Pose``, regardless of roll and pitch."""
     turn = message.orientation
     heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
     return message.position.x, message.position.y, heading

@@ -1,4 +1,4 @@
-"""The newest message of a topic, and whether it is new enough."""
+"""The latest message of a topic, with a check of its age."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ __all__ = ["LatestMessage"]
 
 
 class LatestMessage:
-    """The newest message of a topic.
+    """The latest message of a topic.
 
     Parameters
     ----------
     node
         Node that subscribes.
     topic
-        Its name, relative names in the node's namespace.
+        Name of the topic; relative names are in the node's namespace.
     datatype
-        As ``nav_msgs/msg/Odometry``.
+        Message type, such as ``nav_msgs/msg/Odometry``.
     max_age_s
-        An older one counts as none: a robot whose odometry has stopped must not be taken for one that stands.
+        Older messages are ignored: a robot whose odometry has failed must not appear to be stationary.
     """
 
     def __init__(self, node: TopicNode, topic: str, datatype: str, max_age_s: float) -> None:
@@ -39,17 +39,17 @@ class LatestMessage:
             self._new.notify_all()
 
     def get(self, timeout_s: float = 1.0) -> Received:
-        """The newest message; the first one is waited for.
+        """The latest message; waits for the first one.
 
         Parameters
         ----------
         timeout_s
-            How long the first message is waited for [s].
+            Time-out for the first message [s].
 
         Raises
         ------
         StaleFrameError
-            There is none, or it is too old.
+            There is no message, or it is too old.
         """
         with self._new:
             self._new.wait_for(lambda: self._received is not None, timeout_s)
@@ -65,5 +65,5 @@ class LatestMessage:
         return received
 
     def close(self) -> None:
-        """Receive nothing more."""
+        """Unsubscribe."""
         self._subscription.close()

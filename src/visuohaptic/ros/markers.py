@@ -1,4 +1,4 @@
-"""What RViz and the like draw: arrows for forces."""
+"""Markers for RViz: arrows for forces, points, lines and texts."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ def arrow(
     *,
     width_m: float = 0.004,
 ) -> dict[str, Any]:
-    """``visualization_msgs/Marker``: an arrow from one point to another, both in ``frame``.
+    """``visualization_msgs/Marker``: an arrow between two points in ``frame``.
 
     Parameters
     ----------
     t_s
-        Stamp [s].
+        Timestamp [s].
     frame
-        Frame of coordinates of the points.
+        Coordinate frame of the points.
     name
         Namespace of the marker.
     number
-        Its number in the namespace.
+        Marker id in the namespace.
     points_m
         Tail and head [m].
     width_m
@@ -80,16 +80,16 @@ def arrow(
 def points_marker(
     t_s: float, frame: str, name: str, kind: int, points_m: Sequence[Sequence[float]], *, size_m: float
 ) -> dict[str, Any]:
-    """``visualization_msgs/Marker``: points, or lines from each first to each second one.
+    """``visualization_msgs/Marker``: points, or lines between consecutive pairs of points.
 
     Parameters
     ----------
     t_s, frame, name
-        As of :func:`arrow`.
+        As in :func:`arrow`.
     kind
         :data:`POINTS` or :data:`LINES`.
     points_m
-        x, y, z of each [m].
+        x, y, z of each point [m].
     size_m
         Width of a point or line [m].
     """
@@ -101,16 +101,16 @@ def points_marker(
 def text_marker(
     t_s: float, frame: str, name: str, number: int, place_m: Float[np.ndarray, "3"], text: str
 ) -> dict[str, Any]:
-    """``visualization_msgs/Marker``: a text, 3 cm high, that faces who looks.
+    """``visualization_msgs/Marker``: a text, 3 cm high, that faces the viewer.
 
     Parameters
     ----------
     t_s, frame, name, number
-        As of :func:`arrow`.
+        As in :func:`arrow`.
     place_m
-        Middle of the text [m].
+        Centre of the text [m].
     text
-        What it says.
+        Text to show.
     """
     marker = _marker(t_s, frame, name, number, _ADD)
     marker["type"], marker["text"], marker["scale"]["z"] = _TEXT, text, 0.03
@@ -121,16 +121,16 @@ def text_marker(
 def contact_markers(
     profile: ForceProfile, frame: str, name: str = "foam", *, scale_m_per_N: float = 0.02
 ) -> dict[str, Any]:
-    """``visualization_msgs/MarkerArray``: an arrow for the force of each contact that can be trusted.
+    """``visualization_msgs/MarkerArray``: an arrow for the force of each valid contact.
 
-    It ends where the foam is touched and points against x of frame F, as the force on the sensor does.
+    It ends at the contact on the foam and points along -x of frame F, like the force on the sensor.
 
     Parameters
     ----------
     profile
-        Of one frame of the camera.
+        Measurement of one camera frame.
     frame
-        Frame F, by its name in ROS.
+        ROS name of frame F.
     name
         Namespace of the markers.
     scale_m_per_N

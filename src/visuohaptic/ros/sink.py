@@ -1,4 +1,4 @@
-"""Measurements onto topics, the same ones that a recording holds."""
+"""Publication of measurements on the same topics as in a recording."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .wire.graph import LATCHED
 
 __all__ = ["LATCHED_TYPES", "RosSink"]
 
-#: Maps and markers stay until they are replaced: who comes late sees them, too.
+#: Maps and markers remain until they are replaced: late subscribers also receive them.
 LATCHED_TYPES = {"nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"}
 
 
 class RosSink(MeasurementSink):
-    """Publishes what :class:`visuohaptic.io.sinks.MeasurementWriter` would write.
+    """Publishes the messages that :class:`visuohaptic.io.sinks.MeasurementWriter` would write.
 
-    Topics are in the node's namespace: ``/foam/wrench`` of a recording is ``/robot1/foam/wrench`` of a node in
+    Topics are in the node's namespace: ``/foam/wrench`` of a recording is ``/robot1/foam/wrench`` for a node in
     ``/robot1``.
 
     Parameters
@@ -28,7 +28,7 @@ class RosSink(MeasurementSink):
     node
         Node that publishes.
     frame
-        Name of the sensor's frame of coordinates.
+        Name of the sensor's coordinate frame.
     """
 
     def __init__(self, node: TopicNode, *, frame: str = "sensor") -> None:
@@ -38,14 +38,14 @@ class RosSink(MeasurementSink):
         self._lock = threading.Lock()
 
     def advertise(self, topic: str, datatype: str) -> RosPublisher:
-        """Say that messages will come, before the first one does.
+        """Advertise a topic before its first message.
 
         Parameters
         ----------
         topic
-            As ``/foam/wrench``, in the node's namespace.
+            Such as ``/foam/wrench``, in the node's namespace.
         datatype
-            As ``geometry_msgs/msg/WrenchStamped``.
+            Such as ``geometry_msgs/msg/WrenchStamped``.
         """
         with self._lock:
             if topic not in self._publishers:
@@ -54,26 +54,26 @@ class RosSink(MeasurementSink):
             return self._publishers[topic]
 
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
-        """Publish the fields of any standard message that this library knows.
+        """Publish the fields of any supported standard message.
 
         Parameters
         ----------
         topic, datatype
-            As of :meth:`advertise`.
+            As in :meth:`advertise`.
         t_s
-            Time of the measurement [s]; the message has it in its header.
+            Time of the measurement [s], which the message contains in its header.
         message
             Values by field.
         """
         self.advertise(topic, datatype).publish(message)
 
     def write_force(self, profile: ForceProfile, name: str = "foam") -> None:
-        """As in a recording, and arrows for RViz on ``/NAME/markers``.
+        """Publish as in a recording, plus arrows for RViz on ``/NAME/markers``.
 
         Parameters
         ----------
         profile
-            Of a foam strip; without contact, or not valid, the arrows are taken away.
+            Measurement of a foam strip; without contact, or if invalid, the arrows are removed.
         name
             First part of the topics.
         """
@@ -83,5 +83,5 @@ class RosSink(MeasurementSink):
 
     @property
     def sent(self) -> int:
-        """Messages so far, of all topics."""
+        """Number of messages sent so far, on all topics."""
         return sum(publisher.sent for publisher in self._publishers.values())

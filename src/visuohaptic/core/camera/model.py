@@ -199,8 +199,8 @@ class Camera:
 
         Returns
         -------
-        Times, same shape as ``rows`` [s].
-            Times, of the shape of ``rows`` [s].
+        array
+            Times, same shape as ``rows`` [s].
         """
         return frame_time_s + np.asarray(rows) * self.row_delay_s
 

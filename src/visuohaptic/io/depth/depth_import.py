@@ -7,10 +7,10 @@
     ``cam.info.txt`` (labelled matrices), ``frame-NNNNNN.depth.png`` with rotated
     bits of 0.1 mm, aligned to ``frame-NNNNNN.color.png``.
 ``cleargrasp``
-        ``camera_intrinsics.yaml``, ``N-<kind>-depth-img.exr`` in metres: single
-        views without poses, each of a separate scene.
+    ``camera_intrinsics.yaml``, ``N-<kind>-depth-img.exr`` in metres: single
+    views without poses, each of a separate scene.
 ``plain``
-        Depth images with explicitly given ``camera.yaml`` and pose file.
+    Depth images with explicitly given ``camera.yaml`` and pose file.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 =================  ====================================================================
 ``sequence.yaml``  ``sensor``, ``depth_scale_m``, ``camera: camera.yaml``; see
-                                      :class:`SequenceFile` for optional fields
+                   :class:`SequenceFile` for optional fields
 ``camera.yaml``    ROS ``camera_info``
 ``depth/``         16-bit PNG or EXR, in name order
 ``color/``         optional, registered to the depth, same names or same count

@@ -1,4 +1,4 @@
-"""Nodes that a robot's launch file starts: parameters, a life cycle, diagnostics, services, on topics of any transport."""
+"""Nodes for a robot's launch file: parameters, lifecycle, diagnostics and services, on topics of any transport."""
 
 from ...core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""The nodes by their names."""
+"""Registry of the nodes by name."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def node_kind(name: str) -> type[Component]:
     Parameters
     ----------
     name
-        As ``foam``.
+        Name of the node, such as ``foam``.
 
     Raises
     ------
     InputError
-        There is none of this name.
+        There is no node of this name.
     """
     if name not in NODES:
         raise InputError("node", f"found {brief(name)}, expected one of {', '.join(NODES)}")

@@ -1,4 +1,4 @@
-"""A node's own part: what it does between its topics, services and actions, and nothing of how it is run."""
+"""Functionality of a node between its topics, services and actions, independent of how it is run."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ class Status:
     reason: str = "ok"
     values: Mapping[str, Any] = field(
         default_factory=dict
-    )  #: numbers and texts by name, with the unit in the name
+    )  #: numbers and strings by name, with the unit in the name
 
 
 class Host:
-    """What a component is given: a node to speak through, and a place for its services and its failure.
+    """Environment of a component: a node for communication, services, and failure handling.
 
     Parameters
     ----------
     node
         Node of any transport.
     fail
-        Called with the error that has ended a thread of the component.
+        Called with the error that terminated a thread of the component.
     """
 
     def __init__(self, node: TopicNode, fail: Callable[[BaseException], None]) -> None:
@@ -52,29 +52,29 @@ class Host:
         self._transforms: RosPublisher | None = None
 
     def offer(self, service: str, work: Callable[[], Mapping[str, Any]]) -> None:
-        """Offer a ``std_srvs/srv/Trigger`` whose message is JSON; refused while the node is not active.
+        """Offer a ``std_srvs/srv/Trigger`` whose message is JSON; rejected while the node is not active.
 
         Parameters
         ----------
         service
-            Private name, as ``~/complete``.
+            Private name, such as ``~/complete``.
         work
-            Called for each request; its mapping is the answer.
+            Called for each request; returns the answer as a mapping.
         """
 
         self._declare(lambda: self.node.offer(service, self._while_active(lambda: dumps(work()))))
 
     def act(self, action: str, datatype: str, execute: Execute) -> None:
-        """Offer an action; where its interface or actions are not there, that is logged.
+        """Offer an action; if its interface or actions are unavailable, this is logged.
 
         Parameters
         ----------
         action
-            Its name.
+            Name of the action.
         datatype
-            As ``nav2_msgs/action/NavigateToPose``.
+            Action type, such as ``nav2_msgs/action/NavigateToPose``.
         execute
-            Called for each goal in a thread of its own; see :meth:`TopicNode.act`.
+            Called for each goal in a separate thread; see :meth:`TopicNode.act`.
         """
 
         self._declare(lambda: self.node.act(action, datatype, self._while_active(execute)))
@@ -99,11 +99,11 @@ class Host:
         Parameters
         ----------
         t_s
-            Stamp [s].
+            Timestamp [s].
         parent, child
-            Names of the frames of coordinates.
+            Names of the coordinate frames.
         parent_child
-            Rigid motion [m] from the child's coordinates to the parent's.
+            Rigid transformation [m] from the child's to the parent's coordinates.
         """
         if self._transforms is None:
             self._transforms = self.node.advertise("/tf", "tf2_msgs/msg/TFMessage", Qos(depth=100))
@@ -113,19 +113,19 @@ class Host:
         self._transforms.publish({"transforms": [stamped]})
 
 
-#: A node that is deactivated waits so long for its thread [s]; the search of a travel ends within 6 s.
+#: Time-out for the thread of a deactivated node [s]; the search of a travel ends within 6 s.
 WAIT_S = 8.0
 
 
 class Component(Closing):
-    """One kind of node. It is created when the node is configured, and closed when it is cleaned up.
+    """One type of node. It is created when the node is configured, and closed when it is cleaned up.
 
     Parameters
     ----------
     host
-        Node, services, failure.
+        Node, services, failure handling.
     parameters
-        As configured.
+        Configured parameters.
     """
 
     summary: ClassVar[str]  #: one line for lists
@@ -138,35 +138,35 @@ class Component(Closing):
 
     @abstractmethod
     def configure(self) -> None:
-        """Open topics and services, and read the files that the parameters name."""
+        """Open topics and services, and read the files named in the parameters."""
 
     def activate(self) -> None:
-        """Begin to measure, answer or move."""
+        """Start to measure, answer or move."""
 
     def deactivate(self) -> None:
-        """Stop that; what was configured stays."""
+        """Stop activity; the configuration remains."""
 
     def status(self) -> Status:
-        """For the diagnostics, once a second."""
+        """State for the diagnostics, requested once per second."""
         return self._told
 
     def close(self) -> None:
-        """Give back what was configured; harmless when repeated."""
+        """Release what was configured; may be called repeatedly."""
 
 
 class Worker(Component):
-    """A component with a thread of its own while it is active."""
+    """A component with its own thread while it is active."""
 
     _thread: threading.Thread | None = None
 
     @abstractmethod
     def run(self, end: threading.Event) -> None:
-        """What the thread does until ``end`` is set; an error of another kind than the library's ends the node.
+        """Body of the thread, runs until ``end`` is set; exceptions of other types than the library's terminate the node.
 
         Parameters
         ----------
         end
-            Of this activation; a later one has another.
+            Event of this activation; every activation has a new one.
         """
 
     def activate(self) -> None:

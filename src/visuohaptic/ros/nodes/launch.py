@@ -1,4 +1,4 @@
-"""Launch files in XML, as ``ros2 launch`` runs them, without ROS: arguments and executables."""
+"""Execution of XML launch files of ``ros2 launch`` without ROS: arguments and executables."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ __all__ = ["read_launch", "run_launch"]
 
 _MAX_BYTES = 1_000_000
 _VARIABLE = re.compile(r"\$\(var ([\w-]+)\)")
-#: Elements with the attributes that are understood: those with the same meaning for ``ros2 launch``.
+#: Supported elements and attributes, with the same meaning as in ``ros2 launch``.
 _ATTRIBUTES = {"arg": {"name", "default", "description"}, "executable": {"cmd", "name", "output"}}
-#: Time for the processes to end after Ctrl-C before they are killed [s].
+#: Time-out for processes to terminate after Ctrl-C before they are killed [s].
 _GRACE_S = 10.0
 
 
 def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, ...], ...]:
     """Commands of a launch file.
 
-    Understood are ``arg`` (``name``, ``default``), ``executable`` (``cmd``) and ``$(var name)`` in the latter, as by
-    ``ros2 launch``; what only that understands is refused, and so is what it refuses.
+    Supported are ``arg`` (``name``, ``default``), ``executable`` (``cmd``) and ``$(var name)`` in the latter, as in
+    ``ros2 launch``; other features of ``ros2 launch``, and input that it rejects, are rejected.
 
     Parameters
     ----------
     path
         ``*.launch.xml``.
     given
-        Values of its arguments.
+        Values of the arguments.
 
     Raises
     ------
     InputError
-        It is not XML, has other elements, attributes or substitutions, or lacks the value of an argument.
+        It is not XML, contains other elements, attributes or substitutions, or the value of an argument is missing.
     """
     text = read_text(path, _MAX_BYTES)
     if "<!" in text.replace("<!--", ""):
@@ -80,12 +80,12 @@ def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, 
 
 
 def _words(path: Path | str, command: str, values: Mapping[str, str]) -> tuple[str, ...]:
-    """The words of a command as ``ros2 launch`` makes them: the text between two variables is split on its own.
+    """Split a command like ``ros2 launch``: the text between two variables is split separately.
 
-    So a value is never split, and quotes cannot reach over a variable.
+    Values are therefore never split, and quotes cannot extend over a variable.
     """
     words: list[str] = []
-    continues = False  # whether the next piece goes on with the last word
+    continues = False  # whether the next piece continues the last word
     for number, piece in enumerate(_VARIABLE.split(command)):
         if number % 2:
             if piece not in values:
@@ -109,26 +109,26 @@ def _words(path: Path | str, command: str, values: Mapping[str, str]) -> tuple[s
 
 
 def run_launch(commands: tuple[tuple[str, ...], ...], stop: threading.Event) -> None:
-    """Run all commands until ``stop`` is set; where one ends by itself with an error, all end.
+    """Run all commands until ``stop`` is set; if one exits with an error, all are stopped.
 
     Parameters
     ----------
     commands
-        Of :func:`read_launch`; ``visuohaptic`` is this installation's.
+        Result of :func:`read_launch`; ``visuohaptic`` refers to this installation.
     stop
-        Set to end them.
+        Event that stops them.
 
     Raises
     ------
     DeviceError
-        A command cannot be started, or has ended with an error.
+        A command could not be started, or exited with an error.
     """
     processes: list[subprocess.Popen[bytes]] = []
     try:
         for words in commands:
             command = [sys.executable, "-m", *words] if words[0] == "visuohaptic" else list(words)
             try:
-                # A group of its own: Ctrl-C of the terminal comes to us alone, and is handed on once.
+                # A separate process group: Ctrl-C of the terminal reaches only this process, and is forwarded once.
                 processes.append(subprocess.Popen(command, start_new_session=os.name == "posix"))
             except OSError as error:
                 raise DeviceError(f"{words[0]}: cannot be started ({error.strerror})") from error

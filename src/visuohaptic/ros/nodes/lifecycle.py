@@ -1,4 +1,4 @@
-"""A component as a lifecycle node of ROS 2: its parameters declared, its states those of ``lifecycle_msgs``."""
+"""A component as a ROS 2 lifecycle node: declared parameters, and the states of ``lifecycle_msgs``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["LifecycleProcess"]
 
 
 def _entity(steps: Mapping[str, Callable[[], bool]]) -> Any:
-    """The component as rclpy's life cycle sees it: a managed entity beside its publishers."""
+    """The component as a managed entity of rclpy's lifecycle."""
     from rclpy.lifecycle import ManagedEntity, TransitionCallbackReturn
 
     def callback(step: Callable[[], bool]) -> Callable[[Any, Any], Any]:
@@ -28,27 +28,27 @@ def _entity(steps: Mapping[str, Callable[[], bool]]) -> Any:
 
 
 class LifecycleProcess(Closing):
-    """A component under ROS's life cycle; a context manager.
+    """A component with a ROS lifecycle; a context manager.
 
     Parameters
     ----------
     name
-        Of the node.
+        Name of the node.
     kind
         Class of the component.
     values
-        Parameters by name that take the place of their defaults; those of ``arguments`` take theirs.
+        Parameters by name that override the defaults; those in ``arguments`` override these.
     options
         Domain and namespace.
     arguments
-        Command line of ROS, as ``("--ros-args", "-p", "config:=sensor.yaml")``.
+        ROS command line, such as ``("--ros-args", "-p", "config:=sensor.yaml")``.
 
     Raises
     ------
     MissingExtraError
-        rclpy is not there.
+        rclpy is not available.
     InputError
-        The arguments are not those of ROS, or set a parameter to what it cannot be.
+        The arguments are not valid ROS arguments, or set a parameter to an invalid value.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class LifecycleProcess(Closing):
 
     def _values(self) -> dict[str, Any]:
         found = {name: self._inner.get_parameter(name).value for name in self._names}
-        # ROS hands lists over as arrays.
+        # ROS returns lists as arrays.
         return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in found.items()}
 
     def _allow(self, changes: Sequence[Any]) -> Any:
@@ -114,7 +114,7 @@ class LifecycleProcess(Closing):
         return SetParametersResult(successful=True)
 
     def start(self) -> None:
-        """Configure and activate at once, as no lifecycle manager does it.
+        """Configure and activate immediately, without a lifecycle manager.
 
         Raises
         ------
@@ -127,10 +127,10 @@ class LifecycleProcess(Closing):
                 raise self.running.problem
 
     def deactivate(self) -> None:
-        """After a failure of the component: a lifecycle manager may start it again."""
+        """Deactivate after a failure of the component: a lifecycle manager may restart it."""
         self._inner.trigger_deactivate()
 
     def close(self) -> None:
-        """Clean up and leave the graph; harmless when repeated."""
+        """Clean up and leave the graph; may be called repeatedly."""
         self.running.close()
         self._process.close()

@@ -1,4 +1,4 @@
-"""Nodes that work in a map: what they share, and the one that serves graph and masks of the map to others."""
+"""Nodes that use a map: common base, and the node that serves the map's graph and masks."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerAr
 
 
 class MapParameters(NodeParameters):
-    """Of every node that works in a map."""
+    """Parameters of all nodes that use a map."""
 
     robot: str = Field("", min_length=1, description="robot.yaml: radius, speeds, pushing force")
     objects: str = Field("", description="objects.yaml: movable objects and passages; empty for none")
@@ -56,7 +56,7 @@ class MapParameters(NodeParameters):
 
 
 class MapNode(Worker):
-    """Reads robot and objects, keeps the newest map, and does its work in a thread of its own when it is asked."""
+    """Loads robot and objects, keeps the latest map, and works in a separate thread on request."""
 
     def configure(self) -> None:
         parameters = self.parameters
@@ -77,7 +77,7 @@ class MapNode(Worker):
 
     @abstractmethod
     def work(self) -> None:
-        """What is asked for by setting ``_due``; an error of this library becomes the node's state."""
+        """Execute the work requested by setting ``_due``; an error of this library becomes the node's state."""
 
     def run(self, end: threading.Event) -> None:
         while not end.is_set():
@@ -89,24 +89,24 @@ class MapNode(Worker):
                     self._told = Status(False, str(error))
 
     def still(self, end: threading.Event) -> None:
-        """Refuse a result of an activation that is over.
+        """Reject a result from an earlier activation.
 
         Parameters
         ----------
         end
-            ``_end`` when the work began.
+            ``_end`` at the start of the work.
 
         Raises
         ------
         DeviceError
-            It was deactivated meanwhile.
+            The node was deactivated meanwhile.
         """
         if end.is_set():
             raise DeviceError(f"the node {self.host.node.name} was deactivated meanwhile")
 
 
 class LayersParameters(MapParameters):
-    """Of the node layers."""
+    """Parameters of the node layers."""
 
     felt: str = Field("objects", description="topic of std_msgs/String: objects as touched since, JSON")
     spacing_m: float = Field(
@@ -115,7 +115,7 @@ class LayersParameters(MapParameters):
 
 
 class LayersNode(MapNode):
-    """Serves what Nav2 drives by, again with each map and whenever objects were touched."""
+    """Serves map layers for Nav2, updated with each map and after objects were touched."""
 
     summary = (
         "a map for Nav2: OccupancyGrid in, route graph (GeoJSON, markers), keep-out mask, felt obstacles out"
@@ -142,7 +142,7 @@ class LayersNode(MapNode):
             self._due.set()
 
     def work(self) -> None:
-        """Build and publish the four; raises InputError where the map has no room for the robot."""
+        """Build and publish the four layers; raises InputError if the map has no free space for the robot."""
         end, grid, objects, robot = self._end, self._grid(), self._objects, self._robot
         layers = grid_layers(grid, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
         graph = build_graph(layers, spacing_m=self.parameters.spacing_m or None)
@@ -166,10 +166,10 @@ class LayersNode(MapNode):
 def felt_obstacles(
     grid: OccupancyMap, objects: Iterable[MovableObject], robot: RobotModel
 ) -> Int8[np.ndarray, "rows columns"]:
-    """What objects that were touched are to a robot that drives into them, on the cells of a map.
+    """Cost of touched objects for a robot that drives into them, on the cells of a map.
 
-    100 where an object cannot be pushed (fixed, falls, or heavier than the platform's force), 1 to 99 by the probability
-    that a push fails where it can, 0 elsewhere; objects that nobody has touched say nothing.
+    100 if an object cannot be pushed (fixed, falls, or heavier than the platform's force), 1 to 99 according to the probability
+    that a push fails, 0 elsewhere; untouched objects have no cost.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def felt_obstacles(
     objects
         Footprints with tags.
     robot
-        Its pushing force.
+        Provides the pushing force.
     """
     from shapely import Polygon, distance, points
 
@@ -191,7 +191,7 @@ def felt_obstacles(
         corners = grid.cell_from_world(item.footprint_m)
         low, high = np.clip([corners.min(axis=0) - 1, corners.max(axis=0) + 2], 0, found.shape)
         cells = low + np.argwhere(np.ones(high - low, bool))
-        # Every cell that the object reaches into: its middle is at most half a diagonal away.
+        # Every cell that overlaps the object: its centre is at most half a diagonal away.
         places = points(grid.world_from_cell(cells))
         reached = cells[distance(Polygon(item.footprint_m), places) <= grid.resolution_m * np.sqrt(0.5)]
         rows, columns = reached.T
@@ -205,7 +205,7 @@ def objects_text(objects: Iterable[MovableObject]) -> str:
     Parameters
     ----------
     objects
-        As a travel has left them.
+        Objects, as updated by a travel task.
     """
     entries = []
     for item in objects:

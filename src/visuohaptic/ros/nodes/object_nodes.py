@@ -1,4 +1,4 @@
-"""What is known of an object as services: its class from squeezes, where and how hard to grasp it."""
+"""Services for object properties: class from squeezes, grasp position and force."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["ClassifyNode", "ClassifyParameters", "GraspNode", "GraspParameters"]
 
 
 class ClassifyParameters(NodeParameters):
-    """Of the node classify."""
+    """Parameters of the node classify."""
 
     tree: str = Field("", min_length=1, description=".json of classify train")
     curves: str = Field(
@@ -44,7 +44,7 @@ class ClassifyParameters(NodeParameters):
 
 
 class ClassifyNode(Component):
-    """``~/classify`` reads the squeezes as they are now, and publishes the belief on ``~/belief``."""
+    """``~/classify`` reads the current squeezes, and publishes the class probabilities on ``~/belief``."""
 
     summary = "recognition by squeezing: service classify, probabilities of the classes out"
     parameter_model = ClassifyParameters
@@ -58,7 +58,7 @@ class ClassifyNode(Component):
         host.offer("~/classify", self.classify)
 
     def classify(self) -> Mapping[str, Any]:
-        """Class, confidence and probabilities after all squeezes; raises InputError where they cannot be read."""
+        """Class, confidence and probabilities after all squeezes; raises InputError if they cannot be read."""
         readings = read_curves(Path(self.parameters.curves), self._noise)
         wide = any(reading.width_m == reading.width_m for reading in readings)
         model = self._classifier.model(use_width=wide)
@@ -76,7 +76,7 @@ class ClassifyNode(Component):
 
 
 class GraspParameters(NodeParameters):
-    """Of the node grasp."""
+    """Parameters of the node grasp."""
 
     object: str = Field("", min_length=1, description="container: YAML description, class, or mesh")
     material: str = Field("", description="of the wall; that of the description by default")
@@ -91,7 +91,7 @@ class GraspParameters(NodeParameters):
 
 
 class GraspNode(Component):
-    """``~/plan_grasp`` and ``~/squeeze`` of one container; the best grasp's pose is latched on ``~/grasp``."""
+    """``~/plan_grasp`` and ``~/squeeze`` for one container; the pose of the best grasp is latched on ``~/grasp``."""
 
     summary = "grasps of deformable containers: services plan_grasp and squeeze, PoseStamped out"
     parameter_model = GraspParameters
@@ -108,7 +108,7 @@ class GraspNode(Component):
         return Contents(fill=self.parameters.fill) if self.parameters.closed else None
 
     def plan_grasp(self) -> Mapping[str, Any]:
-        """The best grasps; raises InputError where the wall's weight is not known."""
+        """The best grasps; raises InputError if the wall's weight is unknown."""
         chosen = self.parameters
         task = GraspTask(
             closed=chosen.closed,
@@ -126,7 +126,7 @@ class GraspNode(Component):
         return {"grasps": grasps, "reason": plan.reason, "notes": plan.notes}
 
     def squeeze(self) -> Mapping[str, Any]:
-        """Force over deformation at half the height, up to ``squeeze_N``."""
+        """Force over deformation at half height, up to ``squeeze_N``."""
         found = squeeze(self._object, force_N=self.parameters.squeeze_N, contents=self._contents())
         own = picked(found, "stiffness_N_per_m stiffness_sigma_N_per_m buckling_force_N remarks")
         return own | picked(found.curve, "deformation_m force_N complete")

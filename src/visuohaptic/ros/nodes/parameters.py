@@ -1,4 +1,4 @@
-"""Parameters of a node: declared once as a model, with range and description, for ROS and for the command line."""
+"""Node parameters: declared once as a model with range and description, for ROS and for the command line."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["NodeParameters", "Parameter", "declared", "given"]
 
 
 class NodeParameters(BaseModel):
-    """Base of a node's parameters: numbers, texts, switches and lists of them, each with a default.
+    """Base of a node's parameters: numbers, strings, booleans and lists of them, each with a default.
 
-    A text that must be given has the default ``""`` and a ``min_length``, which the node refuses when it is configured:
-    ROS declares parameters before anybody can set them.
+    A required string has the default ``""`` and a ``min_length``, which is rejected at configuration:
+    ROS declares parameters before they can be set.
     """
 
     model_config = ConfigDict(extra="forbid", validate_default=True)
@@ -26,14 +26,14 @@ class NodeParameters(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter as ROS declares it."""
+    """One parameter as declared in ROS."""
 
     name: str
     default: Any
     description: str
-    low: float | None  #: smallest value; ``None`` without a bound
-    high: float | None  #: largest value
-    required: bool  #: whether the default is refused
+    low: float | None  #: minimum value; ``None`` without a bound
+    high: float | None  #: maximum value
+    required: bool  #: whether the default is rejected
 
 
 def declared(model: type[NodeParameters]) -> Iterator[Parameter]:
@@ -42,7 +42,7 @@ def declared(model: type[NodeParameters]) -> Iterator[Parameter]:
     Parameters
     ----------
     model
-        Its parameters.
+        Parameter model of the node.
     """
     for name, field in model.model_fields.items():
         bounds = {
@@ -60,23 +60,23 @@ def declared(model: type[NodeParameters]) -> Iterator[Parameter]:
 def given(
     words: Sequence[str], model: type[NodeParameters], node: str, *, whole: bool = True
 ) -> dict[str, Any]:
-    """Values of parameters from a command line.
+    """Parse parameter values from a command line.
 
     Parameters
     ----------
     words
-        As ``name:=value`` (ROS) or ``name=value``; values are YAML, nothing is an empty text.
+        ``name:=value`` (ROS) or ``name=value``; values are YAML, an empty value is an empty string.
     model
         Parameters of the node.
     node
-        Its name, for messages.
+        Name of the node, for messages.
     whole
-        Whether those that must be given have to be among them.
+        Whether all required parameters must be included.
 
     Raises
     ------
     InputError
-        A word is not a parameter of the node, or its value not allowed.
+        A word is not a parameter of the node, or its value is invalid.
     """
     values: dict[str, Any] = {}
     for word in words:
@@ -92,20 +92,20 @@ def given(
 
 
 def checked(values: Mapping[str, Any], model: type[NodeParameters], node: str) -> NodeParameters:
-    """Parameters from values by name.
+    """Create parameters from values by name.
 
     Parameters
     ----------
     values
-        Those that are not given have their default.
+        Values by name; missing ones take their default.
     model
         Parameters of the node.
     node
-        Its name, for messages.
+        Name of the node, for messages.
 
     Raises
     ------
     InputError
-        With all values that are not allowed.
+        Lists all invalid values.
     """
     return checked_model(f"node {node}", dict(values), model)

@@ -1,4 +1,4 @@
-"""Navigation among movable objects as a node: a map, a pose and a goal in, a plan out."""
+"""Navigation among movable objects as a node: takes map, pose and goal, publishes a plan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["PlanNode", "PlanParameters"]
 
 
 class PlanParameters(MapParameters):
-    """Of the node plan."""
+    """Parameters of the node plan."""
 
     pose: str = Field(
         "amcl_pose", description="topic of geometry_msgs/PoseWithCovarianceStamped in the map frame"
@@ -38,7 +38,7 @@ class PlanParameters(MapParameters):
 
 
 class PlanNode(MapNode):
-    """Plans when a goal comes, and when ``~/plan`` is called; the newest goal replaces the one before."""
+    """Plans when a goal arrives, and when ``~/plan`` is called; a new goal replaces the previous one."""
 
     summary = "navigation among movable objects: OccupancyGrid and goal in, Path, markers and tasks out"
     parameter_model = PlanParameters
@@ -65,17 +65,17 @@ class PlanNode(MapNode):
         return take
 
     def plan(self) -> Mapping[str, Any]:
-        """Have the node's thread plan to the newest goal and publish it.
+        """Let the node's thread plan to the latest goal and publish the plan.
 
-        It is waited for as long as a search may take (three times its budget on the wall), or until the node is
+        Waits as long as a search may take (three times its budget in wall time), or until the node is
         deactivated.
 
         Raises
         ------
         DeviceError
-            Map, pose or goal have not come yet, the node was deactivated meanwhile, or the search does not end.
+            Map, pose or goal are missing, the node was deactivated meanwhile, or the search does not end.
         InputError
-            Start or goal is not on free ground.
+            Start or goal is not in free space.
         """
         answer: Future[Mapping[str, Any]] = Future()
         with self._lock:
@@ -99,7 +99,7 @@ class PlanNode(MapNode):
     def _answer(
         self, asked: Iterable[Future[Mapping[str, Any]]], found: Mapping[str, Any] | Exception
     ) -> None:
-        """Answer those who still wait."""
+        """Answer all waiting requests."""
         with self._lock:
             for answer in set(asked).intersection(self._asked):
                 self._asked.remove(answer)
@@ -152,7 +152,7 @@ def _pushed(task: Any) -> list[list[float]]:
 
 
 def _poses(found: Plan) -> Iterator[Pose]:
-    """Places of the whole plan, each turned to the next one."""
+    """Positions of the whole plan, each oriented towards the next one."""
     points = np.array([point for task in found.tasks for point in task.path_m]).reshape(-1, 2)
     steps = np.diff(points, axis=0, append=points[-1:])
     heading = 0.0

@@ -1,4 +1,4 @@
-"""A recording played as a node: its messages on their topics, as far apart as they were recorded."""
+"""Playback of a recording as a node: publishes its messages with the recorded timing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["PlayNode", "PlayParameters"]
 
 
 class PlayParameters(NodeParameters):
-    """Of the node play."""
+    """Parameters of the node play."""
 
     file: str = Field("", min_length=1, description="bag of rosbag2 (folder, .db3) or .mcap file")
     rate: float = Field(1.0, gt=0.0, le=1000.0, description="times as fast as it was recorded")
@@ -30,7 +30,7 @@ class PlayParameters(NodeParameters):
 
 
 class PlayNode(Worker):
-    """Plays from the beginning whenever it is activated; stamps in the messages stay."""
+    """Plays from the start at every activation; timestamps in the messages are unchanged."""
 
     summary = "a recording of rosbag2, SQLite or MCAP: its messages out, on their topics"
     parameter_model = PlayParameters

@@ -1,4 +1,4 @@
-"""Runs one node until it is stopped, under ROS's life cycle or on a transport without one."""
+"""Runs one node until it is stopped, with a ROS lifecycle or on a transport without one."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ def run_node(
     Parameters
     ----------
     name
-        Of the node in the catalogue, as ``foam``, and in the graph.
+        Name of the node in the catalogue, such as ``foam``, and in the graph.
     words
-        Parameters, as ``config:=sensor.yaml``.
+        Parameters, such as ``config:=sensor.yaml``.
     transport
-        ``rclpy``, ``zenoh`` or ``cyclonedds``; the last two have topics only, and start the node at once.
+        ``rclpy``, ``zenoh`` or ``cyclonedds``; the latter two support topics only, and start the node immediately.
     options
-        Domain and namespace, and routers of zenoh.
+        Domain, namespace, and zenoh routers.
     arguments
-        Command line of ROS, from ``--ros-args`` on.
+        ROS command line, from ``--ros-args`` on.
     managed
-        Wait for a lifecycle manager instead of configuring and activating at once.
+        Wait for a lifecycle manager instead of configuring and activating immediately.
     stop
-        Set to end it; a node without ends after ``timeout_s``.
+        Event that stops the node; without it, the node ends after ``timeout_s``.
     timeout_s
-        End after so long [s].
+        Maximum running time [s].
 
     Raises
     ------
     VisuohapticError
-        A parameter or a file cannot be used, the transport is not there, or the node cannot go on.
+        A parameter or file is invalid, the transport is not available, or the node has failed.
     """
     kind = node_kind(name)
     stop = stop or threading.Event()
@@ -78,7 +78,7 @@ def run_node(
 
 
 def _wait(running: Running, stop: threading.Event, timeout_s: float | None) -> bool:
-    """Whether it was stopped or time is up; not, where the component has failed."""
+    """Whether the node was stopped or the time is up; False if the component has failed."""
     left_s = float("inf") if timeout_s is None else timeout_s
     while not stop.wait(min(0.1, max(left_s, 0.0))):
         left_s -= 0.1

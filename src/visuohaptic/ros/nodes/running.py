@@ -1,4 +1,4 @@
-"""A component in its states, whoever moves it between them: ROS's life cycle, or the command line."""
+"""State machine of a component, controlled by a ROS lifecycle or by the command line."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Running(Closing):
     kind
         Class of the component.
     open_topics
-        Opens the node that the component speaks through; closed when it is cleaned up.
+        Opens the node used by the component; closed at clean-up.
     log
-        Called with the line of each error, for the log of ROS.
+        Called with the text of each error, for the ROS log.
     """
 
     def __init__(
@@ -40,12 +40,12 @@ class Running(Closing):
         self.component: Component | None = None  #: while it is configured
         self._host: Host | None = None
         self._diagnostics: Repeater | None = None
-        self.problem: BaseException | None = None  #: the last error, until the next state that is reached
-        self.failed = threading.Event()  #: set when an active component cannot go on
+        self.problem: BaseException | None = None  #: the last error, until the next successful transition
+        self.failed = threading.Event()  #: set when an active component has failed
 
     @property
     def configured(self) -> bool:
-        """Whether there is a component; its parameters are fixed while there is."""
+        """Whether there is a component; its parameters are then fixed."""
         return self.component is not None
 
     def _fail(self, error: BaseException) -> None:
@@ -64,7 +64,7 @@ class Running(Closing):
         Raises
         ------
         VisuohapticError
-            A parameter, or a file that it names, cannot be used; nothing is left open.
+            A parameter, or a file that it names, is invalid; nothing is left open.
         """
         self.problem = None
         node = self._open()
@@ -83,7 +83,7 @@ class Running(Closing):
             told = (status.valid, status.reason, status.values)
             topic.publish(messages.diagnostics(node.now_s(), node.name, node.name, *told))
 
-        # Once a second, as ROS's diagnostics are.
+        # Once per second, as usual for ROS diagnostics.
         self._diagnostics = Repeater(tell, 1.0, f"diagnostics of {node.name}")
 
     def _status(self) -> Status:
@@ -94,7 +94,7 @@ class Running(Closing):
         return self.component.status()
 
     def activate(self) -> None:
-        """Begin; a :class:`VisuohapticError` leaves it inactive."""
+        """Activate the component; it remains inactive after a :class:`VisuohapticError`."""
         assert self.component is not None
         assert self._host is not None
         self.problem = None
@@ -103,13 +103,13 @@ class Running(Closing):
         self._host.active.set()
 
     def deactivate(self) -> None:
-        """Stop; harmless when it is not active."""
+        """Deactivate; no effect if it is not active."""
         if self.component is not None and self._host is not None and self._host.active.is_set():
             self._host.active.clear()
             self.component.deactivate()
 
     def close(self) -> None:
-        """Clean up, from any state; harmless when repeated."""
+        """Clean up, from any state; may be called repeatedly."""
         self.deactivate()
         if self._diagnostics is not None:
             self._diagnostics.close()
@@ -120,12 +120,12 @@ class Running(Closing):
         self.component = self._host = self._diagnostics = None
 
     def attempt(self, step: Callable[[], None]) -> bool:
-        """Make a step of the life cycle; an error of this library is kept, and answered with no.
+        """Execute a lifecycle transition; an error of this library is stored, and False is returned.
 
         Parameters
         ----------
         step
-            Of this object.
+            A transition of this object.
         """
         try:
             step()

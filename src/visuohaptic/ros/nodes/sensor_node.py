@@ -1,4 +1,4 @@
-"""Foam, beam, scene and templates as nodes: images in, forces with validity and reason, or poses out."""
+"""Nodes for foam, beam, scene and templates: take images, publish forces with validity and reason, or poses."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 
 
 class ImageParameters(NodeParameters):
-    """Of every node that reads a camera."""
+    """Parameters of all nodes that use a camera."""
 
     image: str = Field(
         "image", description="image topic; sensor_msgs/CompressedImage where it ends in /compressed"
@@ -41,7 +41,7 @@ class ImageParameters(NodeParameters):
 
 
 class SensorParameters(ImageParameters):
-    """Of the nodes foam, beam and scene."""
+    """Parameters of the nodes foam, beam and scene."""
 
     config: str = Field("", min_length=1, description="sensor.yaml or scene.yaml of the sensor")
     odometry: str = Field("", description="topic of nav_msgs/Odometry; empty for none")
@@ -51,7 +51,7 @@ class SensorParameters(ImageParameters):
 
 
 class ImageNode(Component):
-    """A sensor that reads a camera's topic in a thread of its own; nodes say which."""
+    """Base of sensors that process a camera topic in a separate thread."""
 
     def configure(self) -> None:
         host, parameters = self.host, self.parameters
@@ -120,7 +120,7 @@ class SceneNode(_SensorNode):
 
 
 class TemplateParameters(ImageParameters):
-    """Of the node template."""
+    """Parameters of the node template."""
 
     templates: str = Field(
         "", min_length=1, description="folder of templates: images with a dpi value, tags.yaml"
@@ -130,7 +130,7 @@ class TemplateParameters(ImageParameters):
 
 
 class TemplateNode(ImageNode):
-    """Poses of known pictures and tags."""
+    """Poses of known images and tags."""
 
     summary = "pictures and tags: Image in, PoseWithCovarianceStamped and tf out"
     parameter_model = TemplateParameters

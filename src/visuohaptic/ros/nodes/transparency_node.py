@@ -1,4 +1,4 @@
-"""Transparent objects as a node: depth images and poses of the camera in, transparent parts out."""
+"""Detection of transparent objects as a node: takes depth images and camera poses, publishes transparent parts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["TransparencyParameters", "TransparentPartsNode"]
 
 
 class TransparencyParameters(NodeParameters):
-    """Of the node transparency."""
+    """Parameters of the node transparency."""
 
     depth: str = Field("depth/image", description="topic of sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]")
     pose: str = Field("camera_pose", description="topic of geometry_msgs/PoseStamped, T_world_camera")
@@ -44,7 +44,7 @@ class TransparencyParameters(NodeParameters):
 
 
 class TransparentPartsNode(Component):
-    """Keeps views while it is active; ``~/complete`` looks for what is transparent in them."""
+    """Collects views while active; ``~/complete`` detects transparent parts in them."""
 
     summary = "transparent objects: depth images and poses in, service complete, PointCloud2 and markers out"
     parameter_model = TransparencyParameters
@@ -88,12 +88,12 @@ class TransparentPartsNode(Component):
             self._views.append(DepthFrame(t_s, depth_m, None, near[2], camera, len(self._views)))
 
     def complete(self) -> Mapping[str, Any]:
-        """Transparent parts in the views so far, published and as the answer.
+        """Detect transparent parts in the views collected so far, publish and return them.
 
         Raises
         ------
         DeviceError
-            Too few views with a pose have come.
+            There are too few views with a pose.
         """
         with self._lock:
             views, frame = list(self._views), self._poses[-1][1] if self._poses else ""

@@ -1,4 +1,4 @@
-"""Driving to a goal among movable objects as a node: the action of Nav2's navigator, through ``cmd_vel``."""
+"""Navigation among movable objects as a node: Nav2's navigation action, via ``cmd_vel``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["TravelNode", "TravelParameters"]
 
 
 class TravelParameters(MapParameters):
-    """Of the node travel."""
+    """Parameters of the node travel."""
 
     pose: str = Field(
         "amcl_pose",
@@ -46,11 +46,11 @@ class TravelParameters(MapParameters):
 
 
 class _CancelledError(VisuohapticError):
-    """The goal was taken back."""
+    """The goal was cancelled."""
 
 
 class _Senses:
-    """Localisation, bumper and sightings from topics."""
+    """Localisation, bumper and object observations from topics."""
 
     def __init__(
         self, node: TopicNode, base: RosBase, chosen: TravelParameters, ids: tuple[str, ...]
@@ -66,11 +66,11 @@ class _Senses:
         wrench = "geometry_msgs/msg/WrenchStamped"
         self._wrench = LatestMessage(node, chosen.wrench, wrench, chosen.max_age_s)
         self._seen = {id: LatestMessage(node, f"{chosen.seen}/{id}", stamped, chosen.max_age_s) for id in ids}
-        self.turned: dict[str, float] = {}  #: heading of each object where it was first seen [rad]
+        self.turned: dict[str, float] = {}  #: heading of each object at its first observation [rad]
         self.located = not chosen.pose
 
     def _locate(self, received: Received) -> None:
-        """Where odometry begins in the map, from where the robot is in both."""
+        """Compute the pose of the odometry frame in the map, from the robot's pose in both."""
         try:
             state = self._base.state()
         except StaleFrameError:
@@ -106,7 +106,7 @@ class _Senses:
 
 
 class TravelNode(MapNode):
-    """Drives to goals of the action or of the topic, pushing what is cheaper to push than to go round."""
+    """Drives to goals of the action or topic, and pushes obstacles where that costs less than a detour."""
 
     summary = "drives to a goal among movable objects: NavigateToPose action and goal topic in, cmd_vel out"
     parameter_model = TravelParameters
@@ -148,21 +148,21 @@ class TravelNode(MapNode):
     def navigate(
         self, goal: Any, tell: Callable[[Mapping[str, Any]], None], cancelled: Callable[[], bool]
     ) -> bool:
-        """Carry out a ``NavigateToPose`` goal; returns whether the robot is there.
+        """Execute a ``NavigateToPose`` goal; returns whether the robot has arrived.
 
         Parameters
         ----------
         goal
-            With ``pose``, a PoseStamped in the map.
+            Goal with ``pose``, a PoseStamped in the map.
         tell
             Called with the feedback's fields.
         cancelled
-            Whether the goal was taken back.
+            Returns whether the goal was cancelled.
 
         Raises
         ------
         VisuohapticError
-            It was taken back, or the robot cannot be driven.
+            The goal was cancelled, or the robot cannot be driven.
         """
         done = self.drive(
             planar(goal.pose.pose)[:2],
@@ -174,21 +174,21 @@ class TravelNode(MapNode):
     def drive(
         self, goal_m: tuple[float, float], tell: Callable[[float], None], cancelled: Callable[[], bool]
     ) -> Travel:
-        """Drive to a place in the map.
+        """Drive to a position in the map.
 
         Parameters
         ----------
         goal_m
             x and y [m].
         tell
-            Called about twice a second with the distance to it [m].
+            Called about twice per second with the distance to the goal [m].
         cancelled
-            Whether to stop.
+            Returns whether to stop.
 
         Raises
         ------
         DeviceError
-            The robot drives already, or map, localisation or odometry have not come.
+            The robot is already driving, or map, localisation or odometry are missing.
         """
         if not self._driving.acquire(blocking=False):
             raise DeviceError("the robot drives to another goal; cancel that first")
@@ -214,7 +214,7 @@ class TravelNode(MapNode):
                 time.sleep(period_s)
 
             done = travel(problem, self._base, self._senses, wait)
-            # Where they were pushed to, and what was felt of them; they turn from there on.
+            # Final positions and tags of the pushed objects; their rotation is relative to these.
             self._objects = done.problem.objects
             self._senses.turned.clear()
             self._known.publish({"data": objects_text(self._objects)})

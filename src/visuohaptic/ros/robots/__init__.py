@@ -1,4 +1,4 @@
-"""Robots whose topics are on ROS 2, as the protocols of a task."""
+"""Robots with ROS 2 topics, implementing the robot protocols of tasks."""
 
 from ...core.front_door import attach
 

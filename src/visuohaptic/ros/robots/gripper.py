@@ -1,4 +1,4 @@
-"""A two-finger gripper behind a joint trajectory controller."""
+"""A two-finger gripper with a joint trajectory controller."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["RosGripper"]
 class RosGripper(Closing, Gripper):
     """Implements :class:`visuohaptic.core.robots.Gripper`.
 
-    A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the distance divided by the speed.
+    A command is a ``trajectory_msgs/JointTrajectory`` with one point, whose time is the distance divided by the speed.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ class RosGripper(Closing, Gripper):
     command, states
         Topics: ``trajectory_msgs/JointTrajectory`` out, ``sensor_msgs/JointState`` in.
     opening_per_joint, opening_at_zero_m
-        The opening is ``opening_at_zero_m + opening_per_joint * position``: 2 where a joint moves each of the
-        two fingers, negative where a larger position closes.
+        The opening is ``opening_at_zero_m + opening_per_joint * position``: 2 if a joint moves both
+        fingers, negative if a larger position closes the gripper.
     max_opening_m
-        Openings beyond 0 to this are refused.
+        Openings outside 0 to this value are rejected.
     max_age_s
-        Joint states that are older count as none [s].
+        Maximum age of joint states [s]; older ones are ignored.
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class RosGripper(Closing, Gripper):
         self._states = LatestMessage(node, states, "sensor_msgs/msg/JointState", max_age_s)
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Begin to move to an opening.
+        """Start to move to an opening width.
 
         Raises
         ------
         InputError
-            The opening is out of reach, or the speed not positive.
+            The opening is out of range, or the speed not positive.
         StaleFrameError
-            The present opening, from which the time follows, is not known.
+            The current opening, from which the time is computed, is unknown.
         DeviceError
-            Nobody listens.
+            There is no subscriber.
         """
         finite("RosGripper.move", opening_m=opening_m, speed_m_s=speed_m_s)
         if not 0.0 <= opening_m <= self._largest_m:
@@ -83,12 +83,12 @@ class RosGripper(Closing, Gripper):
         self._send(opening_m, abs(opening_m - self.state().opening_m) / speed_m_s)
 
     def stop(self) -> None:
-        """Hold the present opening."""
+        """Stop and hold the current opening."""
         self._send(self.state().opening_m, 0.0)
 
     def _send(self, opening_m: float, after_s: float) -> None:
         self._publisher.wait_until_heard()
-        # A controller refuses a point in the past; 50 ms is soon enough.
+        # Controllers reject points in the past; 50 ms is soon enough.
         point: dict[str, Any] = {
             "positions": [(opening_m - self._zero_m) / self._slope],
             "velocities": [],
@@ -96,18 +96,18 @@ class RosGripper(Closing, Gripper):
             "effort": [],
             "time_from_start": stamp(max(after_s, 0.05)),
         }
-        head = header(0.0, "")  # a stamp of zero: begin at once, whatever the clocks say
+        head = header(0.0, "")  # a timestamp of zero: start immediately, regardless of clocks
         self._publisher.publish({"header": head, "joint_names": [self.joint], "points": [point]})
 
     def state(self) -> GripperState:
-        """Newest reading.
+        """Latest reading.
 
         Raises
         ------
         StaleFrameError
             There is none, or it is too old.
         DeviceError
-            It does not name the joint.
+            It does not contain the joint.
         """
         received = self._states.get()
         position, speed = self._joint(received)
@@ -130,5 +130,5 @@ class RosGripper(Closing, Gripper):
         return float(message.position[place]), speed
 
     def close(self) -> None:
-        """Give the gripper back; it stays as it is."""
+        """Release the gripper; it remains in its position."""
         self._states.close()

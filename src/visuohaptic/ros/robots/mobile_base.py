@@ -1,4 +1,4 @@
-"""A platform that listens to ``cmd_vel`` and publishes its odometry."""
+"""A platform that subscribes to ``cmd_vel`` and publishes its odometry."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class RosBase(RepeatedBase):
     command, odometry
         Topics: ``geometry_msgs/Twist`` out, ``nav_msgs/Odometry`` in.
     stamped_frame
-        Send ``geometry_msgs/TwistStamped`` in this frame of coordinates, as ``base_link``; Nav2 and ros2_control
-        expect it since Jazzy. ``Twist`` by default.
+        Send ``geometry_msgs/TwistStamped`` in this coordinate frame, such as ``base_link``; expected by Nav2 and ros2_control
+        since Jazzy. ``Twist`` by default.
     max_speed_m_s, max_turn_rad_s
-        Larger commands are refused.
+        Larger commands are rejected.
     rate_Hz
-        A command is repeated so often until the next one; on :meth:`close` it is a stop.
+        Rate at which a command is repeated until the next one; :meth:`close` sends a stop.
     max_age_s
-        Older odometry counts as none [s].
+        Maximum age of odometry [s]; older messages are ignored.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class RosBase(RepeatedBase):
     def _send(self) -> None:
         with self._lock:
             command = self._command
-            if command is None:  # nobody has driven yet: another node may
+            if command is None:  # no command yet: another node may be driving
                 return
             self._publisher.publish(self._message(*command))
 
@@ -74,7 +74,7 @@ class RosBase(RepeatedBase):
         return {"header": header(time.time(), self._frame), "twist": twist}
 
     def state(self) -> BaseState:
-        """Newest odometry.
+        """Latest odometry.
 
         Raises
         ------
@@ -84,13 +84,13 @@ class RosBase(RepeatedBase):
         return base_state(self._odometry.get())
 
     def close(self) -> None:
-        """Stop, and give the platform back; harmless when repeated."""
+        """Stop and release the platform; may be called repeatedly."""
         super().close()
         self._odometry.close()
 
 
 def base_state(received: Received) -> BaseState:
-    """Of a ``nav_msgs/Odometry``."""
+    """Convert a ``nav_msgs/Odometry``."""
     message = received.message
     speed = message.twist.twist
     return BaseState(received.t_s, *planar(message.pose.pose), speed.linear.x, speed.angular.z)

@@ -1,4 +1,4 @@
-"""An arm with a probe tip behind a Cartesian controller."""
+"""An arm with a probe tip and a Cartesian controller."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ __all__ = ["RosArm"]
 class RosArm(Closing, ProbeArm):
     """Implements :class:`visuohaptic.core.robots.ProbeArm`.
 
-    The straight line is made here: ``geometry_msgs/PoseStamped`` targets along it, at a rate. Any controller
-    that follows such a topic will do.
+    The straight line is generated here: ``geometry_msgs/PoseStamped`` targets along it, at a fixed rate. Any controller
+    that follows such a topic is suitable.
 
     Parameters
     ----------
     node
         Node that publishes and subscribes.
     reach_m
-        Smallest and largest distance of the tip from the base [m]; targets beyond are refused.
+        Minimum and maximum distance of the tip from the base [m]; targets outside are rejected.
     command, pose
         Topics: targets out, the tip's pose in; both in the base frame.
     frame
-        Base frame, of the targets.
+        Base frame, in which targets are given.
     rate_Hz
         Targets per second.
     max_age_s
-        Poses that are older count as none [s].
+        Maximum age of poses [s]; older ones are ignored.
     """
 
     def __init__(
@@ -65,16 +65,16 @@ class RosArm(Closing, ProbeArm):
         self._repeater = Repeater(self._step, rate_Hz, f"targets to {self._publisher.topic}")
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
-        """Begin to move the tip in a straight line.
+        """Start to move the tip along a straight line.
 
         Raises
         ------
         InputError
             The target is out of reach, or the speed not positive.
         StaleFrameError
-            It is not known where the tip is.
+            The current pose of the tip is unknown.
         DeviceError
-            Nobody listens.
+            There is no subscriber.
         """
         finite("RosArm.move_linear", speed_m_s=speed_m_s)
         if speed_m_s <= 0:
@@ -96,7 +96,7 @@ class RosArm(Closing, ProbeArm):
             self._line = _Line(now, T_base_tip, speed_m_s)
 
     def stop(self) -> None:
-        """Hold the present pose."""
+        """Stop and hold the current pose."""
         _, now = self.pose()
         with self._lock:
             self._line = None
@@ -115,7 +115,7 @@ class RosArm(Closing, ProbeArm):
         self._publisher.publish({"header": ros.header(time.time(), self._frame), "pose": ros.pose(target)})
 
     def pose(self) -> tuple[float, Pose]:
-        """Newest time [s] and pose of the tip in the base frame.
+        """Latest time [s] and pose of the tip in the base frame.
 
         Raises
         ------
@@ -126,11 +126,11 @@ class RosArm(Closing, ProbeArm):
         return received.t_s, message_pose(received.message.pose)
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
-        """Smallest and largest distance of the tip from the base."""
+        """Minimum and maximum distance of the tip from the base."""
         return np.array(self._reach_m)
 
     def close(self) -> None:
-        """Send no more targets, and give the arm back; harmless when repeated."""
+        """Stop sending targets and release the arm; may be called repeatedly."""
         with self._lock:
             self._line = None
         self._repeater.close()
@@ -138,9 +138,9 @@ class RosArm(Closing, ProbeArm):
 
 
 class _Line:
-    """A straight path at constant speed, the rotation distributed evenly over it."""
+    """A straight path at constant speed, with uniform rotation along it."""
 
-    #: A rotation without a path takes as long as a point so far from the axis would need.
+    #: A pure rotation takes as long as the path of a point at this distance from the axis.
     _LEVER_M = 0.1
 
     def __init__(self, start: Pose, end: Pose, speed_m_s: float) -> None:
@@ -151,7 +151,7 @@ class _Line:
         self._began_s = time.monotonic()
 
     def at(self, now_s: float) -> tuple[Pose, bool]:
-        """Target at a time, and whether it is the last one."""
+        """Target at a given time, and whether it is the last one."""
         part = 1.0 if self._lasts_s <= 0 else (now_s - self._began_s) / self._lasts_s
         if part >= 1.0:
             return self._end, True

@@ -1,4 +1,4 @@
-"""What carries a node's messages: zenoh, ROS 2 itself (rclpy), or Cyclone DDS."""
+"""Transports of a node's messages: zenoh, ROS 2 itself (rclpy), or Cyclone DDS."""
 
 from ...core.front_door import attach
 

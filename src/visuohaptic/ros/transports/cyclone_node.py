@@ -1,7 +1,7 @@
-"""A node on DDS without ROS: the Python package of Eclipse Cyclone DDS, with the names and types that ROS 2 uses.
+"""A node on DDS without ROS: Eclipse Cyclone DDS for Python, with the names and types of ROS 2.
 
-Topics are prefixed with ``rt``, types are mangled and key-less, data is XCDR1, the type's hash stands in the user
-data of an endpoint, and ``ros_discovery_info`` tells which node an endpoint belongs to (rmw_dds_common).
+Topics are prefixed with ``rt``, types are mangled and key-less, data is XCDR1, the type hash is in the user
+data of an endpoint, and ``ros_discovery_info`` contains the node of each endpoint (rmw_dds_common).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .topic_node import Outlet, RosSubscription, TopicNode
 
 __all__ = ["CycloneNode"]
 
-#: Nodes and endpoints that are read of the graph.
+#: Maximum number of nodes and endpoints read from the graph.
 _MAX_TOLD = 10_000
 
 _DISCOVERY = parse_definition(
@@ -34,7 +34,7 @@ _DISCOVERY = parse_definition(
 
 
 def _idl_type(field: Field, structs: dict[str, Any]) -> Any:
-    """The type of a field in the words of the DDS binding."""
+    """The type of a field in the DDS binding."""
     from cyclonedds.idl import types
 
     plain = {"string": str, "bool": bool, "byte": types.byte, "char": types.uint8}
@@ -49,7 +49,7 @@ def _idl_type(field: Field, structs: dict[str, Any]) -> Any:
 
 
 def _raw_type(kind: MessageType) -> Any:
-    """A type of DDS with the message's structure whose samples are CDR bytes that this library has written."""
+    """A DDS type with the message's structure, whose samples are CDR bytes written by this library."""
     from cyclonedds.idl import make_idl_struct
 
     structs: dict[str, Any] = {}
@@ -83,9 +83,9 @@ class CycloneNode(TopicNode):
     Parameters
     ----------
     name
-        Of the node.
+        Name of the node.
     options
-        Domain and namespace; the other fields are of zenoh.
+        Domain and namespace; the other fields apply to zenoh.
 
     Raises
     ------
@@ -143,7 +143,7 @@ class CycloneNode(TopicNode):
             else Policy.Reliability.BestEffort,
             Policy.Durability.TransientLocal if qos.latched else Policy.Durability.Volatile,
             Policy.History.KeepAll if keep_all else Policy.History.KeepLast(qos.depth),
-            # A latched writer keeps as many for those who come late.
+            # A latched writer keeps this number for late subscribers.
             Policy.DurabilityService(0, Policy.History.KeepLast(qos.depth), -1, -1, -1),
             Policy.DataRepresentation(use_cdrv0_representation=True),
             Policy.Userdata(f"typehash={kind.type_hash()};".encode()),
@@ -152,7 +152,7 @@ class CycloneNode(TopicNode):
     def _writer(self, topic: Any, kind: MessageType, qos: Qos, *, wait: bool = False) -> Any:
         from cyclonedds.pub import DataWriter, Publisher
 
-        # The binding allows durability service on writers alone.
+        # The binding allows the durability service only for writers.
         return DataWriter(Publisher(self._participant), topic, self._qos(qos, kind, keep_all=wait))
 
     def _reader(self, topic: Any, kind: MessageType, qos: Qos) -> Any:
@@ -161,7 +161,7 @@ class CycloneNode(TopicNode):
         return DataReader(self._participant, topic, self._qos(qos, kind))
 
     def _announce(self) -> None:
-        """Tell which endpoints are this node's."""
+        """Announce which endpoints belong to this node."""
 
         def gids(kind: EntityKind) -> list[dict[str, bytes]]:
             return [{"data": entity.guid.bytes} for entity in self._endpoints[kind]]
@@ -175,12 +175,12 @@ class CycloneNode(TopicNode):
         message = {"gid": {"data": self._participant.guid.bytes}, "node_entities_info_seq": [info]}
         try:
             self._discovery.write(self._discovery_type.deserialize(encode(message, _DISCOVERY)))
-        except Exception as error:  # the binding's classes are not ours
+        except Exception as error:  # exceptions of the binding have no common base class
             raise DeviceError(f"{self.name}: cannot be announced ({shown_error(error)})") from error
 
     def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> Outlet:
         data_type, place = self._topic("rt" + topic, kind)
-        # DDS deletes what nobody refers to: of a writer, its place alone is kept, until the node is closed.
+        # DDS deletes unreferenced entities: a closed writer remains until the node is closed.
         writers = self._endpoints[EntityKind.PUBLISHER]
         at = len(writers)
         writers.append(self._writer(place, kind, qos, wait=wait))
@@ -198,7 +198,7 @@ class CycloneNode(TopicNode):
         reader = self._reader(place, kind, qos)
         waiting, pause = WaitSet(self._participant), duration(milliseconds=100)
         waiting.attach(ReadCondition(reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
-        counts: Counter[int] = Counter()  # by writer: DDS does not tell its own number of a message
+        counts: Counter[int] = Counter()  # by writer: DDS does not expose its message numbers
         end = threading.Event()
 
         def run() -> None:
@@ -226,12 +226,12 @@ class CycloneNode(TopicNode):
         return undeclare
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
-        """As told by the others so far; endpoints whose node is not known have none.
+        """The graph as announced by other nodes so far; endpoints of unknown nodes have none.
 
         Parameters
         ----------
         timeout_s
-            Not waited: what is known now is told.
+            Not used: returns what is currently known.
         """
         here = {sample.key.bytes for sample in _alive(self._participants)}
         newest = {}
@@ -260,7 +260,7 @@ class CycloneNode(TopicNode):
 
 
 def _alive(reader: Any) -> list[Any]:
-    """What is there now, of what the reader of a built-in topic was told of."""
+    """Currently alive instances reported by the reader of a built-in topic."""
     from cyclonedds.core import InstanceState
 
     told = reader.read(_MAX_TOLD)

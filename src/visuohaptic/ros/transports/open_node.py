@@ -1,4 +1,4 @@
-"""A node by the name of what carries its messages."""
+"""Creation of a node for a transport given by name."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ TRANSPORTS: tuple[str, ...] = get_args(Transport)
 
 
 def open_node(name: str, options: RosOptions | None = None, transport: str = "zenoh") -> TopicNode:
-    """Join the robot's nodes.
+    """Join the ROS graph of the robot.
 
     Parameters
     ----------
     name
-        Of the node.
+        Name of the node.
     options
-        Domain, namespace; routers of zenoh.
+        Domain, namespace, and zenoh routers.
     transport
         ``zenoh`` for robots with ``rmw_zenoh_cpp``, ``rclpy`` for ROS 2 itself over DDS, ``cyclonedds`` for DDS
         without ROS.
@@ -30,11 +30,11 @@ def open_node(name: str, options: RosOptions | None = None, transport: str = "ze
     Raises
     ------
     InputError
-        There is no such transport.
+        The transport does not exist.
     MissingExtraError
         Its library is not installed.
     DeviceError
-        No router answers.
+        No router responds.
     """
     if transport == "zenoh":
         from .zenoh_node import RosNode

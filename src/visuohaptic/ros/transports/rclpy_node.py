@@ -1,6 +1,6 @@
-"""A node of ROS 2 itself, over DDS: rclpy from an installation of ROS 2 or from its wheels.
+"""A node of ROS 2 itself, over DDS: rclpy from a ROS 2 installation or from its wheels.
 
-Messages are handed to rclpy as bytes, so no field of an image is copied into a message of Python's.
+Messages are passed to rclpy as bytes, so that image data is not copied into Python message objects.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from .topic_node import Execute, Outlet, RosSubscription, TopicNode
 
 __all__ = ["RclpyNode", "RclpyProcess", "RclpyTopics", "import_rclpy", "interface"]
 
-#: rclpy does not tell who has sent a message.
+#: rclpy does not provide the sender of a message.
 _GID = bytes(16)
-#: Where none of these is set, Fast DDS gets buffers that hold raw images: with its own, nine of ten were lost.
+#: If none of these is set, Fast DDS gets buffers large enough for raw images: with its default, nine of ten were lost.
 _FASTDDS = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS")
 
 
@@ -34,7 +34,7 @@ def import_rclpy() -> Any:
     Raises
     ------
     MissingExtraError
-        Neither an installation of ROS 2 is sourced, nor are the wheels there.
+        No ROS 2 installation is sourced, and the wheels are not installed.
     """
     with needs("rclpy", "ros-jazzy", "ROS 2 over DDS (or the setup.bash of an installation)"):
         import rclpy
@@ -44,12 +44,12 @@ def import_rclpy() -> Any:
 
 
 def interface(name: str) -> Any:
-    """The class of a message, service or action, from the package of ROS that has it.
+    """The class of a message, service or action, from its ROS package.
 
     Parameters
     ----------
     name
-        As ``sensor_msgs/msg/Image``.
+        Such as ``sensor_msgs/msg/Image``.
 
     Raises
     ------
@@ -69,12 +69,12 @@ def interface(name: str) -> Any:
 
 
 class RclpyTopics(TopicNode):
-    """Topics and services of a node of rclpy that somebody else runs; a context manager.
+    """Topics and services of an rclpy node that is run elsewhere; a context manager.
 
     Parameters
     ----------
     inner
-        The node, as of :class:`RclpyProcess`.
+        The node, as in :class:`RclpyProcess`.
     """
 
     def __init__(self, inner: Any) -> None:
@@ -86,7 +86,7 @@ class RclpyTopics(TopicNode):
         self._group = ReentrantCallbackGroup()
 
     def now_s(self) -> float:
-        """Time of the node's clock [s]: that of ``/clock`` where ``use_sim_time`` is set."""
+        """Time of the node's clock [s]: that of ``/clock`` if ``use_sim_time`` is set."""
         return 1e-9 * float(self.inner.get_clock().now().nanoseconds)
 
     def offer(self, service: str, work: Callable[[], str]) -> None:
@@ -155,7 +155,7 @@ class RclpyTopics(TopicNode):
     def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:
         def take(data: bytes, info: dict[str, int | None]) -> None:
             number, sent_ns = info["publication_sequence_number"], info["source_timestamp"]
-            if number is None or sent_ns is None:  # a middleware that does not count
+            if number is None or sent_ns is None:  # the middleware does not number messages
                 subscription.take(data, None)
             else:
                 subscription.take(data, Attachment(number, sent_ns, _GID))
@@ -167,12 +167,12 @@ class RclpyTopics(TopicNode):
         return self._closing[-1]
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
-        """As told by the middleware now; what it has not discovered yet is not there.
+        """The graph as currently known to the middleware; undiscovered entities are missing.
 
         Parameters
         ----------
         timeout_s
-            Not waited: what is known now is told.
+            Not used: returns what is currently known.
         """
         found = [
             self._seen(EntityKind.NODE, (namespace, name))
@@ -193,29 +193,29 @@ class RclpyTopics(TopicNode):
         return tuple(found)
 
     def _leave(self) -> None:
-        """The node goes on without these topics."""
+        """The node continues without these topics."""
 
 
 class RclpyProcess(Closing):
-    """A node of rclpy with a context and threads of its own; a context manager.
+    """An rclpy node with its own context and threads; a context manager.
 
     Parameters
     ----------
     name
-        Of the node; ``--ros-args -r __node:=...`` replaces it.
+        Name of the node; ``--ros-args -r __node:=...`` overrides it.
     options
-        Domain and namespace; domain 0 is what ``ROS_DOMAIN_ID`` says. The other fields are of zenoh.
+        Domain and namespace; domain 0 means ``ROS_DOMAIN_ID``. The other fields apply to zenoh.
     arguments
-        Command line of ROS, as ``("--ros-args", "-p", "use_sim_time:=true")``.
+        ROS command line, such as ``("--ros-args", "-p", "use_sim_time:=true")``.
     managed
-        A node with a life cycle (``lifecycle_msgs``).
+        Whether the node has a lifecycle (``lifecycle_msgs``).
 
     Raises
     ------
     MissingExtraError
-        rclpy is not there.
+        rclpy is not available.
     InputError
-        The arguments are not those of ROS.
+        The arguments are not valid ROS arguments.
     """
 
     def __init__(
@@ -239,7 +239,7 @@ class RclpyProcess(Closing):
         except Exception as error:
             self._context.try_shutdown()
             raise InputError("ROS node", f"cannot be created ({shown_error(error)})") from error
-        # An action that drives and its cancelling, a service that takes its time, and the topics beside them.
+        # A driving action and its cancellation, a slow service, and topics at the same time.
         self._executor = rclpy.executors.MultiThreadedExecutor(4, context=self._context)
         self._executor.add_node(self.inner)
         self._end = threading.Event()
@@ -256,7 +256,7 @@ class RclpyProcess(Closing):
             return
 
     def close(self) -> None:
-        """Leave the graph; harmless when repeated."""
+        """Leave the graph; may be called repeatedly."""
         if self._end.is_set():
             return
         self._end.set()
@@ -273,12 +273,12 @@ class RclpyNode(RclpyTopics):
     Parameters
     ----------
     name, options
-        As of :class:`.CycloneNode`.
+        As in :class:`.CycloneNode`.
 
     Raises
     ------
     MissingExtraError
-        rclpy is not there.
+        rclpy is not available.
     """
 
     def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:

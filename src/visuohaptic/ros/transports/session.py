@@ -1,4 +1,4 @@
-"""How a node joins its domain: options, and the zenoh session that they open."""
+"""Connection of a node to its domain: options, and the zenoh session."""
 
 from __future__ import annotations
 
@@ -12,53 +12,57 @@ from ...core.ranges import check_ranges, within
 
 __all__ = ["RosOptions", "open_session", "shown_error"]
 
-#: Where the router of rmw_zenoh (``ros2 run rmw_zenoh_cpp rmw_zenohd``) listens on its own machine.
+#: Address of the router of rmw_zenoh (``ros2 run rmw_zenoh_cpp rmw_zenohd``) on the same machine.
 ROUTER = "tcp/127.0.0.1:7447"
 
 
 @dataclass(frozen=True, slots=True)
 class RosOptions:
-    """How a node joins; by default through a router on this machine, and never by multicast."""
+    """Connection options of a node; by default through a router on this machine, and never by multicast."""
 
     domain: int = field(default=0, metadata=within(0, 232))  #: ``ROS_DOMAIN_ID``
     namespace: str = "/"
-    type_hashes: bool = True  #: no for Humble, which has none
-    connect: tuple[str, ...] = (ROUTER,)  #: routers or peers; none = wait for others to connect
-    listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)  #: where peers may connect; port 0 = any free one
-    zenoh_config: Path | None = None  #: a zenoh file (JSON5), for TLS and the like, instead of the two above
-    patience_s: float = 3.0  #: wait so long for a router
+    type_hashes: bool = True  #: false for Humble, which has none
+    connect: tuple[str, ...] = (ROUTER,)  #: routers or peers; empty = wait for others to connect
+    listen: tuple[str, ...] = (
+        "tcp/127.0.0.1:0",
+    )  #: addresses on which peers may connect; port 0 = any free port
+    zenoh_config: Path | None = (
+        None  #: zenoh configuration file (JSON5), for TLS etc., instead of the two above
+    )
+    patience_s: float = 3.0  #: time-out for a router [s]
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
 
 def shown_error(error: Exception) -> str:
-    """zenoh's text without the place in its source.
+    """zenoh's error text without the source location.
 
     Parameters
     ----------
     error
-        Of zenoh.
+        Error raised by zenoh.
     """
     return " ".join(str(error).partition(" at /")[0].split())
 
 
 def open_session(options: RosOptions) -> Any:
-    """Open zenoh as the options say.
+    """Open a zenoh session according to the options.
 
     Parameters
     ----------
     options
-        Routers, peers, or a zenoh file.
+        Routers, peers, or a zenoh configuration file.
 
     Raises
     ------
     MissingExtraError
         zenoh is not installed.
     InputError
-        The options, or the file that they name, are no configuration.
+        The options, or the file that they name, are not a valid configuration.
     DeviceError
-        No router answers.
+        No router responds.
     """
     with needs("eclipse-zenoh", "ros", "live ROS 2"):
         import zenoh

@@ -1,6 +1,6 @@
-"""A node whatever carries its messages: the same publishers, subscriptions and counts on every transport.
+"""Transport-independent node: the same publishers, subscriptions and counters on every transport.
 
-Messages cross every transport as CDR bytes of our own codec, so a transport only sends and receives bytes.
+Messages are CDR bytes from this library's codec on every transport, so that a transport only sends and receives bytes.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ __all__ = ["Execute", "Outlet", "Received", "RosPublisher", "RosSubscription", "
 
 _log = logging.getLogger(__name__)
 
-#: Goal, feedback, whether it was cancelled -> whether it is reached.
+#: Goal, feedback function, whether it was cancelled -> whether the goal was reached.
 Execute = Callable[[Any, Callable[[Mapping[str, Any]], None], Callable[[], bool]], bool]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Received:
-    """A message that came in."""
+    """A received message."""
 
     message: Any  #: its fields as attributes
-    attachment: Attachment | None  #: number and time of sending; ``None`` where the sender tells neither
-    received_s: float  #: seconds since 1970, by the clock of this machine
+    attachment: Attachment | None  #: number and time of sending; ``None`` if the sender provides neither
+    received_s: float  #: seconds since 1970, on this machine's clock
 
     @property
     def t_s(self) -> float:
-        """Time of the header's stamp [s]; where it is zero, that of sending, or of receiving."""
+        """Time of the header's timestamp [s]; if zero, the sending or receiving time."""
         stamp, beside = self.message.header.stamp, self.attachment
         if (t_s := float(stamp.sec + 1e-9 * stamp.nanosec)) > 0:
             return t_s
@@ -48,11 +48,11 @@ class Received:
 
 @dataclass(frozen=True, slots=True)
 class Outlet:
-    """What a transport sends the bytes of one topic with."""
+    """Sending side of a transport for one topic."""
 
-    #: Sends CDR bytes, and the number of the message, from 1; raises an error of its own where the transport is closed.
+    #: Sends CDR bytes with the message number, from 1; raises a transport-specific exception if the transport is closed.
     send: Callable[[bytes, int], object]
-    heard: Callable[[], bool]  #: whether anybody subscribes now
+    heard: Callable[[], bool]  #: whether there is a subscriber
 
 
 class RosPublisher:
@@ -65,7 +65,7 @@ class RosPublisher:
     kind
         Type of its messages.
     outlet
-        Of the transport.
+        Sending side of the transport.
     closed
         Whether the node is closed.
     """
@@ -94,12 +94,12 @@ class RosPublisher:
         self.send(encode(message, self._kind))
 
     def send(self, data: bytes) -> None:
-        """Send a message that is CDR already, as a recording holds it.
+        """Send a message that is already in CDR format, for example from a recording.
 
         Parameters
         ----------
         data
-            Of the topic's type, with its encapsulation header.
+            Message of the topic's type, with its encapsulation header.
 
         Raises
         ------
@@ -111,27 +111,27 @@ class RosPublisher:
                 raise DeviceError(f"{self.topic}: cannot be published, its node is closed")
             try:
                 self._outlet.send(data, self._sequence + 1)
-            except Exception as error:  # of the transport: its classes are not ours
+            except Exception as error:  # of the transport: no common base class
                 raise DeviceError(f"{self.topic}: cannot be published ({shown_error(error)})") from error
             self._sequence += 1
 
     @property
     def heard(self) -> bool:
-        """Whether anybody subscribes to it now; over zenoh not known of a latched topic, and no then."""
+        """Whether there is a subscriber; unknown for latched topics over zenoh, where it is False."""
         return not self._closed() and self._outlet.heard()
 
     def wait_until_heard(self, timeout_s: float = 1.0) -> None:
-        """A command that nobody hears must not be taken for one that is carried out.
+        """Wait for a subscriber: an unheard command must not be taken as executed.
 
         Parameters
         ----------
         timeout_s
-            How long a subscriber is waited for [s].
+            Time-out [s].
 
         Raises
         ------
         DeviceError
-            Nobody has subscribed in time.
+            There was no subscriber in time.
         """
         until = time.monotonic() + timeout_s
         while not self.heard:
@@ -144,7 +144,7 @@ class RosPublisher:
 
     @property
     def sent(self) -> int:
-        """How many messages so far."""
+        """Number of messages sent so far."""
         return self._sequence
 
 
@@ -154,27 +154,27 @@ class RosSubscription:
     Parameters
     ----------
     topic, kind
-        As of :class:`RosPublisher`.
+        As in :class:`RosPublisher`.
     receive
         Called with each message.
     """
 
     def __init__(self, topic: str, kind: MessageType, receive: Callable[[Received], None]) -> None:
         self.topic = topic
-        self.received = 0  #: messages that were handed on
+        self.received = 0  #: messages that were passed on
         self.damaged = 0  #: messages that could not be read
         self.undeclare: Callable[[], None] = lambda: None
         self._kind, self._receive = kind, receive
 
     def take(self, data: bytes, beside: Attachment | bytes | None) -> None:
-        """Called by the transport.
+        """Process a message; called by the transport.
 
         Parameters
         ----------
         data
             CDR bytes with their encapsulation header.
         beside
-            Number and time of sending, as bytes where the transport has not read them.
+            Number and time of sending; as bytes if the transport has not decoded them.
         """
         try:
             attachment = Attachment.unpack(beside) if isinstance(beside, bytes) else beside
@@ -183,25 +183,25 @@ class RosSubscription:
             self.received += 1
         except VisuohapticError as error:
             self.damaged += 1
-            # 1, 2, 4, 8, ...: a stream of errors must not fill a disk
+            # 1, 2, 4, 8, ...: a stream of errors must not fill the disk
             if self.damaged & (self.damaged - 1) == 0:
                 _log.warning("%s: %d messages cannot be read; %s", self.topic, self.damaged, error)
 
     def close(self) -> None:
-        """Receive nothing more; harmless when repeated."""
+        """Unsubscribe; may be called repeatedly."""
         undeclare, self.undeclare = self.undeclare, lambda: None
         undeclare()
 
 
 class TopicNode(Closing):
-    """A node that publishes, subscribes and sees who is there; a context manager.
+    """A node that publishes, subscribes and queries the graph; a context manager.
 
     Parameters
     ----------
     name
-        Of the node.
+        Name of the node.
     options
-        Domain and namespace, and what the transport needs; the defaults of a ROS 2 node by default.
+        Domain, namespace, and transport settings; by default those of a ROS 2 node.
     """
 
     def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
@@ -213,7 +213,7 @@ class TopicNode(Closing):
         self._closed = False
 
     def resolve(self, name: str) -> str:
-        """Absolute name of a topic, seen from this node.
+        """Absolute name of a topic, resolved relative to this node.
 
         Parameters
         ----------
@@ -223,24 +223,24 @@ class TopicNode(Closing):
         return resolve_name(name, self.namespace, f"{self.namespace.rstrip('/')}/{self.name}")
 
     def now_s(self) -> float:
-        """Time by which messages are stamped [s since 1970]; simulated time where the node uses it."""
+        """Time for message timestamps [s since 1970]; simulated time if the node uses it."""
         return time.time()
 
     def advertise(
         self, topic: str, datatype: str | MessageType, qos: Qos | None = None, *, wait: bool = False
     ) -> RosPublisher:
-        """Say that messages will come.
+        """Create a publisher.
 
         Parameters
         ----------
         topic
-            Its name.
+            Name of the topic.
         datatype
-            Name of a standard message, or a parsed definition.
+            Name of a standard message type, or a parsed definition.
         qos
             Quality of service; reliable and volatile by default.
         wait
-            Publishing waits where the network is slower than the messages come, instead of losing some.
+            Publishing blocks if the network is slower than the messages, instead of losing some.
         """
         place, kind = self._endpoint(topic, datatype)
         outlet = self._outlet(place, kind, qos or Qos(), wait)
@@ -253,14 +253,14 @@ class TopicNode(Closing):
         receive: Callable[[Received], None],
         qos: Qos | None = None,
     ) -> RosSubscription:
-        """Have a function called with every message, in a thread of the transport; it must be quick.
+        """Call a function with every message, in a thread of the transport; it must return quickly.
 
-        Messages that cannot be read are counted, logged and left out.
+        Messages that cannot be decoded are counted, logged and skipped.
 
         Parameters
         ----------
         topic, datatype
-            As of :meth:`advertise`.
+            As in :meth:`advertise`.
         receive
             Called with each message.
         qos
@@ -277,41 +277,41 @@ class TopicNode(Closing):
         return self.resolve(topic), message_type(datatype) if isinstance(datatype, str) else datatype
 
     def offer(self, service: str, work: Callable[[], str]) -> None:
-        """Offer a ``std_srvs/srv/Trigger``; transports without services refuse it.
+        """Offer a ``std_srvs/srv/Trigger``; rejected by transports without services.
 
         Parameters
         ----------
         service
-            Its name.
+            Name of the service.
         work
-            Called for each request in a thread of the transport; its text is the answer's message. An error of
-            this library is answered with ``success: false`` and its line.
+            Called for each request in a thread of the transport; returns the text of the response. An error of
+            this library is answered with ``success: false`` and its message.
 
         Raises
         ------
         InputError
-            This transport carries topics only.
+            This transport supports topics only.
         """
         raise InputError(
             "transport", f"{self.resolve(service)} is a service; the transport rclpy is needed for services"
         )
 
     def act(self, action: str, datatype: str, execute: Execute) -> None:
-        """Offer an action; transports without actions refuse it.
+        """Offer an action; rejected by transports without actions.
 
         Parameters
         ----------
         action, datatype
-            As of :meth:`~visuohaptic.ros.nodes.component.Host.act`.
+            As in :meth:`~visuohaptic.ros.nodes.component.Host.act`.
         execute
-            Called for each goal with the goal, what publishes fields of the feedback, and what says whether it was
-            cancelled; returns whether the goal is reached. An error of this library ends the goal as cancelled where that
-            was asked for, else as aborted.
+            Called for each goal with the goal, a function that publishes feedback fields, and one that returns whether it was
+            cancelled; returns whether the goal was reached. After an error of this library, the goal is cancelled if this was
+            requested, otherwise aborted.
 
         Raises
         ------
         InputError
-            This transport carries topics only, or the interface is not installed.
+            This transport supports topics only, or the interface is not installed.
         """
         raise InputError(
             "transport", f"{self.resolve(action)} is an action; the transport rclpy is needed for actions"
@@ -323,20 +323,20 @@ class TopicNode(Closing):
 
     @abstractmethod
     def _listen(self, subscription: RosSubscription, kind: MessageType, qos: Qos) -> Callable[[], None]:
-        """Declare a subscription; returns what takes it back."""
+        """Declare a subscription; returns a function that removes it."""
 
     @abstractmethod
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
-        """All nodes, publishers and subscriptions of the domain, this node's own among them.
+        """All nodes, publishers and subscriptions of the domain, including this node's.
 
         Parameters
         ----------
         timeout_s
-            How long answers are waited for [s].
+            Time-out for replies [s].
         """
 
     def close(self) -> None:
-        """Take back all publishers and subscriptions and leave; harmless when repeated."""
+        """Remove all publishers and subscriptions and leave the domain; may be called repeatedly."""
         with self._lock:
             if self._closed:
                 return
@@ -355,7 +355,7 @@ class TopicNode(Closing):
         Parameters
         ----------
         kind
-            What it is.
+            Kind of the entity.
         place
             Namespace and name of the node.
         *endpoint

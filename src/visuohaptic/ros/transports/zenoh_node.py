@@ -1,4 +1,4 @@
-"""A node among ROS 2 nodes that run rmw_zenoh: publish, subscribe, see who is there."""
+"""A node among ROS 2 nodes with rmw_zenoh: publish, subscribe, query the graph."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class RosNode(TopicNode):
     Parameters
     ----------
     name
-        Of the node.
+        Name of the node.
     options
-        Domain, namespace, routers; the defaults of a ROS 2 node by default.
+        Domain, namespace, routers; by default those of a ROS 2 node.
 
     Raises
     ------
     DeviceError
-        No router answers.
+        No router responds.
 
     Examples
     --------
@@ -91,7 +91,7 @@ class RosNode(TopicNode):
 
         def heard() -> bool:
             status = getattr(publisher, "matching_status", False)
-            return bool(getattr(status, "matching", status))  # zenoh 1.4 has an object there
+            return bool(getattr(status, "matching", status))  # zenoh 1.4 returns an object
 
         return Outlet(send, heard)
 

@@ -1,4 +1,4 @@
-"""What ROS 2 nodes exchange over zenoh: CDR, type hashes, discovery."""
+"""Wire formats of ROS 2 nodes over zenoh: CDR, type hashes, discovery."""
 
 from ...core.front_door import attach
 

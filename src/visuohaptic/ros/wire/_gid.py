@@ -1,7 +1,7 @@
-"""The id of a publisher, as rmw_zenoh makes it: XXH3 of 128 bits of its token.
+"""The id of a publisher as in rmw_zenoh: 128-bit XXH3 of its token.
 
-XXH3 is a published algorithm (xxHash, ``doc/xxhash_spec.md``). This one is for 17 bytes and more, and tokens are
-longer; it is as slow as Python is, and used once per topic.
+XXH3 is a published algorithm (xxHash, ``doc/xxhash_spec.md``). This implementation is for 17 bytes and more; tokens are
+longer. It is pure Python and slow, but used only once per topic.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _P64 = (
     0x27D4EB2F165667C5,
 )
 _MX1 = 0x165667919E3779F9
-#: The algorithm's own 192 bytes of noise.
+#: The algorithm's 192-byte secret.
 _SECRET = bytes.fromhex(
     "b8fe6c3923a44bbe7c01812cf721ad1cded46de9839097db7240a4a4b7b3671f"
     "cb79e64eccc0e578825ad07dccff7221b8084674f743248ee03590e6813a264c"
@@ -32,7 +32,7 @@ _SECRET = bytes.fromhex(
 
 
 def publisher_gid(token: str) -> bytes:
-    """16 bytes that no other publisher has: the low half of the hash, then the high one.
+    """16-byte unique id of a publisher: the low half of the hash, then the high one.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def publisher_gid(token: str) -> bytes:
 
 
 def xxh3_128(data: bytes) -> int:
-    """XXH3, 128 bits, no seed, of 17 bytes or more.
+    """128-bit XXH3 without seed, of 17 bytes or more.
 
     Parameters
     ----------
     data
-        What is hashed.
+        Bytes to hash.
     """
     size = len(data)
     if size < 17:

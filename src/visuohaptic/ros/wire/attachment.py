@@ -1,7 +1,7 @@
-"""What every message carries beside its bytes: its number, its time and who sent it.
+"""Attachment of every message: its number, its time and its sender.
 
-rmw_zenoh gives up a whole process when it cannot read an attachment. So one layout is written, that of
-version 0.2.4 and later, which all releases of Humble, Kilted and Rolling have; both known ones are read.
+rmw_zenoh terminates the whole process if it cannot read an attachment. Therefore only one layout is written, that of
+version 0.2.4 and later, used by all releases of Humble, Kilted and Rolling; both known ones are read.
 """
 
 from __future__ import annotations
@@ -15,36 +15,36 @@ from ...core.errors import InputError
 __all__ = ["Attachment"]
 
 _LAYOUT = struct.Struct("<qqB16s")
-#: The first releases for Jazzy put the name of each part in front of it.
+#: The first releases for Jazzy precede each part with its name.
 _NAMED = struct.Struct("<16sq17sq11sB16s")
 _NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
 
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """Beside a message."""
+    """Attachment of a message."""
 
-    sequence: int  #: counts the messages of a publisher from 1
-    source_ns: int  #: when it was sent [ns since 1970]
-    gid: bytes  #: 16 bytes that no other publisher has
+    sequence: int  #: message number of the publisher, from 1
+    source_ns: int  #: sending time [ns since 1970]
+    gid: bytes  #: 16-byte unique id of the publisher
 
     def pack(self) -> bytes:
-        """33 bytes."""
+        """Serialise to 33 bytes."""
         return _LAYOUT.pack(self.sequence, self.source_ns, len(self.gid), self.gid)
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From either layout.
+        """Deserialise either layout.
 
         Parameters
         ----------
         data
-            Of a message.
+            Attachment of a message.
 
         Raises
         ------
         InputError
-            It is neither.
+            It has neither layout.
         """
         if len(data) == _LAYOUT.size:
             sequence, source_ns, length, gid = _LAYOUT.unpack(data)

@@ -1,7 +1,7 @@
-"""CDR, the form of ROS 2 messages on the wire: a mapping of fields to bytes, and bytes to an object with fields.
+"""CDR, the wire format of ROS 2 messages: encodes mappings to bytes, decodes bytes to objects with fields.
 
-Every value is aligned to its own size, counted from behind the header of four bytes. Texts have their length
-with a closing zero, sequences the number of their values in front.
+Every value is aligned to its own size, relative to the end of the four-byte header. Strings are preceded by their length
+including a terminating zero, sequences by their number of values.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .message_types import Field, MessageType, Shape
 
 __all__ = ["decode", "encode"]
 
-#: Plain type -> NumPy's code; little-endian is what all of ROS writes.
+#: Primitive type -> NumPy's code; all ROS implementations write little-endian.
 _CODES = {
     "bool": "u1",
     "byte": "u1",
@@ -44,19 +44,19 @@ _HEADER = b"\x00\x01\x00\x00"
 
 
 def encode(message: Mapping[str, Any], kind: MessageType) -> bytes:
-    """The bytes of a message.
+    """Encode a message.
 
     Parameters
     ----------
     message
-        Fields by name, messages inside it as mappings, sequences as lists, arrays or bytes.
+        Fields by name, nested messages as mappings, sequences as lists, arrays or bytes.
     kind
-        What it is.
+        Type of the message.
 
     Raises
     ------
     InputError
-        A field is missing, unknown, of the wrong kind or out of range; the message names it.
+        A field is missing, unknown, of the wrong type or out of range; the error names it.
     """
     out = bytearray(_HEADER)
     _write_message(out, message, kind, kind.name, "")
@@ -160,14 +160,14 @@ def _wrong(kind: MessageType, where: str, value: Any, expected: str) -> InputErr
 
 
 def decode(data: bytes | memoryview, kind: MessageType, where: str = "") -> Any:
-    """An object with the message's fields as attributes.
+    """Decode a message to an object with its fields as attributes.
 
-    Numbers in sequences become NumPy arrays that look into ``data`` without a copy.
+    Numeric sequences become NumPy arrays that refer to ``data`` without a copy.
 
     Parameters
     ----------
     data
-        CDR with its four bytes of encapsulation.
+        CDR with its four-byte encapsulation header.
     kind
         Type of the message.
     where
@@ -176,13 +176,13 @@ def decode(data: bytes | memoryview, kind: MessageType, where: str = "") -> Any:
     Raises
     ------
     InputError
-        The bytes end too early, or are of another encoding.
+        The data is truncated, or has another encoding.
     """
     return _Reader(data, kind, where or kind.name).message()
 
 
 class _Reader:
-    """A place in the bytes of one message."""
+    """Read position in the bytes of one message."""
 
     __slots__ = ("data", "end", "kind", "place", "structs", "types", "where")
 
@@ -208,7 +208,7 @@ class _Reader:
         if field.shape is Shape.BOUNDED and count > field.capacity:
             raise self._damaged(f"{field.name} has {count} values, at most {field.capacity} are allowed")
         if field.nested or field.kind == "string":
-            # Each has a byte at least: a damaged number must not take the memory.
+            # Each element has at least one byte: a corrupted count must not exhaust the memory.
             self._check(count, field.name)
             return [self._one(field) for _ in range(count)]
         dtype = self.types[field.kind]

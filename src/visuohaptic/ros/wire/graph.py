@@ -1,8 +1,8 @@
-"""Names on the wire: topics as key expressions, nodes and their topics as liveliness tokens (rmw_zenoh).
+"""Names in rmw_zenoh: topics as key expressions, nodes and their endpoints as liveliness tokens.
 
-A publisher and a subscription meet when their key expressions are the same: domain, topic, type and the
-type's hash. Liveliness tokens tell the others that they are there, for ``ros2 topic list`` and the like.
-Written from the design of rmw_zenoh (its ``docs/design.md``) as of Jazzy to Rolling.
+A publisher and a subscription are matched if their key expressions are equal: domain, topic, type and
+type hash. Liveliness tokens announce them to others, for ``ros2 topic list`` and similar tools.
+Implemented from the design of rmw_zenoh (its ``docs/design.md``), Jazzy to Rolling.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ __all__ = ["LATCHED", "Entity", "EntityKind", "Qos", "resolve_name", "topic_key"
 
 _SPACE = "@ros2_lv"
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-#: Queue of rmw_zenoh where nobody says how long; not written into a token.
+#: Default queue length of rmw_zenoh; omitted in tokens.
 _DEFAULT_DEPTH = 42
 
 
 class EntityKind(StrEnum):
-    """What a token stands for."""
+    """Kind of entity that a token represents."""
 
     NODE = "NN"
     PUBLISHER = "MP"
@@ -35,23 +35,23 @@ class EntityKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """Quality of service, as far as it is used here."""
+    """Quality of service, limited to the settings used here."""
 
     reliable: bool = True
-    latched: bool = False  #: late subscribers get the last messages (``TRANSIENT_LOCAL``)
-    depth: int = field(default=10, metadata=within(1, 100_000))  #: messages that are kept
+    latched: bool = False  #: late subscribers receive the last messages (``TRANSIENT_LOCAL``)
+    depth: int = field(default=10, metadata=within(1, 100_000))  #: number of messages kept
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     def key(self) -> str:
-        """As in a token: what is as by default in rmw_zenoh is left out."""
+        """Representation in a token: defaults of rmw_zenoh are omitted."""
         depth = "" if self.depth == _DEFAULT_DEPTH else str(self.depth)
         return f"{'' if self.reliable else 2}:{1 if self.latched else ''}:,{depth}:,:,:,,"
 
     @classmethod
     def parse(cls, key: str) -> Self:
-        """From a token; what is not used here is passed over.
+        """Parse from a token; unused settings are ignored.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class Qos:
         return cls(parts[0] not in ("0", "2"), parts[1] == "1", min(depth, 100_000))
 
 
-#: What stays until it is replaced: who comes late gets the last one.
+#: For data that is valid until replaced: late subscribers receive the last message.
 LATCHED = Qos(latched=True, depth=1)
 
 
@@ -80,17 +80,17 @@ class Entity:
     node_id: int
     entity_id: int
     kind: EntityKind
-    namespace: str  #: ``/`` or as ``/robot1``
+    namespace: str  #: ``/``, or for example ``/robot1``
     node: str
-    topic: str = ""  #: as ``/robot1/camera/image``; empty for a node
-    datatype: str = ""  #: as ``sensor_msgs/msg/Image``
+    topic: str = ""  #: for example ``/robot1/camera/image``; empty for a node
+    datatype: str = ""  #: for example ``sensor_msgs/msg/Image``
     type_hash: str = ""
     qos: Qos = Qos()
 
     def token(self) -> str:
-        """Its liveliness token."""
+        """Liveliness token of the entity."""
         words = [_SPACE, str(self.domain), self.session, str(self.node_id), str(self.entity_id)]
-        # The enclave is that of a system without SROS.
+        # The enclave of a system without SROS.
         words += [self.kind.value, "%", _mangled(self.namespace), _mangled(self.node)]
         if self.kind is not EntityKind.NODE:
             words += [_mangled(self.topic), to_dds(self.datatype), self.type_hash, self.qos.key()]
@@ -98,7 +98,7 @@ class Entity:
 
     @classmethod
     def parse(cls, token: str) -> Self:
-        """From the token of anybody's.
+        """Parse the token of any node.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class Entity:
 
 
 def all_tokens(domain: int) -> str:
-    """Key expression of everybody's tokens in a domain."""
+    """Key expression of all tokens in a domain."""
     return f"{_SPACE}/{domain}/**"
 
 
@@ -145,9 +145,9 @@ def topic_key(domain: int, topic: str, datatype: str, type_hash: str) -> str:
     topic
         Absolute name.
     datatype
-        As ``std_msgs/msg/String``.
+        Such as ``std_msgs/msg/String``.
     type_hash
-        ``RIHS01_...``, or what stands for none.
+        ``RIHS01_...``, or the placeholder for none.
 
     Examples
     --------
@@ -158,14 +158,14 @@ def topic_key(domain: int, topic: str, datatype: str, type_hash: str) -> str:
 
 
 def resolve_name(name: str, namespace: str = "/", node: str = "") -> str:
-    """Absolute name of a topic: ``/a`` stays, ``a`` is in the namespace, ``~/a`` is the node's.
+    """Absolute name of a topic: ``/a`` is unchanged, ``a`` is in the namespace, ``~/a`` is private to the node.
 
     Parameters
     ----------
     name
-        As given.
+        Given name.
     namespace
-        Of the node, absolute.
+        Absolute namespace of the node.
     node
         Absolute name of the node.
 
@@ -187,7 +187,7 @@ def resolve_name(name: str, namespace: str = "/", node: str = "") -> str:
 
 
 def check_node(namespace: str, node: str) -> None:
-    """Complain about names that ROS does not allow."""
+    """Reject names that ROS does not allow."""
     if not _WORD.fullmatch(node) or "__" in node:
         raise InputError("node name", f"found {node!r}, expected letters, digits and _, no digit first")
     if namespace != "/":
@@ -199,12 +199,12 @@ def _mangled(name: str) -> str:
 
 
 def to_dds(datatype: str) -> str:
-    """Name of a type on the wire, ``std_msgs::msg::dds_::String_``.
+    """Name of a type in DDS, ``std_msgs::msg::dds_::String_``.
 
     Parameters
     ----------
     datatype
-        As ``std_msgs/msg/String``.
+        Such as ``std_msgs/msg/String``.
     """
     package, middle, short = datatype.split("/")
     return f"{package}::{middle}::dds_::{short}_"
@@ -216,6 +216,6 @@ def from_dds(name: str) -> str:
     Parameters
     ----------
     name
-        As ``std_msgs::msg::dds_::String_``.
+        Such as ``std_msgs::msg::dds_::String_``.
     """
     return name.replace("::dds_::", "::").removesuffix("_").replace("::", "/")

@@ -1,4 +1,4 @@
-"""What a ROS 2 message consists of, and its type hash (REP-2016, RIHS01)."""
+"""Structure of a ROS 2 message type, and its type hash (REP-2016, RIHS01)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ...io.ros._ros_definitions import definition
 
 __all__ = ["NO_HASH", "Field", "MessageType", "Shape", "message_type", "parse_definition"]
 
-#: What stands for the hash in Humble, which knows none.
+#: Placeholder for the hash in Humble, which has none.
 NO_HASH = "TypeHashNotSupported"
 
-#: ``type_description_interfaces/FieldType`` of each type that a ``.msg`` file may name.
+#: ``type_description_interfaces/FieldType`` of each type allowed in a ``.msg`` file.
 _TYPE_IDS = {
     "int8": 2,
     "uint8": 3,
-    "char": 3,  # of a .msg file; a character of IDL has an id of its own
+    "char": 3,  # of a .msg file; a character in IDL has another id
     "int16": 4,
     "uint16": 5,
     "int32": 6,
@@ -46,7 +46,7 @@ _CONSTANT = re.compile(r"[A-Za-z]\w*(?:<=\d+)?\s+[A-Z]\w*\s*=")
 
 
 class Shape(IntEnum):
-    """How many values a field has; the numbers are what the type's id grows by."""
+    """Number of values of a field; the numbers are the offsets of the type's id."""
 
     ONE = 0
     ARRAY = 48  #: a fixed number
@@ -59,33 +59,33 @@ class Field:
     """One field of a message."""
 
     name: str
-    kind: str  #: a plain type as ``float64``, or a message as ``std_msgs/msg/Header``
+    kind: str  #: a primitive type such as ``float64``, or a message such as ``std_msgs/msg/Header``
     shape: Shape = Shape.ONE
-    capacity: int = 0  #: of an array or a bounded sequence
-    text_capacity: int = 0  #: of a bounded string; 0 = any length
+    capacity: int = 0  #: capacity of an array or a bounded sequence
+    text_capacity: int = 0  #: capacity of a bounded string; 0 = any length
 
     @property
     def nested(self) -> bool:
-        """Whether it is a message itself."""
+        """Whether the field is itself a message."""
         return "/" in self.kind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MessageType:
-    """A message with all messages that are inside it."""
+    """A message type with all nested message types."""
 
-    name: str  #: as ``geometry_msgs/msg/WrenchStamped``
-    parts: Mapping[str, tuple[Field, ...]]  #: fields of it, and of all messages inside it
+    name: str  #: for example ``geometry_msgs/msg/WrenchStamped``
+    parts: Mapping[str, tuple[Field, ...]]  #: its fields, and those of all nested messages
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """Its own fields."""
+        """Fields of the message itself."""
         return self.parts[self.name]
 
     def type_hash(self) -> str:
         """``RIHS01_`` and the SHA-256 of its description (REP-2016).
 
-        Names and types of all fields count, comments, constants and default values do not.
+        Includes names and types of all fields, but not comments, constants and default values.
         """
         described = {name: _description(name, fields) for name, fields in self.parts.items()}
         whole = {
@@ -121,17 +121,17 @@ def _type_id(field: Field) -> int:
 
 @functools.cache
 def message_type(datatype: str) -> MessageType:
-    """A standard message that this library knows.
+    """A standard message type supported by this library.
 
     Parameters
     ----------
     datatype
-        As ``std_msgs/msg/String``.
+        Such as ``std_msgs/msg/String``.
 
     Raises
     ------
     InputError
-        It is not among them; the message lists all.
+        It is not supported; the error lists all supported types.
 
     Examples
     --------
@@ -142,19 +142,19 @@ def message_type(datatype: str) -> MessageType:
 
 
 def parse_definition(datatype: str, text: str) -> MessageType:
-    """Read a ``ros2msg`` text: the message, then those inside it, each after a line ``MSG: package/Name``.
+    """Parse a ``ros2msg`` text: the message, then nested ones, each after a line ``MSG: package/Name``.
 
     Parameters
     ----------
     datatype
-        As ``std_msgs/msg/String``.
+        Such as ``std_msgs/msg/String``.
     text
         Definition in the ``ros2msg`` encoding of MCAP.
 
     Raises
     ------
     InputError
-        A line cannot be understood, or a message inside it is missing.
+        A line is invalid, or a nested message is missing.
     """
     name = _full_name(datatype, "")
     parts: dict[str, list[Field]] = {name: []}
@@ -169,7 +169,7 @@ def parse_definition(datatype: str, text: str) -> MessageType:
         elif not _CONSTANT.match(line):
             parts[now].append(_field(line, now, f"{datatype}, line {number}"))
     for owner, fields in parts.items():
-        if not fields:  # as rosidl does: C has no empty structs
+        if not fields:  # like rosidl: C has no empty structs
             fields.append(Field("structure_needs_at_least_one_member", "uint8"))
         for field in fields:
             if field.nested and field.kind not in parts:
@@ -178,7 +178,7 @@ def parse_definition(datatype: str, text: str) -> MessageType:
 
 
 def _used(name: str, parts: Mapping[str, list[Field]]) -> dict[str, list[Field]]:
-    """The messages that are reached from one; a hash must not depend on what else a text holds."""
+    """Messages reachable from one message; a hash must not depend on unrelated definitions in a text."""
     found: dict[str, list[Field]] = {}
     waiting = [name]
     while waiting:
@@ -190,7 +190,7 @@ def _used(name: str, parts: Mapping[str, list[Field]]) -> dict[str, list[Field]]
 
 
 def _without_comment(line: str) -> str:
-    """Cut at the first ``#`` that is not inside a quoted default."""
+    """Remove a comment: cut at the first ``#`` that is not inside a quoted default."""
     quote = ""
     for place, letter in enumerate(line):
         if letter in "'\"":

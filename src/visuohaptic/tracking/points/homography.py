@@ -5,7 +5,7 @@ Conventions, tested by round trips through random poses:
 - ``H_target_source`` maps homogeneous source points to target points, up to scale.
 - A plane in the source camera's frame is given by its unit normal ``n``, which points
   from the plane *towards* the camera, and its distance ``d > 0``: points of the plane
-    satisfy ``n . X = -d``.
+  satisfy ``n . X = -d``.
 - A rigid motion maps source to target coordinates, ``X' = R X + T``.
 
 With these, Alt 2016, Eq. (2.14) holds as printed: ``X' = R X - T (n . X) / d``, so
@@ -65,7 +65,7 @@ def apply_homography(
 ) -> Float[np.ndarray, "*batch 2"]:
     """Map points; those on or beyond the horizon (third coordinate <= 0) give NaN.
 
-    The sign is normalised to ``H[2, 2] > 0`` or, if that is zero, taken as given.
+    The sign of H matters and is used as given, normally with ``H[2, 2] > 0``.
 
     Parameters
     ----------
