@@ -136,7 +136,7 @@ def test_an_afternoon_of_squeezing(tmp_path: Path, capsys: pytest.CaptureFixture
         (["train", "--states", "mug", "--out", "state.json"], "mug"),
         (["train", "--states", "cup", "--places", "z9", "--out", "state.json"], "found 'z9'"),
         (["train", "--states", "cup", "--fill", "1.5", "--out", "state.json"], "0 to 1"),
-        (["train", "--out", "tree.json"], "expected curves, --objects, both, or --states"),
+        (["train", "--out", "tree.json"], "expected a CSV file of curves, --objects or both, or --states"),
     ],
 )
 def test_one_line_for_a_mistake(

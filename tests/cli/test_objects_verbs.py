@@ -135,7 +135,7 @@ def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert by_image["candidates"][0]["id"] == "bottle"
     assert sum(by_image["models"].values()) == pytest.approx(1.0, abs=0.03)
     for words, said in (
-        (["--prior", saved], "nothing to look at"),
+        (["--prior", saved], "found no input; give --image or --cloud"),
         (["--prior", str(tmp_path / "scene.png"), "--cloud", "x"], "not a visual prior"),
         (["--prior", saved, "--image", str(tmp_path / "cloud.npy")], "is not an image"),
         (["--prior", saved, "--cloud", str(tmp_path / "scene.png")], "not a .npy file"),

@@ -76,7 +76,7 @@ def test_fields_of_a_model_are_named_each_with_what_is_wrong(tmp_path):
     (tmp_path / "base_T_cam.txt").write_text("1 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n")
     (tmp_path / "depth").mkdir()
     with pytest.raises(
-        InputError, match=r"camera\.json: width: found 'x', expected a whole number; fy: is missing"
+        InputError, match=r"camera\.json: fy: is missing; .*; width: found 'x', expected a whole number"
     ) as told:
         import_sequence(tmp_path, tmp_path / "out")
     assert "http" not in str(told.value)

@@ -296,10 +296,16 @@ def test_a_camera_that_is_not_there_lists_those_that_are(monkeypatch: pytest.Mon
     monkeypatch.setattr(cv2, "VideoCapture", lambda number: closed)
     there = [FoundCamera("camera:2", "Wide Cam", "/sys/video2")]
     monkeypatch.setattr(_camera_drivers, "find", lambda: there)
-    with pytest.raises(DeviceError, match=r"^no camera camera:0; found: camera:2 'Wide Cam'$"):
+    with pytest.raises(
+        DeviceError,
+        match=r"^no camera camera:0; found: camera:2 'Wide Cam'; connect one and list it with `visuohaptic cameras`$",
+    ):
         OpenCvBackend(0, CameraSettings()).open()
     there.clear()
-    with pytest.raises(DeviceError, match=r"^no camera camera:0; found: none$"):
+    with pytest.raises(
+        DeviceError,
+        match=r"^no camera camera:0; found: none; connect one and list it with `visuohaptic cameras`$",
+    ):
         OpenCvBackend(0, CameraSettings()).open()
 
 
@@ -311,6 +317,9 @@ def test_a_stream_and_a_device_are_opened_by_their_address(monkeypatch: pytest.M
     monkeypatch.setattr(_camera_drivers, "find", list)
     with pytest.raises(DeviceError, match=r"^rtsp://robot/front does not answer; check the address"):
         _camera_drivers.choose("rtsp://robot/front", CameraSettings(), uvc_only=False).open()
-    with pytest.raises(DeviceError, match=r"^no camera /dev/video7; found: none$"):
+    with pytest.raises(
+        DeviceError,
+        match=r"^no camera /dev/video7; found: none; connect one and list it with `visuohaptic cameras`$",
+    ):
         _camera_drivers.choose("/dev/video7", CameraSettings(), uvc_only=False).open()
     assert opened == ["rtsp://robot/front", "/dev/video7"]

@@ -73,6 +73,7 @@ def reach_loads(
     load: Float[np.ndarray, "v 6"],
     factors: Sequence[float],
     *,
+    control: Float[np.ndarray, "v 6"] | None = None,
     past_limits: bool = True,
     max_iterations: int = 5000,
 ) -> EquilibriumPath:
@@ -87,12 +88,14 @@ def reach_loads(
         As of :func:`follow_displacement`.
     factors
         Load factors, in the order in which they are reached.
+    control
+        As of :func:`follow_displacement`.
     past_limits
         Whether to continue beyond a limit load; otherwise the path ends there.
     max_iterations
         Newton iterations of the whole path, which ends when they are used up.
     """
-    walk = _Walk(shell, load, max_iterations=max_iterations)
+    walk = _Walk(shell, load, control, max_iterations)
     return walk.run(list(factors), "load", past_limits=past_limits)
 
 
