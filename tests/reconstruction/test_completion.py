@@ -369,7 +369,7 @@ def test_the_verb_completes_and_plans(files, capsys):
         ("touches.csv", "a,b\n1,2\n", "expected columns x_m, y_m, z_m"),
         ("touches.csv", "x_m,y_m,z_m\n1,2,x\n", "line 2"),
         ("touches.csv", "x_m,y_m,z_m\n,,\n", "expected start and end"),
-        ("model.ply", "ply\n", "no PLY file"),
+        ("model.ply", "ply\n", "is not a PLY file"),
     ],
 )
 def test_bad_files_give_one_clear_line(files, capsys, name, text, said):
