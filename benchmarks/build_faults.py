@@ -238,7 +238,7 @@ def _read_files(some: Sequence[tuple[str, bytes]], begin: int) -> dict[str, Any]
                     stdout=subprocess.PIPE,
                     text=True,
                 )
-                stack.callback(_end, reader)
+                stack.callback(reader.kill)
             path = Path(scratch) / f"file{number}{suffix}"
             path.write_bytes(data)
             reader.stdin.write(f"{path}\n")

@@ -38,7 +38,7 @@ def twin(body, pixels, sigma, active, start):
     for iteration in range(8):
         here = residual(none)
         distance = np.linalg.norm(here, axis=1)
-        scale = max(1.0, float(np.median(distance)) / 1.177) if iteration < 5 else scale
+        scale = max(1.0, float(np.median(distance)) / 1.177) if iteration < 5 else scale  # noqa: F821
         weight = np.clip(1 - (distance / (4.0 * scale)) ** 2, 0, None) ** 2
         jacobian = np.stack(
             [(residual(h) - residual(-h)) / 2e-6 for h in 1e-6 * np.eye(len(none))], axis=-1
