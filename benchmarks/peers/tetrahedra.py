@@ -78,7 +78,9 @@ def wall_tetrahedra(mesh: ShellMesh, layers: int = 1) -> SolidMesh:
 
 
 def linear_tetrahedra(
-    solid: SolidMesh, material: IsotropicMaterial | str, fixed: Bool[np.ndarray, "n"]  # noqa: F821
+    solid: SolidMesh,
+    material: IsotropicMaterial | str,
+    fixed: Bool[np.ndarray, "n"],  # noqa: F821
 ) -> Factor:
     """Factored stiffness, three freedoms per node; ``fixed`` nodes don't move."""
     from visuohaptic.deformation.shells._front_kernels import constrain
