@@ -13,76 +13,106 @@ import visuohaptic.viewer
 from visuohaptic.cli.main import main
 from visuohaptic.recognition.data import FeatureSet, save_feature_set
 
+CLASSES = {"soft": (4.0, 0.06), "rim": (9.0, 0.06), "flat": (9.0, 0.03)}
 
-def _objects(path: Path) -> FeatureSet:
+
+def _drawn(label: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Features (16, 4, 3) and widths (16, 2) of one object of a class."""
+    top, width = CLASSES[label]
+    line = np.exp(np.interp(np.linspace(0, 1, 16), [0, 0.5, 1], [9, 7, top]) + rng.normal(0, 0.1))
+    grid = np.repeat(line[:, None], 4, axis=1) * np.exp(rng.normal(0, 0.02, (16, 1)))
+    widths = np.tile([0.06, width], (16, 1)) * (1 + rng.normal(0, 0.02))
+    return np.stack([grid, grid, 0 * grid], axis=-1), widths
+
+
+def _objects(path: Path) -> None:
     rng = np.random.default_rng(0)
-    place = np.linspace(0, 1, 16)
-    features, widths, labels = [], [], []
-    for label, top, width in (("soft", 4.0, 0.06), ("rim", 9.0, 0.06), ("flat", 9.0, 0.03)):
-        for _ in range(12):
-            line = np.exp(np.interp(place, [0, 0.5, 1], [9, 7, top]) + rng.normal(0, 0.1) + place * 0)
-            grid = np.repeat(line[:, None], 4, axis=1) * np.exp(rng.normal(0, 0.02, (16, 1)))
-            features.append(np.stack([grid, grid, 0 * grid], axis=-1))
-            widths.append(np.tile([0.06, width], (16, 1)) * (1 + rng.normal(0, 0.02)))
-            labels.append(label)
-    data = FeatureSet(
-        np.stack(features), np.stack(widths), tuple(labels), tuple(f"{k}" for k in range(len(labels)))
-    )
+    labels = tuple(label for label in CLASSES for _ in range(12))
+    features, widths = zip(*(_drawn(label, rng) for label in labels), strict=True)
+    data = FeatureSet(np.stack(features), np.stack(widths), labels, tuple(f"{k}" for k in range(len(labels))))
     save_feature_set(path, data)
     return data
 
 
-def test_train_plan_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
-    data = _objects(tmp_path / "set.npz")
-    tree = str(tmp_path / "tree.json")
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with set.npz, and tree.json as `classify train` made it of the set."""
+    folder = tmp_path_factory.mktemp("trained")
+    _objects(folder / "set.npz")
+    assert main(["classify", "train", "--objects", f"{folder}/set.npz", "--out", f"{folder}/tree.json"]) == 0
+    return folder
 
-    def run(*words: str) -> dict:
-        assert main(["classify", *words, "--json"]) == 0
-        return json.loads(capsys.readouterr().out)
 
+def _run(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
+    capsys.readouterr()
+    assert main(["classify", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_classes_are_grouped_and_the_tree_is_drawn(trained: Path, tmp_path: Path, capsys) -> None:
     picture = tmp_path / "tree.png"
-    trained = run(
-        "train", "--objects", str(tmp_path / "set.npz"), "--group", "cup=soft,rim", "--out", tree,
-        "--plot", str(picture),
+    found = _run(
+        capsys, "train", "--objects", f"{trained}/set.npz", "--group", "cup=soft,rim",
+        "--out", f"{tmp_path}/tree.json", "--plot", str(picture),
     )  # fmt: skip
-    assert trained["classes"] == ["cup", "flat"]
+    assert found["classes"] == ["cup", "flat"]
     assert picture.stat().st_size > 10_000
-    run("train", "--objects", str(tmp_path / "set.npz"), "--out", tree)
-    planned = run("plan", tree)
+
+
+@pytest.mark.parametrize("label", CLASSES)
+def test_touches_of_the_plan_identify_an_object_not_trained_with(
+    trained: Path, tmp_path: Path, capsys, label: str
+) -> None:
+    """The planned touches, whatever they are, until the planner says enough."""
+    features, width_m = _drawn(label, np.random.default_rng(2))
+    tree = f"{trained}/tree.json"
+    planned = _run(capsys, "plan", tree)
     assert planned["scaling"] == ["x8", "y8"]
     assert planned["nodes"]
     curves = tmp_path / "curves.csv"
+    curves.write_text("height,side,force_N,deformation_m,width_m\n")
     rng = np.random.default_rng(1)
-    with curves.open("w") as handle:
-        handle.write("height,side,force_N,deformation_m,width_m\n")
-        for height, axis in ((8, "x"), (8, "y"), (15, "x"), (11, "y")):
-            column = 0 if axis == "x" else 2
+
+    def squeeze(place: str) -> None:
+        axis, height = place[0], int(place[1:])
+        column = "xy".index(axis)
+        with curves.open("a") as handle:
             for k, side in enumerate(f"{axis}+ {axis}-".split()):
                 for d in np.arange(1, 19) / 6000:
-                    force = data.features[0, height - 1, column + k, 0] * d + rng.normal(0, 0.1)
-                    width = data.width_m[0, height - 1, column // 2]
+                    force = features[height - 1, 2 * column + k, 0] * d + rng.normal(0, 0.1)
+                    width = width_m[height - 1, column]
                     handle.write(f"{height},{side},{force},{d + rng.normal(0, 1e-4)},{width}\n")
-    found = run("run", tree, str(curves))
-    assert found["answer"] == "soft"
-    assert found["probabilities"]["soft"] > 0.9
-    assert found["touches"] == ["x8", "y8", "x15", "y11"]
+
+    places = list(planned["scaling"])
+    for place in places:
+        squeeze(place)
+    while (found := _run(capsys, "run", tree, str(curves)))["next_touch"]:
+        assert not found["sure"]
+        places.append(found["next_touch"]["touch"])
+        squeeze(places[-1])
+    assert found["touches"] == places
+    assert len(set(places)) == len(places)
+    assert found["answer"] == label
+    assert found["sure"]
+    assert found["probabilities"][label] >= 0.99  # the default of --confidence
     assert sum(found["probabilities"].values()) == pytest.approx(1)
     walked = tmp_path / "walk.json"
-    run("run", tree, str(curves), "--steps", str(walked))
+    _run(capsys, "run", tree, str(curves), "--steps", str(walked))
     steps = json.loads(walked.read_text())
     assert steps["steps"][0][0] == "touch x8 for the scale"
     assert (steps["result"] or None) == found["tree"]["answer"]
     assert visuohaptic.viewer.open_views([walked])[0].steps == tuple(map(tuple, steps["steps"]))
+
+
+def test_asked_touches_end_at_their_maximum(trained: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO("8000 8000 0.06\n" * 10))
-    asked = run("run", tree, "--ask", "--max-touches", "2")
+    asked = _run(capsys, "run", f"{trained}/tree.json", "--ask", "--max-touches", "2")
     assert 1 <= len(asked["touches"]) <= 2
 
 
-def test_the_page_walks_with_the_touches(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_the_page_walks_with_the_touches(trained: Path, capsys, monkeypatch) -> None:
     pytest.importorskip("viser", reason="the browser page is an extra")
-    data = _objects(tmp_path / "set.npz")
-    tree = str(tmp_path / "tree.json")
-    assert main(["classify", "train", "--objects", str(tmp_path / "set.npz"), "--out", tree]) == 0
+    tree = f"{trained}/tree.json"
     shown = {}
     draw = visuohaptic.viewer.BrowsePage.close
 
@@ -91,7 +121,7 @@ def test_the_page_walks_with_the_touches(tmp_path: Path, capsys, monkeypatch) ->
         draw(page)
 
     monkeypatch.setattr(visuohaptic.viewer.BrowsePage, "close", closed)
-    soft = data.features[0, 7, 0, 0]
+    soft = _drawn("soft", np.random.default_rng(2))[0][7, 0, 0]
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{soft} {soft} 0.06\n" * 10))
     words = ["run", tree, "--ask", "--max-touches", "3", "--view", "--seconds", "0", "--port", "0", "--json"]
     capsys.readouterr()

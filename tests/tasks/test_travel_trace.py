@@ -37,6 +37,14 @@ def test_round_trip():
     [
         ({"state": "plan", "event": "", "t_s": 1}, "pose_m: is missing"),
         ({"pose_m": [0, 0], "t_s": 1, "state": "", "event": ""}, "pose_m"),
+        (
+            {"pose_m": [0, "nan", 0], "t_s": 1, "state": "", "event": ""},
+            r"trace\[0\]: pose_m: found .* finite number",
+        ),
+        (
+            {"pose_m": [0, 0, 0], "t_s": "inf", "state": "", "event": ""},
+            r"trace\[0\]: t_s: found inf, .* finite number",
+        ),
         (7, "expected a mapping"),
     ],
 )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError
 from ...core.files import write_text
+from ...core.ranges import FINITE, check_ranges
 
 __all__ = ["Ending", "Step", "Trace"]
 
@@ -22,12 +23,14 @@ MAX_TRACE_BYTES = 512 * 1024 * 1024
 class Step:
     """One observation and what followed from it."""
 
-    t_s: float  #: time of the observation
+    t_s: float = field(metadata=FINITE)  #: time of the observation
     state: str  #: in which it was made
     observation: Mapping[str, Any]  #: in JSON's types
     command: Mapping[str, Any]  #: to the robot, in JSON's types
     next_state: str  #: the same when nothing changed
     why: str  #: reason of the change; empty when nothing changed
+
+    check_read = check_ranges
 
 
 @dataclass(frozen=True, slots=True)

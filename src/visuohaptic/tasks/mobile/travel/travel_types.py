@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol, runtime_checkable
 
+from ....core.ranges import FINITE, check_ranges
+
 __all__ = [
     "PERIOD_S",
     "ObjectSighting",
@@ -138,12 +140,15 @@ class TravelCommand:
 class TravelRecord:
     """One event of a travel; :mod:`visuohaptic.core.codec` writes it as JSON and reads it."""
 
-    t_s: float  #: by the base's clock
+    t_s: float = field(metadata=FINITE)  #: by the base's clock
     state: str  #: of the machine, when it happened
     event: str  #: "planned", "pushed", "looked", ...
-    pose_m: tuple[float, float, float]  #: estimated, of the robot in the map: x, y [m], heading [rad]
+    #: estimated, of the robot in the map: x, y [m], heading [rad]
+    pose_m: tuple[float, float, float] = field(metadata=FINITE)
     object: str = ""  #: that it concerns
     values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and texts that belong to it
+
+    check_read = check_ranges  # a stored record has numbers; a robot that is lost may not know its pose
 
 
 @dataclass(frozen=True, slots=True)
