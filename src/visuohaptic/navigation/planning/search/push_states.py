@@ -129,18 +129,18 @@ class SeenFields:
     cells_left: int
     fields: dict[bytes, list[tuple[float, Int32[np.ndarray, "n"]]]] = field(default_factory=dict)
 
-    def dominated(self, state: SearchState, cell: int) -> bool:
-        """Whether another state of the same configuration reaches a cell at no higher cost.
+    def dominated(self, state: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
+        """Whether another state of the same configuration reaches one of some cells at no higher cost.
 
         Parameters
         ----------
         state
             The state in question.
-        cell
-            Flat index of a cell beside its robot.
+        cells
+            Flat indices of the cells beside its robot.
         """
         known = self.fields.get(_key(state.shifts), ())
-        return any(spent + int(cost[cell]) <= state.spent + 1 for spent, cost in known)
+        return any(spent + int(cost[cells].min()) <= state.spent + 1 for spent, cost in known)
 
     def add(self, state: SearchState, cost: Int32[np.ndarray, "n"]) -> None:
         """Keep the field of an expanded state while memory lasts.
