@@ -58,17 +58,6 @@ def test_text_says_what_to_do(files, capsys):
     assert "tower is not pushed: fixed" in out
 
 
-def test_compilation_does_not_use_the_budget_of_the_first_run(files, capsys, monkeypatch):
-    from visuohaptic.navigation.planning import policies
-
-    spent, make_plan, made = iter([0.0, 5.0]), policies.make_plan, []
-    monkeypatch.setattr("visuohaptic.core.kernels.compiled_s", lambda: next(spent))
-    monkeypatch.setattr(policies, "make_plan", lambda *a, **k: made.append(1) or make_plan(*a, **k))
-    assert run(files) == 0
-    assert len(made) == 2
-    assert capsys.readouterr().out.startswith(("optimal: ", "within "))
-
-
 def test_no_plan_is_an_answer(files, capsys):
     (files / "objects.yaml").write_text("objects: []")
     assert run(files, "--json", goal=("5.3", "3.6")) == 3

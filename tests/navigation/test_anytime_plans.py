@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from benchmarks._plan_child import described, problem_of
@@ -214,3 +218,29 @@ def test_a_passage_that_only_blocks_seem_to_have_is_gone_round():
     assert plan.reachable
     assert faults(problem, plan) == []
     assert max(y for task in plan.tasks for _, y in task.path_m) > 2.2
+
+
+def test_compilation_uses_no_budget(tmp_path):
+    """In the first run on a machine nothing is compiled yet: a plan may take as long as in any other run."""
+    script = """if True:
+        import numpy as np
+        from visuohaptic.core.kernels import compiled_s
+        from visuohaptic.navigation.planning.search import _travel_kernels, push_states
+        push_states.WALL_PER_CPU = 1.0  # both clocks count alike
+        layer = np.ones((4, 4), np.float32)
+        _travel_kernels.clearance_at(layer, 1.0, 1.0)  # what numba itself imports is not timed
+        before = compiled_s()
+        deadline = push_states.Deadline.after(100.0)
+        _travel_kernels.flood(layer, 0.5, np.zeros(1, np.int32))
+        print(100.0 - deadline.left_s, *np.subtract(compiled_s(), before))
+    """
+    environment = {
+        **os.environ,
+        "VISUOHAPTIC_CACHE_DIR": str(tmp_path),
+        "NUMBA_CPU_NAME": "generic",  # leaves out machine code that is installed
+        "PYTHONPATH": os.pathsep.join(map(str, sys.path)),
+    }
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    used_s, *compiled = map(float, done.stdout.split())
+    assert min(compiled) > 0.0, done.stderr
+    assert used_s < 0.5 * min(compiled)

@@ -170,17 +170,21 @@ class _CompileNotice:
     WAIT_S = 2.0
 
     def __init__(self) -> None:
-        self._depth, self._since_s, self.total_s = 0, 0.0, 0.0
+        self._depth, self._since_s, self.total_s = 0, (0.0, 0.0), (0.0, 0.0)
 
     def notify(self, event: Any) -> None:
         """Add up the time of the outermost compilations."""
         if event.is_start and self._depth == 0:
-            self._since_s = time.monotonic()
+            self._since_s = time.thread_time(), time.monotonic()
         self._depth += 1 if event.is_start else -1
         if self._depth == 0:
-            before_s = self.total_s
-            self.total_s += time.monotonic() - self._since_s
-            if before_s < self.WAIT_S <= self.total_s:
+            before_s = self.total_s[1]
+            ends_s = time.thread_time(), time.monotonic()
+            cpu_s, wall_s = (
+                t + end - since for t, end, since in zip(self.total_s, ends_s, self._since_s, strict=True)
+            )
+            self.total_s = cpu_s, wall_s
+            if before_s < self.WAIT_S <= wall_s:
                 _log.info(
                     "compiling kernels, only once on this machine; `visuohaptic warmup` compiles all of them"
                 )
@@ -191,8 +195,8 @@ _notice = _CompileNotice()
 register("numba:compile", _notice)
 
 
-def compiled_s() -> float:
-    """Time that this process has spent on the compilation of kernels [s]."""
+def compiled_s() -> tuple[float, float]:
+    """Time that this process has spent on the compilation of kernels: of the processor, and on the clock [s]."""
     return _notice.total_s
 
 

@@ -54,7 +54,6 @@ def run(args: Any) -> dict[str, Any]:
     """Plan; the mapping is what ``--json`` prints."""
     import numpy as np
 
-    from ....core.kernels import compiled_s
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.planning.policies import alternatives, make_plan
     from ....navigation.planning.search.push_states import SearchLimits
@@ -70,15 +69,11 @@ def run(args: Any) -> dict[str, Any]:
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
     limits = SearchLimits(budget_s, 0.0 if args.prove else SearchLimits().gap, int(args.memory * 1e6))
 
-    def plans_of() -> dict[str, Plan]:
-        if args.compare:
-            return alternatives(problem, limits=limits)
-        return {"cheapest": make_plan(problem, limits=limits)}
-
-    before_s = compiled_s()
-    plans = plans_of()
-    if compiled_s() > before_s:  # the first run on a machine: compilation has used a part of the budget
-        plans = plans_of()
+    plans = (
+        alternatives(problem, limits=limits)
+        if args.compare
+        else {"cheapest": make_plan(problem, limits=limits)}
+    )
     found = plans["cheapest"]
     result = found.to_json()
     args.exit_code = 0 if found.reachable else NO_PLAN

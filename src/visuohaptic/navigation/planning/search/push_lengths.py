@@ -257,22 +257,28 @@ def end_errors(
     begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
     length_m = STAND_OFF_M + length * resolution_m
     key = index, contact
-    known_m, poses = domain.ends.get(key, (0.0, np.zeros((0, 0, 3))))
-    if known_m < length_m or len(poses) < samples:
-        # Whole steps: however far it is simulated, the beginning is the same.
-        reach_m = float(np.ceil(BEYOND * length_m / LONG_STEP_M)) * LONG_STEP_M
+    if key not in domain.ends:
         model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
+        model = model.with_centre_moved(*(body.friction * resolution_m))
+        domain.ends[key] = model, 0.0, np.zeros((0, 2, 3))
+    model, reach_m, poses = domain.ends[key]
+    if reach_m < length_m or len(poses) < samples:
+        known = poses if reach_m >= length_m else poses[:0]
+        # Whole steps: however far it is simulated, the beginning is the same.
+        steps = np.ceil((1.0 if len(known) else BEYOND) * length_m / LONG_STEP_M)
+        reach_m = float(steps) * LONG_STEP_M
+        path_m = line_path(begin, begin + reach_m * ahead, LONG_STEP_M)
         place_m, yaw_rad = body.obj.pose_sigma
         learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
         centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
-        unknown = PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad)
         _, poses, _ = sampled_pushes(
-            model.with_centre_moved(*(body.friction * resolution_m)), (0.0, 0.0, 0.0),
-            line_path(begin, begin + reach_m * ahead, LONG_STEP_M), domain.robot.radius_m,
-            np.random.default_rng(0), uncertainty=unknown, samples=samples,  # one plan, one answer
+            model, (0.0, 0.0, 0.0), path_m, domain.robot.radius_m,
+            np.random.default_rng(0), samples=samples, skip=len(known),  # one plan, one answer
+            uncertainty=PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad),
         )  # fmt: skip
-        domain.ends[key] = reach_m, poses
-    reach_m, poses = domain.ends[key][0], domain.ends[key][1][:samples]
+        poses = np.concatenate([known[:, : len(path_m)], poses]) if len(known) else poses
+        domain.ends[key] = model, reach_m, poses
+    poses = poses[:samples]
     place = (poses.shape[1] - 1) * length_m / reach_m
     row = min(int(place), poses.shape[1] - 2)
     ends = poses[:, row] + (place - row) * (poses[:, row + 1] - poses[:, row])
@@ -324,9 +330,17 @@ def replanning_units(
         errors = end_errors(domain, step.body, step.contact, step.length, PRICED)
         outlines = body.placed(body.outline, errors, domain.map.resolution_m) + step.shifts_after[step.body]
         closed = 0.0
+        low, high = (
+            outlines.min(axis=(0, 1)) - domain.radius - 1.0,
+            outlines.max(axis=(0, 1)) + domain.radius + 1.0,
+        )
+        polygons = shapely.polygons(outlines)
         for k in range(index + 1, again + 1):
-            away = shapely.distance(shapely.polygons(outlines), shapely.linestrings(drives[k]))
-            near = outlines[away < domain.radius]
+            beside = np.flatnonzero(((drives[k] > low) & (drives[k] < high)).all(axis=1))
+            if not len(beside):
+                continue
+            drive = drives[k][max(beside[0] - 1, 0) : beside[-1] + 2]
+            near = outlines[shapely.distance(polygons, shapely.linestrings(drive)) < domain.radius]
             if len(near):
                 some = near[:: -(-len(near) // LOOKED_AT)]
                 cut = _closed(domain, steps[k - 1].shifts_after, step.body, some, drives[k])

@@ -168,7 +168,7 @@ class PushPass:
         domain, heuristic, queue = self.domain, self.heuristic, self.queue
         clearance = domain.lattice_with(state.shifts)
         cells, costs = domain.seeds(clearance, state.robot, reach=1 if state.depth or domain.block > 1 else 2)
-        if not cells.size or any(self.seen.dominated(state, int(cell)) for cell in cells):
+        if not cells.size or self.seen.dominated(state, cells):
             return
         cost = state.travel
         if cost is None:

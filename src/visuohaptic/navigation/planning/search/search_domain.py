@@ -15,6 +15,7 @@ from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.passages import Passage
 from ...problem.planning_problem import MovableObject, RobotModel
 from ...pushing._outline_kernels import clear_straight, distance_patch
+from ...pushing.push_model import PushModel
 from ._push_search_kernels import block_patch
 from ._travel_kernels import UNITS, nodes_around
 from .bodies import Body, grid_from_world, lower_window, world_from_grid
@@ -81,8 +82,9 @@ class SearchDomain:
         default_factory=dict, repr=False
     )
 
-    #: poses of a body along simulated pushes, by body and contact: how far they go [m], pushes by rows by x, y, turn
-    ends: dict[tuple[int, int], tuple[float, Float[np.ndarray, "n k 3"]]] = field(
+    #: poses of a body along simulated pushes, by body and contact: model, how far they go [m], pushes by rows by x, y,
+    #: turn
+    ends: dict[tuple[int, int], tuple[PushModel, float, Float[np.ndarray, "n k 3"]]] = field(
         default_factory=dict, repr=False
     )
 
