@@ -135,7 +135,7 @@ def map_the_way(mission: Mission) -> ChapterResult:
     if lost > 0.2 * len(poses):
         return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
     if mission.memory is not None:
-        mission.memory.keep_map(RememberedMap(found, known.goal_m, mapper.pose))
+        mission.memory.keep_map(RememberedMap(found, known.goal_m, mapper.pose, mapper.mean_hits_m()))
     sigma_m = math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2])))
     table = Claim("place", "table", known.goal_m, house.table_m, sigma=max(sigma_m, SEEN_SIGMA_M))
     return done(
@@ -156,7 +156,9 @@ def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
     known.map = known.map_now = recalled.grid
     known.goal_m, known.pose = recalled.goal_m, recalled.home
     mission.platform = LedPlatform(house, house.start, mission.rng(2), mission.rng(3))
-    mission.mapper = OccupancyMapper.from_map(recalled.grid, recalled.home, mission.platform.odometry())
+    mission.mapper = OccupancyMapper.from_map(
+        recalled.grid, recalled.home, mission.platform.odometry(), hits_m=recalled.hits_m
+    )
     return done(
         "the map of an earlier visit fits what the laser sees",
         Claim("place", "table", known.goal_m, house.table_m, sigma=SEEN_SIGMA_M),
