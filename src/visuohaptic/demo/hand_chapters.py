@@ -160,7 +160,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
     known.closed = contents.sure and contents.lid == "closed"
     known.fill, known.mass_kg = contents.fill[0], contents.mass_kg[0]
-    if mission.memory is not None and found.ending.success:
+    if mission.memory is not None:
         _keep_the_bottle(mission, found.belief[found.best], wall, contents.lid if contents.sure else UNKNOWN)
     gentle = counted(len(known.curves), "gentle squeeze")
     lid = "" if contents.sure else "whether it is closed stays undecided: "
