@@ -26,8 +26,8 @@ def test_the_near_side_is_not_where_the_nearest_point_is(count: int, heading_rad
         (x, y), width = near_side(points, heading_rad)
         errors.append((np.array([x, y]) @ turn)[0] - 2.0)
         assert 0.19 < width < 0.26
-    # Of ten strips with a standard error of 1.6 to 4 mm the smallest mean counts: 1.5 of them too near.
-    assert -0.007 < np.mean(errors) < 0.0
+    # The smallest of twelve means with standard errors of up to 4.5 mm is 1.6 of them too near: 7 mm, +- 0.6 here.
+    assert -0.009 < np.mean(errors) < 0.0
 
 
 def test_a_side_that_is_seen_behind_a_face_is_of_the_same_box() -> None:
