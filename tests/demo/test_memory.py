@@ -81,7 +81,7 @@ def test_a_container_is_recognised_by_the_part_that_is_seen() -> None:
     z = np.linspace(0.0, 0.2, 24)
     shapes = {"a": 0.035 + 0.004 * np.sin(30 * z), "b": 0.028 + 0.05 * z}
     known = [
-        BottleMemory(name, "bottle", 0.99, np.column_stack([r, z]), 0.002, True, 0.3)
+        BottleMemory(name, "bottle", 0.99, np.column_stack([r, z]), 0.002, "closed", 0.3)
         for name, r in shapes.items()
     ]
     label = z < 0.08
@@ -97,7 +97,7 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
     cells = np.full((20, 30), -1, np.int8)
     cells[2:18, 2:28] = 0
     cells[2] = 100
-    bottle = BottleMemory("", "smoothie", 0.99, np.array([[0.03, 0.0], [0.03, 0.15]]), 0.002, True, 0.4)
+    bottle = BottleMemory("", "smoothie", 0.99, np.array([[0.03, 0.0], [0.03, 0.15]]), 0.002, "closed", 0.4)
     outline = circle(BIN_M) + np.array([3.0, 1.0])
 
     def tag(force_N: float) -> HapticTag:
@@ -106,7 +106,12 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
     with MissionMemory(tmp_path / "memory", "house-2") as first:
         assert first.map() is None
         first.keep_map(
-            RememberedMap(OccupancyMap(cells, 0.05, (-0.2, 0.3, 0.0)), (1.0, 0.6), (0.4, 0.7, 0.1))
+            RememberedMap(
+                OccupancyMap(cells, 0.05, (-0.2, 0.3, 0.0)),
+                (1.0, 0.6),
+                (0.4, 0.7, 0.1),
+                np.array([[0.2, 0.4]]),
+            )
         )
         name = first.keep_floor_object(outline, tag(2.0))
         first.keep_bottle(bottle, Estimate(4e-4, 1e-4))
@@ -117,13 +122,14 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
         assert found.grid.origin == pytest.approx((-0.2, 0.3, 0.0))
         assert found.goal_m == pytest.approx((1.0, 0.6))
         assert found.home == pytest.approx((0.4, 0.7, 0.1))
+        np.testing.assert_allclose(found.hits_m, [[0.2, 0.4]])
         second.move_floor_object(name, (4.0, 1.5))
         (one,) = second.floor_objects()
         assert one.seen is not None
         assert one.seen.position_m[:2] == pytest.approx((4.0, 1.5))
         np.testing.assert_allclose(one.geometry.footprint_m, circle(BIN_M), atol=1e-9)
         (kept,) = second.bottles()
-        assert (kept.class_name, kept.closed) == ("smoothie", True)
+        assert (kept.class_name, kept.lid) == ("smoothie", "closed")
         assert kept.fill == pytest.approx(0.4)
         np.testing.assert_allclose(kept.outline_m[:, 0], 0.03)
     with MissionMemory(tmp_path / "memory", "house-4") as other:
@@ -155,6 +161,9 @@ def test_the_map_of_the_first_visit_saves_the_tour_of_the_second(
     assert second.outcome == "complete"
     assert second.chapters[0].reason == "the map of an earlier visit fits what the laser sees"
     assert second.mission.robot_s < 0.3 * first.mission.robot_s
+    # Localised on the stored map as on that of the tour: a few millimetres, not half a cell.
+    estimated, true = second.mission.known.pose, second.mission.platform.pose
+    assert np.hypot(estimated[0] - true[0], estimated[1] - true[1]) < 0.01
 
 
 def test_a_map_that_does_not_fit_is_made_again(mapped: tuple[Path, Story], tmp_path: Path) -> None:

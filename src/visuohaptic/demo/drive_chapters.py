@@ -133,7 +133,9 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         # Another attempt starts where the previous one ended, with its results.
         mission.platform.go(relative_2d(mission.platform.pose, true_pose))
         known.pose, known.objects = estimated, found.problem.objects
-        mission.mapper = OccupancyMapper.from_map(known.map, estimated, mission.platform.odometry())
+        mission.mapper = OccupancyMapper.from_map(
+            known.map, estimated, mission.platform.odometry(), hits_m=mission.mapper.mean_hits_m()
+        )
         return failed(f"{found.outcome.value}: {found.reason}", *parts)
     # Odometry is not sufficient: the laser has to match the map from here.
     known.pose = estimated

@@ -160,8 +160,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
     known.closed = contents.sure and contents.lid == "closed"
     known.fill, known.mass_kg = contents.fill[0], contents.mass_kg[0]
-    if mission.memory is not None and contents.sure:
-        _keep_the_bottle(mission, found.belief[found.best], wall)
+    if mission.memory is not None:
+        _keep_the_bottle(mission, found.belief[found.best], wall, contents.lid if contents.sure else UNKNOWN)
     gentle = counted(len(known.curves), "gentle squeeze")
     lid = "" if contents.sure else "whether it is closed stays undecided: "
     why = f"{called} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
@@ -183,12 +183,12 @@ def _odds(mission: Mission) -> dict[str, float]:
     return {one.class_name: (CLASSES - 1) * probability / (1.0 - probability)}
 
 
-def _keep_the_bottle(mission: Mission, probability: float, wall_m: float) -> None:
+def _keep_the_bottle(mission: Mission, probability: float, wall_m: float, lid: str) -> None:
     known, before = mission.known, mission.known_bottle
     assert mission.memory is not None
     one = BottleMemory(
         before.id if before is not None else "", known.class_name, probability, known.outline_m,
-        known.outline_sigma_m, known.closed, known.fill,
+        known.outline_sigma_m, lid, known.fill,
     )  # fmt: skip
     mission.memory.keep_bottle(one, Estimate(wall_m, SCALE * wall_m))
 

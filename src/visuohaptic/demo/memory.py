@@ -34,6 +34,7 @@ from ..core.objects import (
 )
 from ..core.resources import Closing
 from ..io.maps.occupancy_map import OccupancyMap
+from ..recognition.touch.haptic_model import UNKNOWN
 
 __all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
 
@@ -64,6 +65,9 @@ class RememberedMap:
     grid: OccupancyMap
     goal_m: tuple[float, float]  #: position from which the table is reached
     home: tuple[float, float, float]  #: start of the tasks
+    hits_m: Float[np.ndarray, "k 2"] | None = (
+        None  #: mean laser hits of its cells, for localisation finer than a cell
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,8 +79,8 @@ class BottleMemory:
     probability: float  #: of the class
     outline_m: Float[np.ndarray, "k 2"]
     sigma_m: float  #: expected error of its radius
-    closed: bool
-    fill: float
+    lid: str = UNKNOWN  #: ``open``, ``closed``, or ``UNKNOWN`` where the last visit did not decide
+    fill: float = 0.0
 
 
 class MissionMemory(Closing):
@@ -129,7 +133,9 @@ class MissionMemory(Closing):
         cells = np.full(picture.shape, -1, np.int8)
         cells[picture == _FREE], cells[picture == _OCCUPIED] = 0, 100
         res, x0, y0, gx, gy, hx, hy, heading = (numbers[name] for name in _NUMBERS)
-        return RememberedMap(OccupancyMap(cells, res, (x0, y0, 0.0)), (gx, gy), (hx, hy, heading))
+        shape = floor.geometry
+        hits_m = None if shape is None or shape.vertices_m is None else shape.vertices_m[:, :2]
+        return RememberedMap(OccupancyMap(cells, res, (x0, y0, 0.0)), (gx, gy), (hx, hy, heading), hits_m)
 
     def keep_map(self, found: RememberedMap) -> None:
         """Store or replace a map.
@@ -148,6 +154,7 @@ class MissionMemory(Closing):
         self._keep(
             "map",
             appearance=Appearance(template_png=cv2.imencode(".png", picture)[1].tobytes(), template_size_m=(width, height)),
+            geometry=None if found.hits_m is None else Geometry(np.pad(found.hits_m, ((0, 0), (0, 1)))),
             state=dict(zip(_NUMBERS, map(float, values), strict=True)),
         )  # fmt: skip
 
@@ -201,7 +208,7 @@ class MissionMemory(Closing):
                 BottleMemory(
                     one.id.removeprefix(f"{self.kitchen}."), one.visual_class, float(state.get("class_probability", 0.0)),
                     np.column_stack([shape.values[:-1], heights]), float(shape.sigma[0]),
-                    state.get("lid") == "closed", float(state.get("fill", 0.0)),
+                    str(state.get("lid", UNKNOWN)), float(state.get("fill", 0.0)),
                 )
             )  # fmt: skip
         return found
@@ -224,7 +231,7 @@ class MissionMemory(Closing):
             visual_class=bottle.class_name,
             features={"outline": FeatureVector(np.append(radii, height), np.full(HEIGHTS + 1, bottle.sigma_m))},
             material=Material(wall_thickness_m=wall),
-            state={"lid": "closed" if bottle.closed else "open", "fill": bottle.fill, "class_probability": bottle.probability},
+            state={"lid": bottle.lid, "fill": bottle.fill, "class_probability": bottle.probability},
         )  # fmt: skip
 
     def _keep(self, name: str, **parts: Any) -> None:
