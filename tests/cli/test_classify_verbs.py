@@ -31,7 +31,6 @@ def _objects(path: Path) -> None:
     features, widths = zip(*(_drawn(label, rng) for label in labels), strict=True)
     data = FeatureSet(np.stack(features), np.stack(widths), labels, tuple(f"{k}" for k in range(len(labels))))
     save_feature_set(path, data)
-    return data
 
 
 @pytest.fixture(scope="module")
