@@ -19,6 +19,8 @@ FOOT_M = 0.004
 #: Deformation of the feet's springs under the object's weight (m), and mass of a foot (kg).
 #: With more than three rigid feet, the load distribution would be indeterminate; springs determine it.
 SAG_M, FOOT_KG = 5e-4, 0.01
+#: Time in which the object sinks into its feet (s).
+SETTLE_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,8 +113,10 @@ class FloorPush:
         self._rim = self._model.geom("rim").id
         #: contact point in the world, NaN without contact
         self.contact_m = np.full(2, np.nan)
+        #: of the centres, at which rim and outline may meet; a millimetre is more than a step of the drive
+        self._reach_m = radius_m + float(np.hypot(*thing.outline_m.T).max()) + thing.round_m + 1e-3
         # It sinks into its feet before the platform moves.
-        self._steps(np.zeros(3), 200)
+        self._steps(np.zeros(3), math.ceil(SETTLE_S / time_step_s))
 
     @property
     def platform_m(self) -> Float[np.ndarray, "3"]:
@@ -161,6 +165,13 @@ class FloorPush:
             touching.append(bool(np.isfinite(self.contact_m[0])))
         return FloorTrace(np.array(path_m), np.array(rows), np.array(touching))
 
+    def _apart(self) -> bool:
+        """The object stands still, out of the platform's reach: only the platform moves."""
+        at, speed = self._data.qpos, self._data.qvel[3:9]
+        gap = math.hypot(at[3] - at[0], at[4] - at[1]) - self._reach_m
+        # What slides at 0.1 mm/s stops within nanometres.
+        return gap > 0 and self._data.time > SETTLE_S and bool(np.abs(speed).max() < 1e-4)
+
     def _steps(self, velocity: Float[np.ndarray, "3"], count: int) -> None:
         data, model = self._data, self._model
         place = data.qpos[:3].copy()
@@ -168,15 +179,15 @@ class FloorPush:
         force = np.zeros(6)
         for _ in range(count):
             data.qvel[:3] = velocity
-            self._mujoco.mj_step(model, data)
+            if moving := not self._apart():
+                self._mujoco.mj_step(model, data)
             # Its mass is several tons, and it is still moved kinematically.
             place += velocity * model.opt.timestep
             data.qpos[:3] = place
-            for c in range(data.ncon):
-                if self._rim in data.contact[c].geom:
-                    self._mujoco.mj_contactForce(model, data, c, force)
-                    total += force[0]
-                    moment += force[0] * data.contact[c].pos[:2]
+            for c in np.flatnonzero((data.contact.geom == self._rim).any(axis=1)) if moving else ():
+                self._mujoco.mj_contactForce(model, data, c, force)
+                total += force[0]
+                moment += force[0] * data.contact[c].pos[:2]
         self.contact_m = moment / total if total > 1e-3 else np.full(2, np.nan)
 
 

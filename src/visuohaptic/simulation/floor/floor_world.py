@@ -217,11 +217,10 @@ class FloorWorld:
         total, moment, back = 0.0, np.zeros(2), 0.0
         heading = np.array([math.cos(self._pose[2]), math.sin(self._pose[2])])
         touched: set[str] = set()
-        for c in range(data.ncon):
+        geoms = data.contact.geom
+        for c in np.flatnonzero((geoms == self._rim).any(axis=1)):
             contact = data.contact[c]
-            one, other = (int(g) for g in contact.geom)
-            if self._rim not in (one, other):
-                continue
+            one, other = geoms[c]
             self._mujoco.mj_contactForce(self._model, data, c, force)
             if force[0] < 1e-3:
                 continue

@@ -62,6 +62,19 @@ def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
 
 
 @kernel
+def corridor_clearance(clearance: np.ndarray, path: np.ndarray, block: int) -> np.ndarray:
+    """Clearance in the blocks (x, y) of a path and in those beside them; 0 elsewhere."""
+    rows, columns = clearance.shape
+    found = np.zeros((rows, columns), np.float32)
+    for i in range(len(path)):
+        c0, r0 = (int(path[i, 0]) - 1) * block, (int(path[i, 1]) - 1) * block
+        for r in range(max(r0, 0), min(r0 + 3 * block, rows)):
+            for c in range(max(c0, 0), min(c0 + 3 * block, columns)):
+                found[r, c] = clearance[r, c]
+    return found
+
+
+@kernel
 def block_patch(
     clearance: np.ndarray, polygon: np.ndarray, radius: float, reach: float, block: int
 ) -> tuple[np.ndarray, int, int]:

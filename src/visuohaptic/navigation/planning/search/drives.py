@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int32
 
-from ._push_search_kernels import largest_in_blocks
+from ._push_search_kernels import corridor_clearance, largest_in_blocks
 from ._travel_kernels import string_pull
 from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import Deadline, PushStep
@@ -372,8 +372,6 @@ def _cells_along(
 def _found_along(
     domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> Corridor | None:
-    import cv2
-
     shifts, start, goal = drive
     rows, columns = domain.clearance.shape
     # Chords of a path stay in the box around it; the layer's distances know what is outside.
@@ -381,13 +379,7 @@ def _found_along(
     low = low_block * block
     high = np.minimum((nodes.max(axis=0).astype(int) + 3) * block, (columns, rows))
     clearance = domain.part(domain.clearance, low, high, shifts, 1)
-    # Along the path over blocks, and two blocks beside it.
-    near = np.zeros((np.array(clearance.shape) // block + 2).tolist(), np.uint8)
-    near[tuple((nodes - low_block).astype(int).T[::-1])] = 1
-    near = cv2.dilate(near, np.ones((3, 3), np.uint8))
-    rows, columns = clearance.shape
-    wide = near.repeat(block, axis=0).repeat(block, axis=1)[:rows, :columns]
-    corridor = np.where(wide > 0, clearance, np.float32(0.0))
+    corridor = corridor_clearance(clearance, nodes - low_block, block)
     while True:
         cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1, beside=(shifts, low))
         closed = unclear_steps(domain, shifts, corridor, cells, low)

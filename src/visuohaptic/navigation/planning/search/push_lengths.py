@@ -33,6 +33,7 @@ __all__ = [
     "push_step",
     "refine_lengths",
     "replanning_units",
+    "replayed",
     "stand_is_free",
 ]
 
@@ -80,7 +81,7 @@ def refine_lengths(
         while not deadline.passed:
             lengths = tuple(round(step.length + longer * (k == index), 6) for k, step in enumerate(steps))
             tried = (
-                () if lengths in refused else _replayed(heuristic, steps, index, steps[index].length + longer)
+                () if lengths in refused else replayed(heuristic, steps, index, steps[index].length + longer)
             )
             pushes = heuristic.pushes_units(tried) * scale
             tried_cost = float("inf")
@@ -100,10 +101,20 @@ def refine_lengths(
     return steps, cost
 
 
-def _replayed(
+def replayed(
     heuristic: PushHeuristic, steps: tuple[PushStep, ...], changed: int, length: float
 ) -> tuple[PushStep, ...]:
-    """The same pushes, one of them of another length; none where that or a later one is not free."""
+    """The same pushes, one of them of another length; none where that or a later one is not free.
+
+    Parameters
+    ----------
+    heuristic
+        Of the search.
+    steps
+        Pushes in order.
+    changed, length
+        Index of the push of another length, and that [cells].
+    """
     done = list(steps[:changed])
     shifts = steps[changed].shifts_before
     for index, step in enumerate(steps[changed:], start=changed):

@@ -22,7 +22,7 @@ from .push_lengths import free_length, opening_at, push_step, stand_is_free
 from .push_states import Deadline, SearchLimits, SearchResult, SearchState, SeenFields, push_sequence
 from .search_domain import CLEAR_SLACK_M
 
-__all__ = ["PushPass"]
+__all__ = ["LENGTH_STEP_M", "PushPass"]
 
 #: Pushes are tried in multiples of this [m], where the free space allows it.
 LENGTH_STEP_M = 0.05

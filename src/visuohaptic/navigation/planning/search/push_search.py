@@ -26,11 +26,12 @@ from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts
 from .domain_builder import build_search_domain
+from .drives import drives_cost
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
-from .push_lengths import opening_at, refine_lengths
-from .push_pass import PushPass
-from .push_states import Deadline, SearchLimits, SearchResult, SearchState
+from .push_lengths import opening_at, push_step, refine_lengths, replayed
+from .push_pass import LENGTH_STEP_M, PushPass
+from .push_states import Deadline, PushStep, SearchLimits, SearchResult, SearchState
 from .search_domain import SearchDomain, grid_from_world
 
 __all__ = ["load_kernels", "search_pushes"]
@@ -112,6 +113,8 @@ class _Search:
     expanded: int = 0
     deadline: Deadline = field(init=False)
     first: SearchState = field(init=False)
+    #: the push with which each body that separates start and goal is passed, where the others are not there
+    lone: list[PushStep] = field(default_factory=list)
     cells: Int32[np.ndarray, "k"] = field(init=False)  #: nodes that the robot can be on at the start
 
     def __post_init__(self) -> None:
@@ -159,7 +162,9 @@ class _Search:
         elif reason := self._bound_crossings(heuristic):
             return SearchResult(False, exhausted=True, reason=reason)
         alone, crossed = heuristic.alone, heuristic.crossed(self.cells)
-        plan = self._first_plan(plan, heuristic, ((WEIGHTS[0], CROSSED),), crossed)
+        plan = self._joined(plan, heuristic) if self.lone else plan
+        if not (self.lone and plan.found):
+            plan = self._first_plan(plan, heuristic, ((WEIGHTS[0], CROSSED),), crossed)
         if not plan.found:
             plan = self._first_plan(plan, heuristic, zip(WEIGHTS, SOON, strict=True))
         through: dict[int, float] = {}
@@ -236,6 +241,25 @@ class _Search:
                 break
         return known
 
+    def _joined(self, known: SearchResult, heuristic: PushHeuristic) -> SearchResult:
+        """The pushes past each body alone, in the order of a drive without bodies, if such a plan is near the bound."""
+        units, shifts = heuristic.units / self.domain.block, self.first.shifts
+        left = heuristic.to_go(heuristic.free_field, np.array([step.approach for step in self.lone]))
+        lone = [self.lone[k] for k in np.argsort(-left, kind="stable")]
+        bound = float(heuristic.field(shifts)[self.cells].min()) / units
+        most = (1.0 + ALONE_GAP) * bound
+        # Alone, a passage has to be free on the lattice only: on the map it may take a little longer push.
+        for longer in (0.0, LENGTH_STEP_M / self.domain.map.resolution_m):
+            alone = [push_step(heuristic, shifts, s.body, s.contact, s.length + longer) for s in lone]
+            steps = replayed(heuristic, tuple(alone), 0, alone[0].length)
+            if not steps:
+                break
+            cost = heuristic.pushes_units(steps) / units
+            cost += drives_cost(self.domain, steps, self.start, self.goal, most - cost)
+            if cost < most:
+                return SearchResult(True, steps, cost, bound)
+        return known
+
     def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
         """The plan, or a better one, with a bound that is as near as the budget allows."""
         units = heuristic.units / self.domain.block
@@ -277,6 +301,7 @@ class _Search:
                 reason = Infeasibility(part, limits, deadline).prove(first, cells)
                 if reason:
                     return reason
+            self.lone += (replace(step, body=index) for step in found.steps)
             if np.isfinite(found.bound):
                 free = float(heuristic.free_field[self.cells].min())
                 more = found.bound * heuristic.units / domain.block - free
