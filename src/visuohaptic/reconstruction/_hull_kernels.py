@@ -1,4 +1,4 @@
-"""Rays and points against convex hulls, and lines of sight past blocked cells."""
+"""Distances from convex hulls, masking of rays through hulls, and visibility of points in a voxel grid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def hull_distance(points, planes, out):
     points
         Points (n, 3) [m].
     planes
-        Unit normals outwards and offsets in columns (4, p), so that the loop over planes is a vector one.
+        Unit outward normals and offsets in columns (4, p), contiguous along the planes so that the loop vectorises.
     out
         Distances (n) [m], filled; negative inside.
     """
@@ -35,14 +35,14 @@ def hull_distance(points, planes, out):
 
 @kernel
 def within_hull(points, planes, reach, out):
-    """Whether points are in a grown convex hull; most points fail at one of the first planes.
+    """Whether points are inside a convex hull grown by ``reach``; most outside points fail at one of the first planes.
 
     Parameters
     ----------
     points
         Points (n, 3) [m].
     planes
-        Unit normals outwards and offsets in columns (4, p).
+        Unit outward normals and offsets in columns (4, p).
     reach
         Growth of the hull [m].
     out
@@ -60,16 +60,16 @@ def within_hull(points, planes, reach, out):
 
 @kernel
 def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, min_m):
-    """Drop readings whose ray was inside a hull for longer than ``min_m`` before it ended.
+    """Invalidate depth readings whose ray runs inside a hull for more than ``min_m`` before it ends.
 
     Parameters
     ----------
     depth
-        Depth image (h, w) float32 [m]; set to NaN where dropped.
+        Depth image (h, w) float32 [m]; masked readings are set to NaN.
     planes
         Planes (p, 4) float64 in the camera frame, ``n . x + o <= 0`` inside.
     rows, columns
-        First and last pixel of the image of the hull.
+        First and last pixel of the projection of the hull.
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     min_m
@@ -100,7 +100,7 @@ def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, min_m):
 
 @kernel
 def seen_fraction(blocked, starts, normals, ways, fraction):
-    """Fraction of directions, weighted by cosine, in which a point leaves the grid without a blocked cell.
+    """Cosine-weighted fraction of directions in which a point sees out of the grid without hitting a blocked cell.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def seen_fraction(blocked, starts, normals, ways, fraction):
         for k in range(len(ways)):
             dx, dy, dz = ways[k, 0], ways[k, 1], ways[k, 2]
             cosine = normals[r, 0] * dx + normals[r, 1] * dy + normals[r, 2] * dz
-            if cosine < 0.2:  # along the surface its own cells are in the way
+            if cosine < 0.2:  # grazing directions hit the cells of the surface itself
                 continue
             total += cosine
             x, y, z = starts[r, 0], starts[r, 1], starts[r, 2]

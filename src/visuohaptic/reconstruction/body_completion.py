@@ -1,12 +1,13 @@
-"""A fully clear vessel completed by its outlines and touches: no part of its wall was seen.
+"""Completion of a fully transparent upright vessel, of which vision gives the outline only, by touch.
 
-The outlines of drop-outs give an upright cone (:mod:`.transparency.outline_fit`) and how well its axis and radius are
-known; the vessel stands on what is below it. The distance of its wall from that axis is a Gaussian process over angle and
-height: the profile is common to all angles, an error of the axis turns once around, and what is not round is small. Each
-touch conditions it in closed form (Rasmussen and Williams 2006, Eq. 2.23), so that one contact tells of a whole ring, as far
-as the process says, and no point is invented. The next touch goes where the wall is least known and likely to be met, level
-and to the axis, below the rim, past what stands around. Lines pass a stem that is thinner than the axis is off, and a line
-that has passed passes again: axis and profile are drawn from the process, those that the passed lines refute left out.
+The outlines of depth drop-outs give an upright cone (:mod:`.transparency.outline_fit`) with standard deviations of its axis
+and radius; the vessel stands on the surface below it. The distance of its wall from that axis is a Gaussian process over
+angle and height: the radius profile is the same at all angles, an error of the axis varies as the cosine of the angle, and the
+deviation from a circular section is small. The process is conditioned on each contact in closed form (Rasmussen and Williams
+2006, Eq. 2.23), so that one contact constrains the whole ring at its height; no artificial points are added. The next touch is
+a horizontal line to the axis, below the rim and clear of surrounding surfaces, that maximises the standard deviation of the wall
+times the probability of contact. A line may miss a stem that is thinner than the error of the axis. So that such a line is
+not repeated, axis and profile are sampled from the process, and samples that contradict the missed lines are rejected.
 """
 
 from __future__ import annotations
@@ -23,23 +24,23 @@ from .transparency.outline_fit import UprightBody
 
 __all__ = ["BodyCompletion"]
 
-#: Standard deviation of the profile about the cone, and of what is not round, in radii.
+#: Standard deviation of the profile about the cone, and of the deviation from a circular section, in radii.
 _PROFILE, _UNROUND = 0.25, 0.02
-#: Correlation length of the profile in heights of the body, and of what is not round over the angle [rad].
+#: Correlation length of the profile in heights of the body, and of the deviation from a circular section over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7
-#: Angles and heights of the surface, and of places that are tried for a touch.
+#: Numbers of angles and heights of the surface mesh, and (angles, heights) of the candidate touch points.
 _ANGLES, _HEIGHTS, _PLACES = 48, 40, (12, 12)
-#: Distance of a touch from rim and foot, of a start from the wall, and of a probe from what stands around [m].
+#: Distance of a touch from rim and foot, of a start from the wall, and of a probe from surrounding surfaces [m].
 _END_M, _START_M, _CLEAR_M = 0.012, 0.04, 0.015
-#: Draws of axis and profile: a probability of a half is known to a fortieth where four fifths of them are refuted.
+#: Samples of axis and profile: with four fifths of them rejected, a probability of one half has a standard error of 1/40.
 _DRAWS = 2000
-#: Contacts without which an exploration is never done.
+#: Minimum number of contacts before an exploration is complete.
 _MIN_TOUCHES = 3
 
 
 @dataclass(slots=True)
 class BodyCompletion:
-    """An upright clear body and the touches on it so far.
+    """A transparent upright body and its touches.
 
     Examples
     --------
@@ -53,10 +54,12 @@ class BodyCompletion:
     """
 
     visual: SurfaceMesh  #: the visible surface
-    body: UprightBody  #: what the outlines show
-    foot_z_m: float  #: height of what the body stands on [m]
-    reach_z_m: float  #: height that the evidence for glass reaches: the rim is between there and the top of the cone [m]
-    visual_sigma_m: float = 0.0005  #: noise of the visible surface
+    body: UprightBody  #: cone fitted to the outlines
+    foot_z_m: float  #: height of the surface on which the body stands [m]
+    reach_z_m: (
+        float  #: top of the evidence for glass: the rim is between this height and the top of the cone [m]
+    )
+    visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
     touches: list[Touch] = field(default_factory=list)
     _wall_to_m: float = field(init=False)
 
@@ -66,26 +69,26 @@ class BodyCompletion:
 
     @property
     def _top_m(self) -> float:
-        """Height of the rim, as likely above as below [m]."""
+        """Estimated height of the rim: midway between the lower and upper bound [m]."""
         return 0.5 * (self._wall_to_m + self.reach_z_m)
 
     @classmethod
     def standing(cls, visual: SurfaceMesh, body: UprightBody, reach_z_m: float) -> BodyCompletion:
-        """A body on the visible surface below it.
+        """Create the completion of a body that stands on the visible surface below it.
 
         Parameters
         ----------
         visual
             The visible surface.
         body
-            What the outlines show.
+            Cone fitted to the outlines.
         reach_z_m
-            Height that the evidence for glass reaches [m].
+            Top of the evidence for glass [m].
 
         Raises
         ------
         InputError
-            Nothing below the body was seen.
+            No visible surface below the body.
         """
         away_m = np.hypot(*(visual.vertices_m[:, :2] - body.axis_m).T)
         below = visual.vertices_m[
@@ -96,7 +99,7 @@ class BodyCompletion:
         return cls(visual, body, float(np.median(below)), reach_z_m)
 
     def add(self, touch: Touch) -> None:
-        """Join a touch; a line to the axis that met nothing was above the rim, or passed a stem.
+        """Add a touch; a line to the axis without contact passed above the rim, or missed a stem below the cone.
 
         Parameters
         ----------
@@ -112,17 +115,17 @@ class BodyCompletion:
             self._wall_to_m = min(self._wall_to_m, self.reach_z_m)
 
     def _below(self, touch: Touch) -> bool:
-        """Whether a line met nothing below what the outlines show."""
+        """Whether a line without contact ends below the cone fitted to the outlines."""
         return touch.contact_m is None and touch.end_m is not None and touch.end_m[2] < self.body.height_m[0]
 
     def _passed(self) -> list[Touch]:
-        """Lines that met nothing below what the outlines show: a stem is thinner than the axis is off."""
+        """Lines without contact below the cone: the stem there is thinner than the error of the axis."""
         return [touch for touch in self.touches if self._below(touch)]
 
     def _contacts(self) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"], np.ndarray, np.ndarray]:
-        """Directions from the axis, heights, distances from it and deviations [m] of the contacts, and of passed stems.
+        """Directions from the axis, heights, distances from it and standard deviations [m] of contacts and missed stems.
 
-        A stem that a line passes is of any radius up to what the axis is off; it lies in no direction.
+        A missed stem is a radius between zero and the error of the axis, without a direction.
         """
         met = [(touch.contact_m, touch.sigma_m) for touch in self.touches if touch.contact_m is not None]
         points = np.array([point for point, _ in met]).reshape(-1, 3)
@@ -140,7 +143,7 @@ class BodyCompletion:
     def _covariance(
         self, here: tuple[np.ndarray, np.ndarray], there: tuple[np.ndarray, np.ndarray]
     ) -> np.ndarray:
-        """Of the distance from the axis between places (direction, height) [m2]."""
+        """Covariance of the distance from the axis between places (direction, height) [m2]."""
         (way, z_m), (way2, z2_m) = here, there
         unround_m = _UNROUND * float(np.mean(self.body.radius_m))
         near = self._near(z_m, z2_m) * np.exp((way @ way2.T - 1) / _OVER_ANGLE_RAD**2)
@@ -160,7 +163,7 @@ class BodyCompletion:
         return np.asarray((1 + gap + gap**2 / 3) * np.exp(-gap))
 
     def _meets(self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Probability that level lines to the axis meet the wall: the true axis is no more than its radius beside them."""
+        """Probability that horizontal lines to the estimated axis hit the wall: the true axis is within its radius of them."""
         met = len([touch for touch in self.touches if touch.contact_m is not None])
         way, z2_m, rho_m, sigma_m = (values[:met] for values in self._contacts())
         passed = self._passed()
@@ -169,7 +172,7 @@ class BodyCompletion:
         )
         heights_m = np.append(z_m, [touch.end_m[2] for touch in passed if touch.end_m is not None])
         levels, level = np.unique(heights_m, return_inverse=True)
-        # Axis and profile are one Gaussian vector, of which a contact reads a sum.
+        # Axis offset and profile are jointly Gaussian; a contact observes their sum.
         axis = np.diag(self.body.axis_sigma_m**2)
         cross = np.vstack([axis @ way.T, self._profile(levels, z2_m)])
         gain = cross @ np.linalg.inv(self._covariance((way, z2_m), (way, z2_m)) + np.diag(sigma_m**2))
@@ -211,7 +214,7 @@ class BodyCompletion:
         return np.tile(theta, heights), np.repeat(z_m, angles)
 
     def surface(self) -> SurfaceMesh:
-        """The estimated wall [m], open above."""
+        """Mesh of the estimated wall [m], open at the top."""
         theta, z_m = self._places(_ANGLES, _HEIGHTS, 0.0)
         rho_m, _ = self.wall(theta, z_m)
         vertices = np.column_stack(
@@ -225,13 +228,13 @@ class BodyCompletion:
         return SurfaceMesh(vertices, faces)
 
     def completed(self) -> SurfaceMesh:
-        """The visible surface with the estimated wall."""
+        """The visible surface joined with the estimated wall."""
         part = self.surface()
         colors = None if self.visual.colors is None else np.full((len(part.vertices_m), 3), 200, np.uint8)
         return self.visual.joined(SurfaceMesh(part.vertices_m, part.faces, colors))
 
     def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision.
+        """Standard deviation of the completed surface [m]; that of vision at visible points.
 
         Parameters
         ----------
@@ -250,16 +253,16 @@ class BodyCompletion:
         return sigma
 
     def next_touch(self) -> TouchPlan:
-        """The level line to the axis where the wall is least known, as far as the line is likely to meet it.
+        """Plan the next touch: the horizontal line to the axis with the largest standard deviation times contact probability.
 
         Raises
         ------
         InputError
-            Something stands in the way of every line.
+            Every line is obstructed by the visible surface.
         """
         theta, z_m = self._places(*_PLACES, _END_M)
         if len(self.touches) >= _MIN_TOUCHES and self.reach_z_m - self._wall_to_m > 2 * _END_M:
-            # The rim is less well known than the wall: halfway to where it may be.
+            # The rim is less certain than the wall: probe at its estimated height.
             z_m = np.full_like(z_m, self._top_m)
         rho_m, sigma_m = self.wall(theta, z_m)
         for best in np.argsort(-sigma_m * self._meets(theta, z_m), kind="stable"):
@@ -276,18 +279,18 @@ class BodyCompletion:
         )
 
     def _free(self, target_m: Float[np.ndarray, "3"], start_m: Float[np.ndarray, "3"]) -> bool:
-        """Whether no visible surface is near the way from a start to the wall."""
+        """Whether the line from a start to the wall is clear of the visible surface."""
         way = start_m - target_m
         along = np.clip((self.visual.vertices_m - target_m) @ way / (way @ way), 0.3, 1.5)
         gap = np.linalg.norm(self.visual.vertices_m - target_m - along[:, None] * way, axis=1)
         return bool(gap.min(initial=np.inf) > min(_CLEAR_M, 0.8 * (target_m[2] - self.foot_z_m)))
 
     def expected_error_m(self) -> float:
-        """Root mean square deviation of the wall."""
+        """Root mean square standard deviation of the wall [m]."""
         return float(np.sqrt(np.mean(self.wall(*self._places(*_PLACES, 0.0))[1] ** 2)))
 
     def done(self, bound_m: float) -> bool:
-        """Stop rule: whether the expected remaining error is below a bound, after three contacts at least.
+        """Whether the expected error is below a bound and there are at least three contacts (stop rule).
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Triangle meshes of surfaces: what is extracted, welded, sampled and saved."""
+"""Triangle meshes: normals and areas, welding, sampling, PLY files."""
 
 from __future__ import annotations
 
@@ -85,21 +85,21 @@ class SurfaceMesh:
 
     @property
     def face_areas_m2(self) -> Float[np.ndarray, "f"]:
-        """Area of each triangle."""
+        """Area of each triangle [m2]."""
         return np.linalg.norm(area_vectors(self.vertices_m, self.faces), axis=1)
 
     @property
     def vertex_normals(self) -> Float[np.ndarray, "v 3"]:
-        """Unit normals, weighted by area; zero where there is no triangle."""
+        """Area-weighted unit normals; zero for vertices without triangles."""
         return vertex_normals(self.vertices_m, self.faces)
 
     def welded(self, tolerance_m: float = 1e-7) -> SurfaceMesh:
-        """The mesh with coinciding vertices joined; triangles that collapse are dropped.
+        """The mesh with coincident vertices merged and degenerate triangles removed.
 
         Parameters
         ----------
         tolerance_m
-            Edge of the cells in which vertices coincide [m].
+            Edge of the grid cells within which vertices are merged [m].
         """
         keys = np.rint(self.vertices_m / tolerance_m).astype(np.int64)
         _, first, where = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -109,7 +109,7 @@ class SurfaceMesh:
         return SurfaceMesh(self.vertices_m[first], faces[whole], colors)
 
     def submesh(self, kept: Int[np.ndarray, "k"]) -> SurfaceMesh:
-        """Some triangles and the vertices that they use.
+        """Selected triangles and the vertices that they use.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class SurfaceMesh:
         return SurfaceMesh(self.vertices_m[used], faces.reshape(-1, 3), colors)
 
     def joined(self, other: SurfaceMesh) -> SurfaceMesh:
-        """Both meshes in one; vertices are not shared.
+        """Concatenate two meshes; vertices are not merged.
 
         Parameters
         ----------

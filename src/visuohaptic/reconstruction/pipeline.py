@@ -1,4 +1,4 @@
-"""From depth views to a surface and the transparent regions that it lacks."""
+"""Pipeline from depth views to the visual surface and the transparent regions in which it is missing."""
 
 from __future__ import annotations
 
@@ -45,29 +45,29 @@ class Reconstruction:
     regions: tuple[TransparentRegion, ...]  #: transparent parts, largest first
     points_m: Float[np.ndarray, "n 3"]  #: outer voxels of the transparent parts, world [m]
     scores: Float[np.ndarray, "n"]  #: score of each of these points
-    grid: SpaceGrid  #: space of interest, in which transparent parts were sought
-    search: SearchReport  #: number of views compared, evidence, and the reason where nothing was found
+    grid: SpaceGrid  #: space of interest that was searched for transparent parts
+    search: SearchReport  #: number of compared views, evidence, and the reason if nothing was found
 
     def completion(self, part: int = 0, settings: CompletionSettings | None = None) -> Completion:
-        """The surface extended into a transparent part, ready for touches (Alt 2016, Sec. 5.3 and 5.4).
+        """Completion of the surface in a transparent part, ready for touches (Alt 2016, Sec. 5.3 and 5.4).
 
         Parameters
         ----------
         part
             Index into :attr:`regions`; the largest by default.
         settings
-            Of the completion.
+            Settings of the completion.
 
         Raises
         ------
         InputError
-            There is no such part, or no surface around it.
+            The index is out of range, or there is no surface around the part.
         """
         region = self._region(part)
         return Completion(self.surface, HoleRegion.of_points(region.hull_m, region.score), settings)
 
     def body_completion(self, part: int = 0) -> BodyCompletion:
-        """A fully clear vessel completed by its outlines, ready for touches; it stands on the surface below it.
+        """Completion of a fully transparent vessel from its outlines; it stands on the surface below it.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class Reconstruction:
         Raises
         ------
         InputError
-            There is no such part, or nothing below it was seen.
+            The index is out of range, the part has no outline, or nothing below it is visible.
         """
         region = self._region(part)
         if region.body is None:
@@ -138,7 +138,7 @@ def reconstruct(
     sparse: bool = False,
     false_alarm_rate: float = 0.02,
 ) -> Reconstruction:
-    """Fuse the surface and find what is transparent, from the same views.
+    """Fuse the surface and detect transparent parts from the same views.
 
     Parameters
     ----------
@@ -148,13 +148,13 @@ def reconstruct(
     grid
         Space of interest; a cube of 1 m with voxels of 5 mm around what the camera looks at by default.
     noise
-        Of the camera; by default that of the sensor named in the sequence, or of a Kinect.
+        Noise of the camera; by default that of the sensor named in the sequence, or of a Kinect.
     method
         ``consistency``, or ``published`` (Alt 2016, Sec. 5.2).
     refine
-        Whether poses are first fitted to each other; without it ``published`` is as printed.
+        Whether poses are first refined jointly; with ``False``, ``published`` is the method as printed.
     sparse
-        Whether the surface is fused in bricks wherever it was seen, for scenes larger than the space of interest;
+        Whether the surface is fused in bricks wherever it is observed, for scenes larger than the space of interest;
         otherwise in the space of interest only.
     false_alarm_rate
         Expected number of false transparent parts of a search by ``consistency``, between 0 and 1.
@@ -162,7 +162,7 @@ def reconstruct(
     Raises
     ------
     InputError
-        No usable frames, an unknown method, or nothing was seen in the space of interest.
+        There are no usable frames, the method is unknown, or nothing is visible in the space of interest.
 
     Examples
     --------
@@ -204,7 +204,7 @@ def reconstruct(
     regions = detector.regions()
     if refine and len(frames) > 1:
         regions = tuple(_placed(region, reported, frames) for region in regions)
-    # Without images there is no color to average: black would look like one.
+    # Without images there is no color to average; the default black would look like a measurement.
     color = any(frame.color is not None for frame in frames)
     surface: TsdfVolume | SparseTsdfVolume
     if sparse:
@@ -224,7 +224,7 @@ def reconstruct(
 def _placed(
     region: TransparentRegion, reported: Sequence[DepthFrame], frames: Sequence[DepthFrame]
 ) -> TransparentRegion:
-    """The region with what the poses of all views together are off in the deviation of its axis."""
+    """The region with the common pose error of all views added to the standard deviation of its axis."""
     if (body := region.body) is None:
         return region
     common_m = common_sigma_m(reported, frames, region.centroid_m)[:2]
@@ -232,12 +232,12 @@ def _placed(
 
 
 def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise:
-    """Noise of the sensor that a sequence names; of a Kinect, with a warning, where it is not known.
+    """Noise of the sensor named in a sequence; of a Kinect, with a warning, if the sensor is unknown.
 
     Parameters
     ----------
     sequence
-        Sequence folder, or views that name no sensor.
+        Sequence folder, or views without a sensor name.
     """
     if isinstance(sequence, DepthSequence):
         try:

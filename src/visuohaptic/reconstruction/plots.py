@@ -18,27 +18,27 @@ from .pipeline import Reconstruction
 __all__ = ["plot_completion", "plot_reconstruction"]
 
 _SUFFIXES = (".png", ".pdf", ".svg")
-#: Azimuth of the two views of an object, and their elevation [deg].
+#: Azimuths of the two views of an object, and their elevation [deg].
 _AZIMUTHS_DEG, _ELEVATION_DEG = (-60.0, 30.0), 20.0
-#: Scenes are drawn with this many vertices along their longest edge: a figure shows no more.
+#: Number of mesh vertices along the longest edge of a drawn scene; more are not visible in a figure.
 _DRAWN_VERTICES = 120
 _GREY = (0.72, 0.72, 0.72, 1.0)
 
 
 def plot_completion(completion: Completion | BodyCompletion, path: Path | str) -> None:
-    """The completed surface from two sides: grey where it was seen, else coloured by its standard deviation.
+    """Plot the completed surface from two sides: grey where visible, else coloured by its standard deviation.
 
     Parameters
     ----------
     completion
-        With the touches so far; contacts are drawn as points.
+        Completion with its touches; contacts are drawn as points.
     path
         .png, .pdf or .svg.
 
     Raises
     ------
     InputError
-        Another suffix, or the file cannot be written.
+        The suffix is not supported, or the file cannot be written.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def plot_completion(completion: Completion | BodyCompletion, path: Path | str) -
     scale = ScalarMappable(Normalize(0.0, max(float(sigma_mm.max(initial=0.0)), 1e-3)), "viridis")
     colors = np.where(seen[:, None], _GREY, scale.to_rgba(sigma_mm))
     contacts_m = np.array([t.contact_m for t in completion.touches if t.contact_m is not None]).reshape(-1, 3)
-    # The object alone: what it stands on would hide it.
+    # Only the object: the supporting surface would hide it.
     own_m = (
         completion.region.hull_m if isinstance(completion, Completion) else completion.surface().vertices_m
     )
@@ -79,7 +79,7 @@ def plot_completion(completion: Completion | BodyCompletion, path: Path | str) -
 
 
 def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
-    """The visual surface in grey and the transparent parts, coloured by their score, from two sides.
+    """Plot the visual surface in grey and the transparent parts, coloured by their score, from two sides.
 
     Parameters
     ----------
@@ -119,13 +119,13 @@ def _figure() -> tuple[Any, list[Any]]:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    # A layout does not know how far the labels of a drawn space reach.
+    # The automatic layout ignores the labels of 3D axes.
     figure = Figure(figsize=(11.0, 4.6), layout=ConstrainedLayoutEngine(wspace=0.15))
     FigureCanvasAgg(figure)
     views = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
     for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
         axes.view_init(elev=_ELEVATION_DEG, azim=azimuth_deg)
-        axes.computed_zorder = False  # points are drawn over surfaces
+        axes.computed_zorder = False  # draw points over surfaces
     return figure, views
 
 
@@ -136,7 +136,7 @@ def _draw(
     low_m: Float[np.ndarray, "3"],
     high_m: Float[np.ndarray, "3"],
 ) -> None:
-    """The triangles of a mesh in a box, shaded, in millimetres."""
+    """Draw the shaded triangles of a mesh inside a box, in millimetres."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     centres_m = mesh.vertices_m[mesh.faces].mean(axis=1)
@@ -149,7 +149,7 @@ def _draw(
         getattr(axes, f"set_{name}lim")(low, high)
         getattr(axes, f"set_{name}label")(f"{name} [mm]", labelpad=6 if name == "z" else 18)
     edges_m = np.maximum(high_m - low_m, 1e-3)
-    # As many labels as find room on an edge.
+    # Limit the number of tick labels by the length of the edge.
     for name, part in zip("xyz", edges_m / edges_m.max(), strict=True):
         axes.locator_params(axis=name, nbins=max(1, round(4 * float(part))))
     axes.tick_params(labelsize=8)

@@ -1,4 +1,4 @@
-"""Fields that the sensors' YAML files share."""
+"""Fields and sections common to the YAML files of all sensors."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Vector4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 
 
 class Section(BaseModel):
-    """A part of a file; a field that it does not know is refused."""
+    """A section of a file; unknown fields are rejected."""
 
     model_config = ConfigDict(extra="forbid")
 
 
 class PoseSection(Section):
-    """A rigid motion: translation [m] and quaternion in ROS order."""
+    """A rigid transform: translation [m] and quaternion in ROS order (x, y, z, w)."""
 
     translation_m: Vector3
     quaternion_xyzw: Vector4
 
     def pose(self) -> Pose:
-        """The motion.
+        """Convert to a pose.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What every sensor of this package offers, so that one loop from source to sinks drives all of them."""
+"""Interface common to all sensors of this package, so that one loop from source to sinks drives any of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _KINDS = ("foam", "beam", "scene")
 
 @runtime_checkable
 class Measurement(Protocol):
-    """What the reading of any sensor says at least."""
+    """Fields common to the measurements of all sensors."""
 
     @property
     def t_s(self) -> float:
@@ -29,11 +29,11 @@ class Measurement(Protocol):
 
     @property
     def valid(self) -> bool:
-        """Whether it can be trusted."""
+        """Whether the measurement is valid."""
 
     @property
     def reason(self) -> Reason:
-        """Why not; ``ok`` when valid."""
+        """Why it is invalid; ``ok`` if valid."""
 
 
 Reading = TypeVar("Reading", bound=Measurement, covariant=True)
@@ -41,27 +41,27 @@ Reading = TypeVar("Reading", bound=Measurement, covariant=True)
 
 @runtime_checkable
 class Sensor(Protocol[Reading]):
-    """A camera that measures: foam strip, foam on a finger, bending beam, or the scene ahead."""
+    """A camera-based sensor: foam strip, foam on a finger, bending beam, or the scene ahead."""
 
     @property
     def camera(self) -> Camera:
-        """Model of the camera whose frames it reads."""
+        """Model of the camera that records the frames."""
 
     @property
     def zeroed(self) -> bool:
-        """Whether it has the zero reference that it needs."""
+        """Whether the sensor has its zero reference, or needs none."""
 
     def zero(self, frames: Iterable[Frame]) -> Any:
-        """Take the zero reference from frames of a sensor that nothing touches; the result has ``save(path)``.
+        """Record the zero reference from frames without contact; the result has ``save(path)``.
 
         Parameters
         ----------
         frames
-            Frames of the untouched sensor.
+            Frames of the unloaded sensor.
         """
 
     def read(self, frame: Frame) -> Reading:
-        """Measure in one frame; frames are given in the order of their times.
+        """Measure in one frame.
 
         Parameters
         ----------
@@ -70,25 +70,25 @@ class Sensor(Protocol[Reading]):
         """
 
     def reset(self) -> None:
-        """Forget all frames, before those of another recording; the zero reference stays."""
+        """Reset the state between frames, before another recording; the zero reference is kept."""
 
     def close(self) -> None:
-        """Release threads; harmless when repeated."""
+        """Release threads; may be called repeatedly."""
 
 
 def load_sensor(
     path: Path | str, *, threaded: bool = False, rng: np.random.Generator | None = None
 ) -> Sensor[Any]:
-    """The sensor that a YAML file describes, with its zero reference if there is one.
+    """Load the sensor described by a YAML file, with its zero reference if there is one.
 
     Parameters
     ----------
     path
         ``sensor.yaml`` or ``scene.yaml``; its field ``kind`` is ``foam`` (the default), ``beam`` or ``scene``.
     threaded
-        Look for lost templates in a thread, so that a frame never waits (live use of a beam).
+        Whether lost templates are searched in a thread, so that a frame never waits (live use of a beam).
     rng
-        Random samples of the scene's consensus; a fixed seed without.
+        Random generator of the scene's consensus sampling; default a fixed seed.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def load_sensor(
     Raises
     ------
     InputError
-        The file, or one that it names, cannot be used.
+        The file, or a file that it refers to, is invalid.
     """
     data = load_yaml(path)
     kind = data.get("kind", "foam") if isinstance(data, dict) else "foam"

@@ -1,4 +1,4 @@
-"""Surfaces completed by touch, and where to touch next (Alt 2016, Sec. 5.4)."""
+"""Completion of surfaces by touch, and planning of the next touch (Alt 2016, Sec. 5.4)."""
 
 from ...core.front_door import attach
 

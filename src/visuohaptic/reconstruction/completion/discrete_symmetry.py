@@ -1,10 +1,10 @@
-"""The hidden side of an object by a discrete symmetry: a half turn about an upright axis, or a mirror plane.
+"""Prediction of hidden surface from a discrete symmetry: a half turn about an upright axis, or an upright mirror plane.
 
 Boxes, cans and bottles have a twofold rotational symmetry, most household objects a mirror symmetry in some upright
-plane (Bohg et al. 2011, "Mind the gap"). Where the axis or plane is, and with what deviation the symmetry holds, is
-inferred: a point of the surface that is moved by it lies on the surface again, up to that deviation, or is one that has
-no counterpart, anywhere in the region. Moved points that fall where nothing was seen tell nothing. Contacts and the seen
-surface itself count alike. The alternative is that there is no such symmetry, and all points are anywhere.
+plane (Bohg et al. 2011, "Mind the gap"). The pose of the axis or plane, and the deviation from exact symmetry, are
+inferred with a mixture likelihood: a surface point mapped by the symmetry lies on the surface again up to that deviation, or
+it has no counterpart and is uniformly distributed in the region. Mapped points in unobserved space are uninformative.
+Contacts and visible surface points have the same likelihood. The null hypothesis is no symmetry: all points are uniform.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from .rbf_centres import Centres
 
 __all__ = ["DiscreteSymmetry"]
 
-#: Hypotheses of each kind along both of their parameters, in a first round and in one about the likeliest.
+#: Grid points of each symmetry along both of its parameters; the second grid is centred on the maximum of the first.
 _STEPS = (21, 11)
-#: Deviations of a symmetry that are compared, in sizes of the region, as likely as each other.
+#: Deviations from exact symmetry that are compared, in sizes of the region; uniform prior.
 _DEVIATIONS = np.geomspace(0.002, 0.1, 7)
-#: Probability of a point without counterpart.
+#: Probability that a point has no counterpart.
 _ALONE = 0.1
-#: Distance of points that tell apart from each other, in sizes of the region: nearer ones err together.
+#: Minimum distance between the points of the likelihood, in sizes of the region: nearer points have correlated errors.
 _APART = 0.15
-#: Part of a unit normal upwards below which a surface is a wall.
+#: Surfaces whose unit normal has a smaller absolute z component are walls.
 _WALL = 0.85
-#: Distance of the points that are moved to the hidden side, in sizes of the region.
+#: Distance between the points that are mapped to the hidden side, in sizes of the region.
 _STEP = 0.06
-#: Middle part of the missing heights at which a wall has to be seen.
+#: Central fraction of the missing heights in which a wall has to be visible.
 _SAME = 0.6
-#: Distance from all that was seen beyond which a moved point is compared with nothing, in sizes of the region.
+#: Mapped points farther than this from the visible surface count as beside it, in sizes of the region.
 _FAR = 0.2
-#: Deviation of normals of a fused surface [rad].
+#: Standard deviation of the normals of a fused surface [rad].
 _ROUGH_RAD = 0.15
-#: Symmetries more uncertain than this part of the region are not used.
+#: Points with a larger standard deviation are not used, in sizes of the region.
 _USELESS = 0.1
 
 
 class DiscreteSymmetry:
-    """What the seen side says of the hidden one.
+    """Prediction of the hidden side from the visible one.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class DiscreteSymmetry:
     region
         Where the surface is missing.
     outer
-        Convex hull of all that is seen or missing.
+        Convex hull of the visible surface and the missing region.
     """
 
     def __init__(self, band: SupportBand, region: HoleRegion, outer: HoleRegion) -> None:
@@ -60,7 +60,7 @@ class DiscreteSymmetry:
 
         self.band, self.region, self.outer = band, region, outer
         size_m, z_m = region.size_m, band.samples_m[:, 2]
-        # The foot is that of the table as well; where a surface is level, every such map leaves it as it is.
+        # Points near the foot may belong to the table; horizontal surfaces are invariant under every such map.
         above = (z_m > outer.hull_m[:, 2].min() + 0.02 * size_m) & outer.within(band.samples_m, self.spread_m)
         self._seen = _even_subset(band.samples_m, np.flatnonzero(above), _STEP * size_m)
         walls = self._seen[np.abs(band.sample_normals[self._seen, 2]) < _WALL]
@@ -73,26 +73,26 @@ class DiscreteSymmetry:
 
     @property
     def spread_m(self) -> float:
-        """Deviation of the hull's sides: the region is rough, and smaller than what is missing by up to the gap."""
+        """Standard deviation of the sides of the hull [m]: the region is approximate, too small by up to the gap."""
         return self.band.gap_m + 0.05 * self.region.size_m
 
     @property
     def possible(self) -> bool:
-        """Whether a wall was seen at the heights that are missing; else nothing can be symmetric to them."""
+        """Whether a wall is visible at the missing heights; without one no symmetry can be inferred."""
         return len(self._tests) > 0
 
     def put(self, contacts_m: Sequence[tuple[Float[np.ndarray, "3"], float]], into: Centres) -> None:
-        """Append points of the hidden surface, each with its deviation; none without a symmetry.
+        """Append points of the hidden surface with their standard deviations; none without a symmetry.
 
         Parameters
         ----------
         contacts_m
             Contacts (3) and their standard deviations [m].
         into
-            Centres that are appended to.
+            Centres to append to.
         """
         touched = np.array([contact for contact, _ in contacts_m]).reshape(-1, 3)
-        # An object may have both: neither speaks against the other.
+        # Both symmetries may hold: they are independent hypotheses.
         for kind in ("half turn", "mirror"):
             evidence, maps, weights, variance = self._posterior(kind, touched)
             self._put(maps, weights, variance, 1 / (1 + np.exp(-evidence)), into)
@@ -100,7 +100,7 @@ class DiscreteSymmetry:
     def _posterior(
         self, kind: str, touched_m: Float[np.ndarray, "n 3"]
     ) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray, float]:
-        """Log evidence against no symmetry, maps with their probabilities, and variance of the symmetry [m2]."""
+        """Log Bayes factor against no symmetry, maps with their probabilities, and variance of the symmetry [m2]."""
         box = self.outer.hull_m.min(axis=0)[:2], self.outer.hull_m.max(axis=0)[:2]
         middle = 0.5 * (box[0] + box[1])
         spread = self.spread_m
@@ -115,7 +115,7 @@ class DiscreteSymmetry:
                 )
             )
             maps = _maps(kind, first, second, middle, spread)
-            # Between two hypotheses of the grid a point is moved by twice the step, evenly distributed.
+            # Rounding to the grid moves a point by up to one step either way, uniformly distributed.
             turn = 0.35 * self.region.size_m if kind == "mirror" else 1.0
             step_m = float(np.hypot(turn * half[0], half[1])) * spread * 4 / (steps - 1)
             sigma_m = np.hypot(_DEVIATIONS * self.region.size_m, step_m / np.sqrt(12))
@@ -146,12 +146,12 @@ class DiscreteSymmetry:
         sigma_m: Float[np.ndarray, "s"],
         normals: Float[np.ndarray, "n 3"] | None = None,
     ) -> Float[np.ndarray, "h s"]:
-        """Log-likelihood ratio of each map and deviation; a contact has no normal."""
+        """Log-likelihood ratio of each map and deviation against no symmetry; contacts have no normals."""
         turned = np.einsum("hij,nj->hni", maps[0], points_m[:, :2]) + maps[1][:, None]
         moved = np.concatenate(
             [turned, np.broadcast_to(points_m[:, 2:], (*turned.shape[:2], 1))], axis=2
         ).reshape(-1, 3)
-        # The nearest place of about the same normal, for an edge has two; what is far from all of them is beside them.
+        # Match to the nearest point with a similar normal: both faces of an edge are near. Unmatched points are beside.
         places, tree, turned_normals = moved, self._place, None
         if normals is not None:
             flat = np.einsum("hij,nj->hni", maps[0], normals[:, :2])
@@ -171,7 +171,7 @@ class DiscreteSymmetry:
         density = np.exp(-0.5 * (plane[:, None] / sigma_m) ** 2 - 0.5 * (angle[:, None] / _ROUGH_RAD) ** 2)
         density /= np.sqrt(2 * np.pi) * sigma_m
         ratio = (1 - _ALONE) * density * self.region.size_m + _ALONE
-        # Beside what was seen nobody knows, but beyond the hull of all there is nothing, as far as that is known.
+        # Unobserved space is uninformative inside the hull of the object; outside the hull there is no surface.
         outside_m = np.maximum(self.outer.distance_m(moved[beside]), 0.0)
         ratio[beside] = ((1 - _ALONE) * np.exp(-0.5 * (outside_m / self.spread_m) ** 2) + _ALONE)[:, None]
         found: np.ndarray = np.log(ratio).reshape(len(turned), -1, len(sigma_m)).sum(axis=1)
@@ -185,7 +185,7 @@ class DiscreteSymmetry:
         held: float,
         into: Centres,
     ) -> None:
-        """The seen points moved by the likely maps, where nothing was seen."""
+        """Append the visible points mapped by the likely maps, where nothing is visible."""
         likely = np.flatnonzero(weights > 1e-3 * weights.max())
         fraction = weights[likely] / weights[likely].sum()
         points_m = self.band.samples_m[self._seen]
@@ -208,16 +208,16 @@ class DiscreteSymmetry:
 def _even_subset(
     points_m: Float[np.ndarray, "n 3"], chosen: Int[np.ndarray, "k"], apart_m: float
 ) -> Int[np.ndarray, "m"]:
-    """Some of the chosen points, farther from each other than a distance, in their order.
+    """Greedy subset of the chosen points with a minimum distance from each other, in the given order.
 
     Parameters
     ----------
     points_m
         Points (n, 3) [m].
     chosen
-        Indices (k) of those to choose from.
+        Indices (k) of the candidates.
     apart_m
-        Smallest distance [m].
+        Minimum distance [m].
     """
     from scipy.spatial import cKDTree
 
@@ -234,7 +234,7 @@ def _even_subset(
 def _maps(
     kind: str, first: np.ndarray, second: np.ndarray, middle: Float[np.ndarray, "2"], spread_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices (h, 2, 2) and shifts (h, 2) of points in the plane."""
+    """Matrices (h, 2, 2) and translations (h, 2) of the maps in the horizontal plane."""
     if kind == "half turn":
         return np.tile(-np.eye(2), (len(first), 1, 1)), 2 * (
             middle + spread_m * np.column_stack([first, second])

@@ -1,9 +1,9 @@
-"""Holes of a visual surface: their rims, the region where the surface is missing, the band around it.
+"""Holes of a visual surface: their rims, the region where the surface is missing, the support band around it.
 
-The transparency region is a rough estimate of the missing part and a bit
-smaller than it. It is grown until it touches the visual surface at every rim,
-and by a band more: the known points in it are what the surface is extended
-from (Alt 2016, Sec. 5.3.1).
+The transparency region is an approximation of the missing part, slightly too
+small. It is grown until it reaches the visual surface at every rim, and
+further by the width of the band: the surface is extrapolated from the known
+points in the grown region (Alt 2016, Sec. 5.3.1).
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from .visibility import open_sight
 
 __all__ = ["HoleRegion", "SupportBand", "boundary_loops", "load_hole_regions", "support_band"]
 
-#: Rims farther from the region than this part of its size belong to other holes.
+#: Rims farther from the region than this fraction of its size belong to other holes.
 _RIM_REACH = 0.5
-#: What lies deeper in the region, in parts of its size, was read in the glass and is no surface.
+#: Points deeper in the region than this fraction of its size are readings through the glass, not surface.
 _DEEPEST = 0.1
-#: Fraction of the half space that a point of the outline sees at least.
+#: Minimum fraction of the hemisphere that is visible from a point of the outline.
 _MIN_SIGHT = 0.2
-#: Cosine between a normal and the way to the middle of the region from which on a surface faces the region.
+#: Minimum cosine between a normal and the direction to the centre of the region of a surface that faces the region.
 _FACING = 0.3
-#: Separate parts of the surface with a smaller fraction of the area near the region are spurious components.
+#: Connected components with a smaller fraction of the area near the region are spurious.
 _MIN_PART = 0.03
-#: Samples of the surface around a region.
+#: Number of surface samples around a region.
 _SAMPLES = 12_000
 
 
 def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
     """Vertices of the rims of a welded mesh, longest rim first.
 
-    A rim is a connected set of edges that have one triangle only; vertices
-    where rims meet join them.
+    A rim is a connected set of boundary edges (edges of one triangle only);
+    rims with a common vertex are one rim.
 
     Parameters
     ----------
@@ -62,19 +62,20 @@ class SupportBand:
 
     points_m: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"]
-    gap_m: float  #: growth of the region until it touched the surface at every rim
-    margin_m: float  #: growth that holds the band
-    samples_m: Float[np.ndarray, "k 3"]  #: many points of the surface around the region, beyond the band, too
+    gap_m: float  #: growth of the region at which it reaches the surface at every rim
+    margin_m: float  #: growth of the region that contains the band
+    #: dense samples of the surface around the region, also beyond the band
+    samples_m: Float[np.ndarray, "k 3"]
     sample_normals: Float[np.ndarray, "k 3"]
-    area_m2: float  #: of that surface
+    area_m2: float  #: area of the sampled surface
 
     @property
     def spacing_m(self) -> float:
-        """Distance r within which a point of the part has a sample, but one of 10,000: exp(-pi r^2 samples / area)."""
+        """Radius r within which all but 1 in 10,000 points have a sample: exp(-pi r^2 samples / area) = 1e-4 [m]."""
         return float(np.sqrt(np.log(1e4) * self.area_m2 / (np.pi * len(self.samples_m))))
 
     def away(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-        """Whether points are farther from what was seen than its samples from each other.
+        """Whether points are farther from the visible surface than its sample spacing.
 
         Parameters
         ----------
@@ -87,7 +88,7 @@ class SupportBand:
         return gaps > self.spacing_m
 
     def behind(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-        """Whether points are on the inner side of what was seen nearest to them.
+        """Whether points are on the inner side of the nearest visible surface sample.
 
         Parameters
         ----------
@@ -115,7 +116,7 @@ def support_band(
     max_points
         Maximum number of points.
     band_m
-        Width of the band behind each rim [m]; a quarter of the region by default.
+        Width of the band beyond each rim [m]; a quarter of the region size by default.
 
     Raises
     ------
@@ -148,7 +149,7 @@ def support_band(
             f"found {len(kept)} triangles within {margin:.3g} m of the region, expected a surface around it",
             remedy="check that model and region are in the same frame",
         )
-    # Many samples, thinned to even spacing: a mesh's own vertices may crowd.
+        # Dense samples, thinned to even spacing: the vertices of a mesh may be unevenly distributed.
     rng = np.random.default_rng(0)
     part = outline.submesh(kept)
     points, face = part.sampled(max(8 * max_points, 400), rng)
@@ -160,10 +161,10 @@ def support_band(
 
 
 def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> SurfaceMesh:
-    """The surface near a region without inner walls, what was read in the glass, and what faces the region.
+    """The surface near a region without inner walls, readings through the glass, and surfaces that face the region.
 
-    Of a convex body no normal points to a part that is missing. What faces the region is what it stands on, or
-    where the truncated distances of a fused surface curl in at its rim.
+    On a convex body no normal points to a missing part. A surface that faces the region is the support of the object,
+    or a rim of a fused surface that curls inwards where its truncated distances end.
     """
     centres = welded.vertices_m[welded.faces].mean(axis=1)
     distance = region.distance_m(centres)
@@ -176,10 +177,10 @@ def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> Surface
 
 
 def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
-    """How far each rim and each separate part of an outline is from the region."""
+    """Distance of each rim and each separate component of an outline from the region [m]."""
     reach = region.distance_m(outline.vertices_m)
     max_m = _RIM_REACH * region.size_m
-    # Rims beyond the band are where the outline was cut off.
+    # Rims beyond the band are cut edges of the outline.
     rims = [float(reach[loop].min()) for loop in boundary_loops(outline) if len(loop) > 4]
     part = face_parts(outline.faces)
     areas = np.bincount(part, weights=outline.face_areas_m2)
@@ -189,7 +190,7 @@ def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
 
 
 def _spread(points: Float[np.ndarray, "n 3"], max_points: int) -> Int[np.ndarray, "k"]:
-    """At most ``max_points`` of the points, one for each cell of a grid whose step is searched for."""
+    """Indices of at most ``max_points`` points, one in each cell of a grid; the cell size is found by bisection."""
     low, high = 0.0, float(np.ptp(points, axis=0).max())
     best = np.arange(len(points))
     if len(points) <= max_points:

@@ -1,4 +1,4 @@
-"""The region where a surface is missing: a convex hull, made of points or read from ``regions.json``."""
+"""The region where a surface is missing: a convex hull of points, or one read from ``regions.json``."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ class HoleRegion:
     array([-0.05,  0.2 ])
     """
 
-    hull_m: Float[np.ndarray, "v 3"]  #: its corners [m]
-    planes: Float[np.ndarray, "p 4"]  #: unit normals outwards and offsets, n . x + o <= 0 inside
-    score: float = 1.0  #: of the transparency detector
-    body: UprightBody | None = None  #: upright body that its outlines show
+    hull_m: Float[np.ndarray, "v 3"]  #: corners of the hull [m]
+    planes: Float[np.ndarray, "p 4"]  #: unit outward normals and offsets, n . x + o <= 0 inside
+    score: float = 1.0  #: score of the transparency detector
+    body: UprightBody | None = None  #: upright body fitted to its outlines
 
     @classmethod
     def of_points(
@@ -55,7 +55,7 @@ class HoleRegion:
         score
             Score of the transparency detector.
         body
-            Upright body that its outlines show.
+            Upright body fitted to its outlines.
 
         Raises
         ------
@@ -73,11 +73,11 @@ class HoleRegion:
             raise InputError(
                 "HoleRegion", "its points span no volume, expected corners of a solid"
             ) from error
-        # The triangles of a flat side share their plane.
+        # Merge the coplanar facets of the triangulated hull.
         return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), score, body)
 
     def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Growth of the hull at which it holds a point; negative inside.
+        """Growth of the hull at which it contains each point [m]; negative inside.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class HoleRegion:
         return result
 
     def within(self, points_m: Float[np.ndarray, "n 3"], reach_m: float = 0.0) -> Bool[np.ndarray, "n"]:
-        """Whether points are in the grown hull; much faster than their distances.
+        """Whether points are inside the grown hull; much faster than :meth:`distance_m`.
 
         Parameters
         ----------
@@ -105,13 +105,13 @@ class HoleRegion:
 
         points = np.ascontiguousarray(points_m, dtype=np.float64)
         result = np.empty(len(points), dtype=np.bool_)
-        # Planes side by side judge alike: in random order one of the first few finds a point outside.
+        # Neighbouring planes have similar normals: in random order an outside point fails after a few planes.
         order = np.random.default_rng(0).permutation(len(self.planes))
         within_hull(points, np.ascontiguousarray(self.planes[order].T), reach_m, result)
         return result
 
     def with_surface(self, points_m: Float[np.ndarray, "n 3"], gap_m: float, floor_m: float) -> HoleRegion:
-        """The hull grown by the gap to the surface around it, together with points of that, above a floor.
+        """Convex hull of the hull grown by ``gap_m`` and the surface points, cut off below a floor.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class HoleRegion:
         gap_m
             Growth of the hull [m].
         floor_m
-            Height of what the object stands on [m].
+            Height of the surface on which the object stands [m].
         """
         middle = self.hull_m.mean(axis=0)
         way = self.hull_m - middle
@@ -130,7 +130,7 @@ class HoleRegion:
         return HoleRegion.of_points(points)
 
     def core(self, fraction: float = 0.6) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Corners of the shrunk hull with its middle, and the depth of each inside the hull [m].
+        """Corners and centroid of the shrunk hull, and the depth of each inside the hull [m].
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class HoleRegion:
 
     @property
     def size_m(self) -> float:
-        """Longest edge of its box."""
+        """Longest edge of its axis-aligned bounding box [m]."""
         return float(np.ptp(self.hull_m, axis=0).max())
 
 
@@ -162,7 +162,7 @@ class _Cluster(BaseModel):
     evidence: FiniteFloat = 0.0
 
     def body(self) -> UprightBody | None:
-        """The upright body; ``None`` where the file does not hold all of it."""
+        """The upright body; ``None`` if the file lacks any of its entries."""
         axis, sigma, radius, height = self.axis, self.axis_sigma, self.radius, self.height
         if axis is None or sigma is None or radius is None or self.radius_sigma is None or height is None:
             return None
@@ -175,7 +175,7 @@ class _RegionsFile(BaseModel):
 
 
 def load_hole_regions(path: Path | str) -> list[HoleRegion]:
-    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]), ``score``, and the body that outlines show.
+    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]), ``score``, and the upright body of the outlines.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     Raises
     ------
     InputError
-        The file is missing, no JSON, or has no usable cluster.
+        The file is missing, not JSON, or has no usable cluster.
     """
 
     def parsed(data: Any) -> _RegionsFile:

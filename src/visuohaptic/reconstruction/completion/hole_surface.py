@@ -1,4 +1,4 @@
-"""The estimated surface in the grown region: grids over it, the zero surface, its supported part."""
+"""The estimated surface in the grown region: evaluation grids, zero level set, supported components."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["HoleSpace", "supported_part"]
 
 
 class HoleSpace:
-    """The region grown by the band, and grids over it that are computed once.
+    """The region grown by the band, and cached grids over it.
 
     Parameters
     ----------
     region
         Where the surface is missing.
     band
-        Known points around it.
+        Support band around the region.
     """
 
     def __init__(self, region: HoleRegion, band: SupportBand) -> None:
@@ -31,7 +31,7 @@ class HoleSpace:
         self._grids: dict[int, tuple[Grid, Bool[np.ndarray, "x y z"]]] = {}
 
     def grid(self, nodes: int) -> tuple[Grid, Bool[np.ndarray, "x y z"]]:
-        """Grid over the grown region, and which of its nodes are inside; both are cached.
+        """Grid over the grown region, and which of its nodes are inside it; both are cached.
 
         Parameters
         ----------
@@ -47,7 +47,7 @@ class HoleSpace:
         return self._grids[nodes]
 
     def surface(self, fit: RbfSurface, nodes: int, supports_m: Float[np.ndarray, "s 3"]) -> SurfaceMesh:
-        """The zero surface in the grown region; parts without supports are left out.
+        """Zero level set in the grown region, without components that have no supports.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class HoleSpace:
 
 
 def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near_m: float) -> SurfaceMesh:
-    """The connected parts of a mesh that pass near enough supports.
+    """Connected components of a mesh that pass near enough supports.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near
     supports_m
         Known points of the surface (s, 3) [m].
     near_m
-        Maximum distance of a support from a part [m].
+        Maximum distance of a support from a component [m].
     """
     from scipy.spatial import cKDTree
 
@@ -95,7 +95,7 @@ def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near
     part_of_vertex[mesh.faces] = part[:, None]
     gaps, near = cKDTree(mesh.vertices_m).query(supports_m)
     kept = np.bincount(part_of_vertex[near[gaps < near_m]], minlength=part.max() + 1)
-    # A spurious component that one support brushes is no part of the object.
+    # A component that passes near a few supports only is spurious.
     good = kept >= max(1, 0.02 * kept.sum())
     if not good.any():
         good = np.bincount(part_of_vertex) == np.bincount(part_of_vertex).max()

@@ -1,14 +1,14 @@
-"""Inner sides of a surface's own walls: what a camera saw of them through glass is no outside.
+"""Removal of back-side surfaces: inner sides of the object's own walls that a camera saw through glass.
 
-A label on a clear bottle is seen from inside through the far wall, bent and too near to the axis. A part of a
-surface is such an inner side when
+A label on a clear bottle is seen from inside through the far wall, distorted by refraction and too near to the axis. A
+part of a surface is such an inner side if
 
-- it does not look away from the object's upright axis,
-- the outside is behind it: a level line from the axis meets another wall farther out, and
-- it could not be seen if the glass were opaque: the region, which the detector finds too small, is drawn out along
-  the axis and closes the object.
+- it does not face away from the upright axis of the object,
+- the outside is behind it: a horizontal line from the axis through it meets another wall farther out, and
+- it would be invisible if the glass were opaque: the region, which the detector finds too small, is extended along
+  the axis so that it closes the object.
 
-What is seen past the rim of an open cup, and all else in the scene, stays.
+Surfaces seen over the rim of an open cup, and the rest of the scene, are kept.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from .visibility import open_sight
 
 __all__ = ["without_inner_walls"]
 
-#: Part of a unit normal away from the axis from which on a wall looks outwards.
+#: Minimum radial component of the unit normal of an outer wall.
 _OUTWARDS = 0.3
-#: Part of a unit normal down from which on a part is an underside.
+#: Minimum downward component of the unit normal of an underside.
 _UNDER = 0.3
-#: How far the region is drawn out, and how far from it inner sides are sought, in its sizes.
+#: Extension of the region up and down, and search distance for inner sides around it, in sizes of the region.
 _DRAWN_OUT, _REACH = 0.5, 1.0
-#: Fraction of the half space that what is seen directly sees at least.
+#: Minimum visible fraction of the hemisphere of a surface that is seen directly.
 _MIN_SIGHT = 0.2
-#: Walls compared with each place: the nearest ones in angle and height.
+#: Number of walls compared with each point: the nearest in angle and height.
 _WALLS = 16
 
 
 def without_inner_walls(mesh: SurfaceMesh, region: HoleRegion) -> SurfaceMesh:
-    """The surface without inner sides of the walls around a region; the same mesh when there are none.
+    """The surface without back sides of the walls around a region; the same mesh if there are none.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def without_inner_walls(mesh: SurfaceMesh, region: HoleRegion) -> SurfaceMesh:
     out = (away * normals[:, :2]).sum(axis=1)
     outwards = out > _OUTWARDS
     walls, asked = near[outwards], near[~outwards]
-    # A wall of a fused surface is rough: one that looks down a little still looks outwards.
+    # Fused walls are rough: an outward wall may also be inclined downwards a little.
     below = near[normals[:, 2] < -np.maximum(_UNDER, out)]
     if not len(walls):
         return mesh
@@ -74,7 +74,7 @@ def without_inner_walls(mesh: SurfaceMesh, region: HoleRegion) -> SurfaceMesh:
 def _behind(
     mesh: SurfaceMesh, walls: np.ndarray, points_m: Float[np.ndarray, "n 3"], axis: Float[np.ndarray, "2"]
 ) -> Bool[np.ndarray, "n"]:
-    """Whether the level line from the axis through a point goes on to one of the walls."""
+    """Whether the horizontal line from the axis through each point meets one of the walls beyond the point."""
     from scipy.spatial import cKDTree
 
     if not len(points_m):
@@ -87,7 +87,7 @@ def _behind(
     tree = cKDTree(_around(middle, corners[..., 2].mean(axis=1), scale))
     _, found = tree.query(_around(theta, points_m[:, 2], scale), k=min(_WALLS, len(walls)))
     found = found.reshape(len(points_m), -1)
-    # In the plane of angle and height, with the point in the origin.
+    # Barycentric coordinates in the plane of angle and height, with the point at the origin.
     u = np.angle(np.exp(1j * (angle[found] - theta[:, None, None]))) * scale
     v = corners[found][..., 2] - points_m[:, 2, None, None]
     fraction = np.stack(
@@ -105,11 +105,11 @@ def _behind(
 
 
 def _polar(points_m: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angle [rad] and distance from the axis [m]."""
+    """Angle [rad] around the axis and distance from it [m]."""
     offset = points_m[..., :2] - axis
     return np.arctan2(offset[..., 1], offset[..., 0]), np.hypot(offset[..., 0], offset[..., 1])
 
 
 def _around(theta: np.ndarray, z_m: np.ndarray, scale: float) -> np.ndarray:
-    """Angle and height as points of a cylinder."""
+    """Angle and height as points on a cylinder of radius ``scale``, for nearest-neighbour search."""
     return np.column_stack([scale * np.cos(theta), scale * np.sin(theta), z_m])

@@ -1,4 +1,4 @@
-"""Outline of an upright, nearly round object: radius by height, measured on a mesh."""
+"""Outline of an upright, nearly round object: radius over height, measured on a mesh."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ..mesh import SurfaceMesh
 
 __all__ = ["axial_part", "measured_outline"]
 
-#: Faces of a wall look down by no more than this (z of the unit normal): fusion closes the lower edge of a label.
+#: Minimum z component of the unit normal of a wall face: fusion closes the lower edge of a label.
 MIN_NORMAL_Z = -0.3
-#: What is lower than this belongs to the table [m].
+#: Faces below this height belong to the table [m].
 TABLE_M = 0.004
-#: Height of a slice [m], and vertices that it needs.
+#: Height of a slice [m], and minimum number of vertices in it.
 SLICE_M, MIN_POINTS = 0.008, 6
-#: Within this of the top the object's lid lies inside the rim and is no wall [m].
+#: Vertices within this distance of the top may belong to the lid, not the wall [m].
 LID_M = 0.003
 
 
 def axial_part(surface: SurfaceMesh, axis_m: Float[np.ndarray, "2"], reach_m: float) -> SurfaceMesh:
-    """Walls and lid of what stands about an upright axis, above the table.
+    """Walls and lid of the object around an upright axis, above the table.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def axial_part(surface: SurfaceMesh, axis_m: Float[np.ndarray, "2"], reach_m: fl
     axis_m
         x, y of the axis [m].
     reach_m
-        Largest distance of a face from the axis [m].
+        Maximum distance of a face from the axis [m].
     """
     middle = surface.vertices_m[surface.faces].mean(axis=1)
     chosen = (np.hypot(*(middle[:, :2] - axis_m).T) < reach_m) & (middle[:, 2] > TABLE_M)
@@ -44,16 +44,16 @@ def measured_outline(
     Parameters
     ----------
     mesh
-        In a frame whose z = 0 is the table.
+        Mesh in a frame whose z = 0 is the table.
     axis_m
         x, y of the axis [m].
     reach_m
-        Largest radius [m].
+        Maximum radius [m].
 
     Returns
     -------
     (k, 2) array
-        Radius and height [m], upwards; slices with fewer than 6 vertices are left to interpolation.
+        Radius and height [m], ascending; slices with fewer than 6 vertices are omitted.
     """
     points = mesh.vertices_m[np.unique(mesh.faces)]
     rho = np.hypot(*(points[:, :2] - axis_m).T)

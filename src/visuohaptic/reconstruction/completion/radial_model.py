@@ -1,26 +1,27 @@
-"""A second opinion on the hidden wall: a Gaussian process of its radius around the height axis.
+"""Probabilistic model of the hidden wall: a Gaussian process of its radius around the height axis.
 
 In cylinder coordinates (rho, theta, z)
 
     log rho = p(z) + e0(theta) + w(z) (e1(theta) - e0(theta)) + g(theta, z)
 
 with the profile ``p``, the cross-sections ``e0`` and ``e1`` of the bands below
-and above the hole (:mod:`.symmetry`), the fraction ``w`` of the upper one, which
-is 0 and 1 in the bands and unknown between them, and what the cross-sections
-leave over, ``g``. ``p`` and ``g`` are processes with Matern's covariance over the
-height; ``w`` is a Brownian bridge around a straight line. Walls are smooth and
-have kinks: ``p`` is of order 3/2 or 5/2, and how long, how rough and which of
-both is not decided. The processes count by their likelihood, and where they
-contradict each other the wall is less certain.
+and above the hole (:mod:`.symmetry`), the weight ``w`` of the upper cross-section,
+which is 0 and 1 in the bands and unknown between them, and the residual ``g`` of
+the cross-sections. ``p`` and ``g`` have Matern covariances over the height; ``w``
+is a Brownian bridge around a straight line. Walls are smooth except for kinks, so
+``p`` has order 3/2 or 5/2. Order, correlation length and deviation are not fixed:
+several processes are averaged with weights proportional to their likelihood, and
+where they disagree the variance grows.
 
-The spline of space and this process err in different ways: the one overshoots
-between rings, the other knows walls around an axis only. With the mean m and
-the variance v of the process, an estimate r of a wall f is off by
+The spatial spline and this process have different errors: the spline overshoots
+between rings, the process represents only walls around an axis. With the mean m
+and the variance v of the process, the expected squared error of an estimate r of
+the wall f is
 
     E (r - f)^2 = (r - m)^2 + v
 
-where the first part ranks the places and the second is what no model knows.
-``v`` is scaled by how far each contact is off what all the others predict.
+where the first term ranks the places and the second is the remaining uncertainty.
+``v`` is scaled by the leave-one-out residuals of the contacts.
 """
 
 from __future__ import annotations
@@ -37,60 +38,60 @@ from .symmetry import ShapePrior
 
 __all__ = ["RadialModel", "RadialProfile", "WallSeen", "fit_radial_model", "wall_seen"]
 
-#: Correlation lengths in sizes of the region, and deviations of p, that are compared in both orders.
+#: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
-#: Processes less likely than this part of the likeliest are left out, and all after so many.
+#: Minimum likelihood of a process relative to the likeliest, and maximum number of processes that are averaged.
 _MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
-#: Deviation of the unknown mean of log rho, and of a bin of the visible band.
+#: Standard deviation of the unknown mean of log rho, and of a bin of the visible band.
 _MEAN, _BAND = 0.3, 0.003
-#: Bins of each band: heights and angles. Where the rim leads says much of the wall behind it.
+#: Bins of each band over height and angle. The slope at the rim is informative about the wall behind it.
 _HEIGHTS, _ANGLES = 10, 8
 #: Correlation of g: length in sizes of the region, and over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.35
-#: Scale of the variance before contacts tell (on 48 bottles the processes were too rough by this), in contacts.
+#: Prior scale of the variance (actual over predicted variance on 48 bottles), and its weight in contacts.
 _SCALE, _SCALE_WEIGHT = 0.2, 8.0
-#: Squared standardised residuals above this count as this: one contact with something else must not rule.
+#: Squared standardised residuals are clipped at this value, so that one contact with another object does not dominate.
 _MAX_SQUARED_RESIDUAL = 9.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallSeen:
-    """Bins of the visible wall, in rows of one height."""
+    """Bins of the visible wall, grouped in rows of one height."""
 
     theta: Float[np.ndarray, "k"]  #: angles [rad]
-    row: Int[np.ndarray, "k"]  #: row of each in ``z_m``
+    row: Int[np.ndarray, "k"]  #: index of the row of each bin in ``z_m``
     z_m: Float[np.ndarray, "q"]  #: heights of the rows [m]
-    logs: Float[np.ndarray, "k"]  #: log rho less that of the cross-section
+    logs: Float[np.ndarray, "k"]  #: log rho minus that of the cross-section
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadialProfile:
-    """One process of p, given what is known at the heights of the model."""
+    """One process of p, conditioned on the known heights of the model."""
 
-    fraction: float  #: probability among the processes of a model
-    order: int  #: twice that of Matern's covariance, 3 or 5
+    fraction: float  #: posterior probability among the processes of a model
+    order: int  #: twice the order of the Matern covariance, 3 or 5
     length: float  #: correlation length, in sizes of the region
-    deviation: float  #: of p
+    deviation: float  #: prior standard deviation of p
     lower: Float[np.ndarray, "q q"]  #: Cholesky factor of the correlation of the known heights
-    mean: Float[np.ndarray, "q"]  #: expected p at the known heights
-    root: Float[np.ndarray, "q q"]  #: its covariance is root root^T
-    scale: float = 1.0  #: of the variance
+    mean: Float[np.ndarray, "q"]  #: posterior mean of p at the known heights
+    root: Float[np.ndarray, "q q"]  #: square root of the posterior covariance of p, root root^T
+    scale: float = 1.0  #: scale of the variance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadialModel:
-    """The processes given the bands and the contacts.
+    """The processes conditioned on the bands and the contacts.
 
-    With y what is known of log rho less its cross-section, y = B p + e, where B picks a known height for each place
-    and e has the covariance L L^T of all that is not p.
+    With the vector y of known values of log rho minus the cross-section, y = B p + e, where B selects the height of each place
+    and e has the covariance L L^T of all terms other than p.
     """
 
     prior: ShapePrior
-    size_m: float  #: of the region
+    size_m: float  #: size of the region [m]
     theta: Float[np.ndarray, "k"]  #: angles of the known places [rad]
-    row: Int[np.ndarray, "k"]  #: height of each, a row of ``z_m``
+    row: Int[np.ndarray, "k"]  #: index of the height of each in ``z_m``
     z_m: Float[np.ndarray, "q"]  #: known heights [m]
-    middle: float  #: mean of log rho without its cross-section
+    middle: float  #: mean of log rho minus its cross-section
     lower: Float[np.ndarray, "k k"]  #: L
     whitened: Float[np.ndarray, "k"]  #: L^-1 y
     picked: Float[np.ndarray, "k q"]  #: L^-1 B
@@ -120,7 +121,7 @@ class RadialModel:
         mean_m, square_m2 = np.zeros(len(z_m)), np.zeros(len(z_m))
         for profile in self.profiles:
             near = _solved(profile.lower, _matern(gap, profile.length, profile.order).T)
-            # What a known p says here, less what the rest of the model already took from the same places.
+            # Contribution of p, without the part that the other terms already explain at the known places.
             weight = _solved(profile.lower, near, transposed=True).T - leading
             between = profile.deviation**2 * (1 - (near**2).sum(axis=0))
             variance = own + between + ((weight @ profile.root) ** 2).sum(axis=1)
@@ -130,7 +131,7 @@ class RadialModel:
         return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
 
     def deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Root mean square radial distance of estimated points from the wall [m]; no less than to the wall itself.
+        """Root mean square radial error of estimated points [m]; an upper bound of the distance from the wall.
 
         Parameters
         ----------
@@ -144,7 +145,7 @@ class RadialModel:
 
 
 def wall_seen(prior: ShapePrior, band: SupportBand) -> WallSeen:
-    """The walls of the bands in bins, each row at its middle height.
+    """Bins of the visible walls; the height of a row is the mean of its points.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> WallSeen:
             if not len(part):
                 continue
             above_m = points_m[part, 2] - points_m[part, 2].mean()
-            # All bins of a row tell of its own height: what the wall leans in the row is taken off.
+            # Refer all bins to the height of their row: remove the slope within the row.
             lean = float(above_m @ logs[part]) / max(float(above_m @ above_m), 1e-12)
             level = logs[part] - lean * above_m
             for place in np.unique(sector[part]):
@@ -186,16 +187,16 @@ def fit_radial_model(
     contacts: Sequence[tuple[Float[np.ndarray, "3"], float]],
     size_m: float,
 ) -> RadialModel:
-    """The likely processes, and the scale of each by leaving out one contact after the other.
+    """Average of the most likely processes; the variance of each is scaled by leave-one-out residuals of the contacts.
 
     Parameters
     ----------
     prior
         Axis and cross-sections of the bands.
     seen, contacts
-        The visible wall; contacts with their standard deviation [m].
+        Bins of the visible wall; contacts (3) with their standard deviations [m].
     size_m
-        Of the region.
+        Size of the region [m].
     """
     theta, row, z_m, logs = seen.theta, seen.row, seen.z_m, seen.logs
     noise = np.full(len(logs), _BAND**2)
@@ -210,7 +211,7 @@ def fit_radial_model(
     known = (theta, z_m, row)
     lower = np.linalg.cholesky(_besides_p(prior, size_m, known, known) + np.diag(noise + 1e-10))
     pick = (row[:, None] == np.arange(len(z_m))).astype(float)
-    # The last columns are for leaving out contacts.
+    # The last columns are for the leave-one-out residuals of the contacts.
     count = len(contacts)
     ones = np.eye(len(logs))[:, len(logs) - count :]
     whole = _solved(lower, np.column_stack([logs - middle, pick, ones]))
@@ -241,7 +242,7 @@ def _given(
     order: int,
     length: float,
 ) -> list[tuple[float, Callable[[], RadialProfile]]]:
-    """Log likelihood of each deviation of p, and the process given what is known.
+    """Log-likelihood for each deviation of p, with a function that creates the conditioned process.
 
     With S the correlation of p and C = B^T (L L^T)^-1 B, all deviations share the eigenvectors of S^1/2 C S^1/2.
     """
@@ -271,7 +272,7 @@ def _squared_residuals(
     whitened: Float[np.ndarray, "k"],
     each: Float[np.ndarray, "k n"],
 ) -> Float[np.ndarray, "n"]:
-    """Squared standardised distance of each contact from what all others predict.
+    """Squared standardised leave-one-out residual of each contact, clipped.
 
     y_i - mean_without_i = (K^-1 y)_i / (K^-1)_ii, with variance 1 / (K^-1)_ii.
     """
@@ -298,11 +299,11 @@ def _matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
     return near
 
 
-_Places = tuple[np.ndarray, np.ndarray, np.ndarray]  # angles [rad], heights [m], and which height each has
+_Places = tuple[np.ndarray, np.ndarray, np.ndarray]  # angles [rad], heights [m], index of the height of each
 
 
 def _besides_p(prior: ShapePrior, size_m: float, here: _Places, there: _Places) -> np.ndarray:
-    """Covariance of log rho between places without that of the profile."""
+    """Covariance of log rho between places from all terms except the profile."""
     (theta, z_m, row), (theta2, z2_m, row2) = here, there
     turned = np.cos(theta)[:, None] * np.cos(theta2) + np.sin(theta)[:, None] * np.sin(theta2)
     near = prior.residual**2 * _matern((z_m[:, None] - z2_m) / size_m, _OVER_HEIGHT)
@@ -316,20 +317,20 @@ def _besides_p(prior: ShapePrior, size_m: float, here: _Places, there: _Places) 
 
 
 def _polar(points_m: Float[np.ndarray, "n 3"], prior: ShapePrior) -> tuple[np.ndarray, np.ndarray]:
-    """Angle [rad] and distance from the axis [m]."""
+    """Angle [rad] around the axis and distance from it [m]."""
     offset = points_m[:, :2] - prior.axis_m
     return np.arctan2(offset[:, 1], offset[:, 0]), np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-6)
 
 
 def _upper_fraction(prior: ShapePrior, z_m: np.ndarray) -> np.ndarray:
-    """Expected fraction of the upper cross-section."""
+    """Expected weight of the upper cross-section."""
     low, high = prior.heights_m[0], prior.heights_m[-1]
     found: np.ndarray = np.clip((z_m - low) / max(high - low, 1e-9), 0.0, 1.0)
     return found
 
 
 def _difference(prior: ShapePrior, theta: np.ndarray) -> np.ndarray:
-    """Upper cross-section less the lower one."""
+    """Upper minus lower cross-section."""
     low, high = prior.heights_m[0], prior.heights_m[-1]
     found: np.ndarray = prior.section(theta, np.full(len(theta), high)) - prior.section(
         theta, np.full(len(theta), low)

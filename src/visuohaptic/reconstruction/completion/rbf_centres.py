@@ -1,4 +1,4 @@
-"""Centres of the spline: beside the visible surface, around the core of the region, along what was free."""
+"""Centres of the spline: on and beside the visible surface, in the core of the region, and along free lines of touches."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from .touch import Touch
 
 __all__ = ["Centres", "around_core", "beyond_hull", "free_points", "with_off_surface"]
 
-#: Rounds in which inner points of the region that the surface leaves outside are added, and how many each.
+#: Maximum number of refinement rounds that add centres at violated constraints, and of centres per round.
 _CORE_ROUNDS, _CORE_POINTS = 4, 6
-#: Directions in which a surface is kept in the hull of all that is known.
+#: Number of directions in which the surface is constrained to the hull.
 _BEYOND = 200
 
 
 @dataclass(slots=True)
 class Centres:
-    """Places, wanted signed distances and their deviations [m]."""
+    """Positions, target signed distances and their standard deviations [m]."""
 
     points: list[np.ndarray] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
@@ -50,13 +50,13 @@ class Centres:
 def with_off_surface(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], d_m: float
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m"]]:
-    """Centres on, outside (+d) and inside (-d); d is shortened near other points (Sec. 5.3.1).
+    """Centres on, outside (+d) and inside (-d) the surface; d is shortened near other points (Sec. 5.3.1).
 
     Parameters
     ----------
-    points
+        Points (n, 3) on the surface [m].
         Points (n, 3) of the surface [m].
-    normals
+        Unit outward normals (n, 3).
         Unit normals (n, 3), outwards.
     d_m
         Distance of the off-surface centres [m].
@@ -84,7 +84,7 @@ def around_core(
     region: HoleRegion,
     rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
 ) -> RbfSurface:
-    """The fit with centres that keep the core of the region inside: bands far apart would close each on its own.
+    """Add centres that keep the core of the region inside; otherwise distant bands would each be closed separately.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ def around_core(
     region
         Where the surface is missing.
     rho
-        Smoothing of centres by their deviation [m] and the extent of the fit [m].
+        Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
     """
     core, depth_m = region.core()
     for _ in range(_CORE_ROUNDS):
-        # Only what is plainly outside: a region is rough, and says little of where the surface is.
+        # Only clear violations: the region is an approximation, not the position of the surface.
         excess = fit(core) + 0.02 * depth_m
         worst = np.argsort(-excess)[:_CORE_POINTS]
         worst = worst[excess[worst] > 0]
@@ -115,22 +115,22 @@ def beyond_hull(
     push_m: float,
     rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
 ) -> RbfSurface:
-    """The fit with centres that keep it in a hull of all that is seen or missing: splines bulge where nothing holds them.
+    """Add centres that keep the surface inside a hull of the known and missing parts; splines bulge where unconstrained.
 
-    What lies behind the seen surface is in the object, where that goes on beyond the hull.
+    Points behind the visible surface are inside the object and not constrained, also beyond the hull.
 
     Parameters
     ----------
     fit
         Spline of the visible bands.
     outer
-        Convex hull that holds the object near the region.
+        Convex hull that contains the object near the region.
     band
         Known points around the region.
     push_m
         Distance of the centres from the hull [m].
     rho
-        Smoothing of centres by their deviation [m] and the extent of the fit [m].
+        Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
     """
     ways = sphere_directions(_BEYOND)
     middle = outer.hull_m.mean(axis=0)
@@ -154,14 +154,14 @@ def beyond_hull(
 
 
 def free_points(touch: Touch, d_m: float) -> list[np.ndarray]:
-    """Points that a probe passed without contact, half of ``d_m`` apart, up to ``d_m`` before a contact.
+    """Points on the free line of a probe, ``d_m / 2`` apart, up to ``d_m`` before a contact.
 
     Parameters
     ----------
     touch
         Movement of the probe.
     d_m
-        Distance kept from the contact, twice that between the points [m].
+        Distance kept from the contact, twice the spacing of the points [m].
     """
     if touch.start_m is None:
         return []

@@ -1,15 +1,15 @@
-"""Completion of an object by touch: extend the visible surface, tell where it is least known, refit.
+"""Completion of an object by touch: extrapolate the visible surface, plan the next touch, refit.
 
 Alt 2016, Sec. 5.3.1 and 5.4. The spline of the visible band is factored once;
-touches join it by a Schur update.
+touches are added by a Schur complement update.
 
-The dissertation saw the surface of an object blow up at its 19th touch. The
-cause is interpolation: two touches a millimetre apart whose position noise
-differs by as much demand a slope of one *along* the surface, and |x|^3 carries
-that slope over the whole hole. Here contacts are smoothed by their own
-variance in the scale of the spline, touches at one place are averaged, and a
-touch adds a centre on the surface only, no off-surface points along a normal
-that nobody measured.
+In the dissertation the surface of one object diverged at the 19th touch, because
+contacts were interpolated: two contacts a millimetre apart whose position errors
+differ by a millimetre impose a slope of one *along* the surface, and |x|^3
+propagates that slope over the whole hole. Here contacts are smoothed by their
+variance relative to the scale of the spline, touches at one place are averaged,
+and a touch adds one centre on the surface only, without off-surface points along
+an unmeasured normal.
 """
 
 from __future__ import annotations
@@ -37,49 +37,52 @@ from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sig
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
 
-#: Points of a ring whose deviation is below this part of its radius count as supports of the plan.
+#: Points of a ring with a smaller standard deviation, relative to its radius, are supports for planning.
 _TRUSTED = 0.06
-#: Rings more uncertain than this part of their radius are not used.
+#: Points of a ring with a larger standard deviation, relative to its radius, are not used.
 _USELESS = 0.2
-#: Rounds in which free space that the surface still covers is added.
+#: Maximum number of rounds that add centres in free space which the surface still covers.
 _FREE_ROUNDS = 3
-#: Contacts without which an exploration is never done.
+#: Minimum number of contacts before an exploration is complete.
 MIN_TOUCHES = 3
 
 
 @dataclass(frozen=True, slots=True)
 class CompletionSettings:
-    """What may be set; lengths left at ``None`` follow from the size of the region."""
+    """Settings of a completion; lengths that are ``None`` follow from the size of the region."""
 
-    max_supports: int = 320  #: points of the visible band; each takes three centres
-    band_m: float | None = None  #: width of the band behind each rim; a quarter of the region
-    off_surface_m: float | None = None  #: distance of the off-surface points; 5 % of the region
-    grid: int = 64  #: nodes along the longest edge of the region, of the surface
-    plan_grid: int = 34  #: the same, of the mesh on which the next touch is planned
-    visual_sigma_m: float = 0.0005  #: noise of the visible surface
-    use_priors: bool = True  #: rings of similar cross-sections from each touch
-    ring_points: int = 11  #: of each touch
-    floor_m: float = -np.inf  #: no point below is missing or touched: the table, and the tip's radius
+    max_supports: int = 320  #: maximum number of points of the visible band; each adds three centres
+    band_m: float | None = None  #: width of the band behind each rim [m]; default a quarter of the region
+    off_surface_m: float | None = None  #: distance of the off-surface points [m]; default 5 % of the region
+    grid: int = 64  #: nodes along the longest edge of the region, for the surface
+    plan_grid: int = (
+        34  #: nodes along the longest edge of the region, for the mesh on which touches are planned
+    )
+    visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
+    use_priors: bool = True  #: whether a touch predicts a ring from the visible cross-sections
+    ring_points: int = 11  #: number of points predicted by each touch
+    #: lower bound of missing parts and touches: the table plus the radius of the tip [m]
+    floor_m: float = -np.inf
 
 
 class Completion:
-    """A visible surface, the region where it is missing, and the touches so far.
+    """A visible surface, the region where it is missing, and its touches.
 
     Parameters
     ----------
     visual
         The visible surface, triangles counter-clockwise from outside, z up.
     region
-        Where it is missing.
+        Region where the surface is missing.
     settings
-        Of bands, grids and priors; defaults follow from the size of the region.
+        Bands, grids and priors; the defaults follow from the size of the region.
     T_visual_haptic
         Maps touches to the frame of the visible surface.
 
     Raises
     ------
     InputError
-        The region is not near the surface.
+        The region is too far from the surface.
 
     Examples
     --------
@@ -122,14 +125,16 @@ class Completion:
         )
         centers, values = with_off_surface(self.band.points_m, self.band.normals, self._d_m)
         first = RbfSurface(centers, values, 1e-8)
-        #: Variance of the thin-plate process in units of the extent; smoothing is noise over it.
+        #: Variance of the thin-plate process in units of the extent; the smoothing is noise variance over this.
         self._scale = max(first.process_scale, 1e-12)
         rho = self._rho(np.full(len(centers), self.settings.visual_sigma_m), first.extent_m)
         self._of_band = RbfSurface(centers, values, rho)
-        self._contacts: list[tuple[np.ndarray, float]] = []  #: joined contacts and their deviation
+        self._contacts: list[
+            tuple[np.ndarray, float]
+        ] = []  #: averaged contacts and their standard deviations
         self._bound()
         self._fit = self._visible
-        self._free: list[np.ndarray] = []  #: points that were passed without contact
+        self._free: list[np.ndarray] = []  #: points that probes passed without contact
         self.residuals = TouchResiduals(self.prior, region.size_m)
         self._space = HoleSpace(region, self.band)
         self._seen: WallSeen | None = None
@@ -138,7 +143,7 @@ class Completion:
         self._reset()
 
     def _bound(self) -> None:
-        """Keep the surface in the hull of the band, the contacts, and the region grown to the band, above the floor."""
+        """Keep the surface in the convex hull of the band, the contacts and the grown region, above the floor."""
         near = self.visual.vertices_m[self.region.within(self.visual.vertices_m, self.region.size_m), 2]
         floor_m = max(self.settings.floor_m, min(near.min(), self.region.hull_m[:, 2].min()))
         self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
@@ -158,7 +163,7 @@ class Completion:
 
     @property
     def visual_sigma_m(self) -> float:
-        """Noise of the visible surface [m]."""
+        """Standard deviation of the visible surface [m]."""
         return self.settings.visual_sigma_m
 
     @property
@@ -167,12 +172,12 @@ class Completion:
         return self._fit
 
     def add(self, touch: Touch) -> None:
-        """Join a touch: its contact is on the surface, its line up to there is outside.
+        """Add a touch: its contact is on the surface, its line up to the contact is outside.
 
         Parameters
         ----------
         touch
-            Contact, or free line, in the frame of the probe.
+            Contact or free line, in the haptic frame (see ``T_visual_haptic``).
         """
         touch = touch.moved(self._pose) if self._pose is not None else touch
         self.touches.append(touch)
@@ -181,18 +186,18 @@ class Completion:
             self.residuals.add(self._fit, contact, touch.sigma_m, self._contacts)
             refit = self._join(contact, touch.sigma_m)
             if not self._outer.within(contact[None], touch.sigma_m)[0]:
-                self._bound()  # the region was too small
+                self._bound()  # the contact shows that the region was too small
                 refit = True
             if not refit:
                 fresh.put(contact, 0.0, touch.sigma_m)
                 self._rings(contact, touch.sigma_m, fresh)
         self._free.extend(free_points(touch, self._d_m))
-        # Symmetries are inferred anew from all contacts.
+        # Symmetries are inferred again from all contacts.
         self._refit(None if refit or self._symmetric else fresh)
         self._reset()
 
     def _join(self, contact: Float[np.ndarray, "3"], sigma_m: float) -> bool:
-        """Average touches at one place; whether an old one was changed."""
+        """Average touches at one place; returns whether an earlier contact was changed."""
         near_m = max(3.0 * sigma_m, 0.01 * self.region.size_m)
         for number, (old, old_sigma) in enumerate(self._contacts):
             if np.linalg.norm(old - contact) < near_m:
@@ -203,29 +208,29 @@ class Completion:
         return False
 
     def _rings(self, contact: Float[np.ndarray, "3"], sigma_m: float, into: Centres) -> None:
-        """Where the rest of a touched ring is, by the similar cross-sections of the bands."""
+        """Append the rest of a touched ring, predicted from the cross-sections of the bands."""
         if self.prior is None:
             return
         radius = float(np.linalg.norm(contact[:2] - self.axis_m))
         points, spread = self.prior.ring(contact, self.settings.ring_points)
         held = np.full(len(points), self.prior.p_sweep)
         if self.prior.p_mirror > 0.5 > self.prior.p_sweep:
-            # The cross-section changes between the bands; that both sides are alike still holds.
+            # The cross-section changes between the bands, but the mirror symmetry still holds.
             mirrored, off_m = self.prior.mirrored(contact)
             points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
             held = np.append(self.prior.p_mirror, held)
         spread = np.hypot(spread * self.residuals.prior_inflation, sigma_m)
-        # Expected log-likelihood: an observation with the probability of its symmetry, else none (variance / p).
+        # Expected log-likelihood of an observation that holds with probability p: its variance is divided by p.
         spread = spread / np.sqrt(np.maximum(held, np.finfo(float).tiny))
         gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
-        # What was measured nearby is better than what is guessed.
+        # Measured points nearby replace the prediction.
         near = gaps < 0.04 * self.region.size_m
         for point, sigma, known_better in zip(points, spread, near, strict=True):
             if sigma < _USELESS * radius and not known_better:
                 into.put(point, 0.0, float(sigma))
 
     def _refit(self, fresh: Centres | None) -> None:
-        """Join fresh centres, or all anew; then free space that the surface still covers."""
+        """Add the new centres, or refit all if ``None``; then add centres in free space that the surface covers."""
         base = self._fit
         if fresh is None:
             base, fresh = self._visible, Centres()
@@ -263,7 +268,7 @@ class Completion:
         return self._space.surface(self._fit, self.settings.grid, self._supports())
 
     def completed(self) -> SurfaceMesh:
-        """The visible surface and, where that is missing, the estimated one."""
+        """The visible surface joined with the estimated one where the visible surface is missing."""
         found = self.surface()
         missing = self.band.away(found.vertices_m[found.faces].mean(axis=1))
         if not missing.any():
@@ -279,7 +284,7 @@ class Completion:
         return self._plan
 
     def _scored(self) -> tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]]:
-        """Score of every vertex of the planning mesh, and whether it is in the part that was not seen."""
+        """Score of every vertex of the planning mesh, and whether it is in the missing part."""
         if self._score is None:
             mesh, distances = self._planned()
             heights, z_m = self._outer.hull_m[:, 2], mesh.vertices_m[:, 2]
@@ -298,7 +303,7 @@ class Completion:
         return self._radial.deviation_m(points_m)
 
     def uncertainty(self) -> SurfaceUncertainty:
-        """Score and deviation of every vertex of the planning mesh."""
+        """Score and standard deviation of every vertex of the planning mesh."""
         if self._uncertainty is None:
             mesh, _ = self._planned()
             score, missing = self._scored()
@@ -306,7 +311,7 @@ class Completion:
         return self._uncertainty
 
     def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision.
+        """Standard deviation of the completed surface [m]; that of vision at visible points.
 
         Parameters
         ----------
@@ -335,7 +340,7 @@ class Completion:
         return near[close] if close.any() else near
 
     def next_touch(self) -> TouchPlan:
-        """The line to the least supported point of the missing part.
+        """Plan the line to the least supported reachable point of the missing part.
 
         Raises
         ------
@@ -345,15 +350,15 @@ class Completion:
         return self.next_touches([])[0]
 
     def next_touches(self, reaches_m: list[tuple[float, float]]) -> list[TouchPlan]:
-        """Lines for several fingers, one after the other (greedy).
+        """Plan lines for several fingers greedily.
 
-        The first target joins the supports before the next is sought.
+        Each target is a support for the selection of the next.
 
         Parameters
         ----------
         reaches_m
-            Of each further finger: smallest and largest distance of its start
-            from the start of the first [m]. Fingers that reach nothing are left out.
+            Of each further finger: minimum and maximum distance of its start
+            from the start of the first [m]. Fingers without a reachable target are omitted.
         """
         mesh, distances = self._planned()
         score, missing = self._scored()
@@ -380,16 +385,16 @@ class Completion:
         return TouchPlan.towards_axis(target_m, start_m, self.axis_m, float(score[vertex]), sigma_m)
 
     def expected_error_m(self) -> float:
-        """Root mean square deviation of the missing part."""
+        """Root mean square standard deviation of the missing part [m]."""
         found = self.uncertainty()
         chosen = found.sigma_m[found.missing]
         return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else 0.0
 
     def done(self, bound_m: float) -> bool:
-        """Stop rule: whether the expected remaining error is below a bound.
+        """Whether the expected error is below a bound (stop rule).
 
-        Never before ``MIN_TOUCHES`` contacts: what vision alone expects of the
-        hidden part was not yet tested.
+        Always false with fewer than ``MIN_TOUCHES`` contacts: the uncertainty predicted from
+        vision alone has not been validated yet.
 
         Parameters
         ----------

@@ -1,12 +1,12 @@
-"""What the visible parts say about the hidden one: upright objects with a similar cross-section.
+"""Prediction of hidden rings from the visible parts of upright objects with similar cross-sections.
 
 In cylinder coordinates (rho, theta, z) about the height axis a container is
 often ``log rho = log R(z) + e(theta, z)``, where the cross-section ``e`` hardly
-changes with height. It is fitted to the bands below and above the hole, each
-with its own ``e``; between them it is interpolated. ``e = 0`` is rotational
-symmetry, ``e(-theta) = e(theta)`` about some direction a mirror plane; both are
-told with a probability from the residuals. Then one touch gives ``R`` at its
-height, and so the whole ring, as uncertain as the fit was.
+changes with height. It is fitted to the bands below and above the hole
+separately and interpolated between them. ``e = 0`` is rotational symmetry,
+``e(-theta) = e(theta)`` about some direction a mirror plane; the probability of
+both is computed from the residuals. One touch then gives ``R`` at its height,
+and so the whole ring, with the uncertainty of the fit.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from jaxtyping import Float
 
 __all__ = ["ShapePrior", "fit_prior"]
 
-#: Harmonics of a cross-section.
+#: Number of harmonics of a cross-section.
 ORDER = 8
-#: Knots of log R(z) in a band.
+#: Number of knots of log R(z) in a band.
 _KNOTS = 6
-#: Relative residual at which a symmetry is as likely as not.
+#: Relative residual at which the probability of a symmetry is one half.
 _HALF = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapePrior:
-    """A fitted cross-section; predicts the ring of a touched point."""
+    """A fitted cross-section; predicts the ring through a contact."""
 
     axis_m: Float[np.ndarray, "2"]  #: x and y of the height axis [m]
     heights_m: Float[np.ndarray, "b"]  #: middle of each band [m], ascending
     harmonics: Float[np.ndarray, "b h"]  #: of e(theta) in each band: cos 1, sin 1, cos 2, ...
-    residual: float  #: of log rho, standard deviation
+    residual: float  #: standard deviation of the residuals of log rho
     p_rotation: float  #: probability of rotational symmetry
     p_mirror: float  #: probability of a mirror plane through the axis
     p_sweep: float  #: probability that the cross-section keeps its shape between the bands
-    uneven: float = 0.0  #: part of e that the mirror plane leaves over, standard deviation of log rho
-    mirror_rad: float = 0.0  #: direction of that plane
+    uneven: float = 0.0  #: asymmetric part of e about the mirror plane, standard deviation of log rho
+    mirror_rad: float = 0.0  #: direction of the mirror plane [rad]
 
     def section(self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Logarithm of the cross-section, e(theta) at heights: log rho less that of the profile.
+        """Logarithm of the cross-section, e(theta) at heights: log rho minus log R.
 
         Parameters
         ----------
@@ -53,14 +53,14 @@ class ShapePrior:
         return self._section(theta, z_m)[0]
 
     def mirrored(self, point_m: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], float]:
-        """A touched point on the other side of the mirror plane, and its deviation [m].
+        """A contact reflected in the mirror plane, and the standard deviation of the result [m].
 
-        It does not ask whether the cross-section keeps its shape over the height, as :meth:`ring` does.
+        Unlike :meth:`ring` it does not assume that the cross-section is constant over the height.
 
         Parameters
         ----------
         point_m
-            Touched point (3) [m].
+            Contact (3) [m].
         """
         offset = np.asarray(point_m)[:2] - self.axis_m
         along = np.array([np.cos(self.mirror_rad), np.sin(self.mirror_rad)])
@@ -71,7 +71,7 @@ class ShapePrior:
     def _section(
         self, theta: Float[np.ndarray, "n"], z: float | Float[np.ndarray, "n"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """e at a height, and how uncertain it is because the bands differ."""
+        """e at a height, and its standard deviation from the difference of the bands."""
         basis = _basis(theta)
         each = basis @ self.harmonics.T
         if len(self.heights_m) == 1:
@@ -79,18 +79,18 @@ class ShapePrior:
         low, high = self.heights_m
         t = np.clip((z - low) / max(high - low, 1e-9), 0.0, 1.0)
         between = (1 - t) * each[:, 0] + t * each[:, 1]
-        # A quarter of the difference, most in the middle.
+        # Standard deviation: a quarter of the difference in the middle, zero at the bands.
         return between, np.abs(each[:, 1] - each[:, 0]) * np.sqrt(t * (1 - t)) / 2
 
     def ring(
         self, point_m: Float[np.ndarray, "3"], count: int = 12
     ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count"]]:
-        """Points of the surface at the height of a touched point, at other angles, and their standard deviation [m].
+        """Points of the surface at the height of a contact, at other angles, and their standard deviations [m].
 
         Parameters
         ----------
         point_m
-            Touched point (3) [m].
+            Contact (3) [m].
         count
             Number of points.
         """
@@ -108,7 +108,7 @@ class ShapePrior:
             ]
         )
         spread = np.hypot(all_s[:-1], all_s[-1])
-        # At the touched angle itself nothing is guessed.
+        # The uncertainty of the prediction vanishes at the angle of the contact.
         far = np.abs(np.sin((theta - angle) / 2))
         return points, rho * np.hypot(spread, self.residual * np.minimum(2 * far, 1.0))
 
@@ -124,7 +124,7 @@ def fit_prior(
     normals: Float[np.ndarray, "n 3"],
     middle_z_m: float,
 ) -> ShapePrior | None:
-    """Cross-section of the bands below and above ``middle_z_m``; ``None`` when they do not go round.
+    """Cross-section of the bands below and above ``middle_z_m``; ``None`` if neither covers the full circle.
 
     Source: own; the dissertation's extrapolation has no such prior.
 
@@ -140,7 +140,7 @@ def fit_prior(
     axis = height_axis(points_m, normals)
     offset = points_m[:, :2] - axis
     rho, theta = np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(offset[:, 1], offset[:, 0])
-    # Walls only: floors and shoulders say little about rho at their height.
+    # Walls only: at floors and shoulders rho is not determined by the height.
     wall = (np.abs(normals[:, 2]) < 0.85) & (rho > 1e-6)
     parts = []
     for below in (True, False):
@@ -173,10 +173,10 @@ def fit_prior(
 def height_axis(
     points_m: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "2"]:
-    """x and y of the upright axis that the horizontal normals point away from [m].
+    """x and y of the upright axis through the horizontal components of the normals [m].
 
-    The point with least squared distance from the normals' lines, held by the
-    centroid where the normals leave it open.
+    The point with least squared distance from the lines of the normals, regularised
+    towards the centroid.
     """
     flat = normals[:, :2]
     length = np.linalg.norm(flat, axis=1)
@@ -193,19 +193,19 @@ def height_axis(
 def _fit_band(
     log_rho: Float[np.ndarray, "n"], theta: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "h"], Float[np.ndarray, "n"]]:
-    """Least squares of hats in z and harmonics in theta; harmonics and residuals."""
+    """Least-squares fit of hat functions in z and harmonics in theta; returns harmonics and residuals."""
     knots = np.linspace(z.min(), z.max() + 1e-9, _KNOTS)
     hats = np.maximum(0.0, 1.0 - np.abs(z[:, None] - knots) / (knots[1] - knots[0]))
     columns = np.concatenate([hats, _basis(theta)], axis=1)
     orders = np.repeat(np.arange(1, ORDER + 1), 2)
-    # High harmonics are held back a little: a band has few points in a corner.
+    # High harmonics are regularised slightly: a band has few points in a corner.
     ridge = np.diag(np.concatenate([np.full(_KNOTS, 1e-6), 1e-3 * orders**2 / ORDER]) * len(z) / 50)
     found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ log_rho)
     return found[_KNOTS:], log_rho - columns @ found
 
 
 def _mirror(harmonics: Float[np.ndarray, "b h"]) -> tuple[float, float]:
-    """Direction of the best mirror plane, and the uneven part that it leaves."""
+    """Direction of the best mirror plane [rad], and the asymmetric part about it."""
     phases = np.pi * np.arange(90) / 90
     orders = np.arange(1, ORDER + 1)
     left = np.zeros(len(phases))

@@ -1,4 +1,4 @@
-"""Touches: where a probe met the object or did not, where to send it next, and both frames joined."""
+"""Touches: contacts and free lines of a probe, planned touches, reachability."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MAX_ROWS = 100_000
 class Touch:
     """One movement of a point probe along a line.
 
-    With a contact, the line up to it was free; without one, the whole line.
+    The line up to a contact was free; without a contact, the whole line.
 
     Examples
     --------
@@ -33,10 +33,10 @@ class Touch:
     ([0.03, 0.0, 0.1], None)
     """
 
-    contact_m: Float[np.ndarray, "3"] | None  #: point of the surface; ``None``: nothing was met
-    start_m: Float[np.ndarray, "3"] | None = None  #: where the line began
-    end_m: Float[np.ndarray, "3"] | None = None  #: where the probe stopped when nothing was met
-    sigma_m: float = 0.001  #: standard deviation of the contact
+    contact_m: Float[np.ndarray, "3"] | None  #: point of the surface [m]; ``None``: no contact
+    start_m: Float[np.ndarray, "3"] | None = None  #: start of the line [m]
+    end_m: Float[np.ndarray, "3"] | None = None  #: end of the line without contact [m]
+    sigma_m: float = 0.001  #: standard deviation of the contact [m]
 
     def __post_init__(self) -> None:
         for name in ("contact_m", "start_m", "end_m"):
@@ -71,14 +71,14 @@ class Touch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchPlan:
-    """A line for the probe: from the start, straight through the target to the height axis."""
+    """A line for the probe: from the start, straight through the target, to the height axis."""
 
-    target_m: Float[np.ndarray, "3"]  #: least supported point of the estimated surface
-    start_m: Float[np.ndarray, "3"]  #: at a safe distance outside
-    end_m: Float[np.ndarray, "3"]  #: on the height axis: a probe that comes here has missed
-    direction: Float[np.ndarray, "3"]  #: unit vector, horizontal
+    target_m: Float[np.ndarray, "3"]  #: least supported point of the estimated surface [m]
+    start_m: Float[np.ndarray, "3"]  #: start at a safe distance outside [m]
+    end_m: Float[np.ndarray, "3"]  #: end on the height axis [m]: a probe that reaches it has missed
+    direction: Float[np.ndarray, "3"]  #: horizontal unit vector
     score: float  #: biharmonic distance from the nearest support
-    sigma_m: float  #: expected distance of the surface from the target
+    sigma_m: float  #: expected distance of the surface from the target [m]
 
     @classmethod
     def towards_axis(
@@ -94,7 +94,7 @@ class TouchPlan:
         Parameters
         ----------
         target_m, start_m
-            Points (3) at one height [m].
+            Points (3) at the same height [m].
         axis_m
             x and y of the height axis [m].
         score
@@ -113,7 +113,7 @@ _AXES = ("x", "y", "z")
 def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
     """Read a table of touches.
 
-    Columns ``x_m, y_m, z_m`` (contact; empty when nothing was met), optionally
+    Columns ``x_m, y_m, z_m`` (contact; empty without contact), optionally
     ``start_x_m, start_y_m, start_z_m``, ``end_x_m, ...`` and ``sigma_m``.
 
     Parameters
@@ -121,12 +121,12 @@ def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
     path
         CSV file.
     sigma_m
-        Standard deviation of contacts without a column for it [m].
+        Standard deviation of contacts in a file without that column [m].
 
     Raises
     ------
     InputError
-        The file is missing, or a row has no such numbers.
+        The file is missing, lacks a column, or a row is not numeric.
     """
     path = Path(path)
     try:
@@ -164,7 +164,7 @@ def reachable(
     size_m: float,
     clear_m: float,
 ) -> Bool[np.ndarray, "v"]:
-    """Where a horizontal line meets the surface from outside, and none missed before.
+    """Vertices at which a horizontal line from outside meets the surface, and no earlier line nearby missed.
 
     Parameters
     ----------
@@ -175,9 +175,9 @@ def reachable(
     touches
         Touches so far.
     size_m
-        Of the region [m].
+        Size of the region [m].
     clear_m
-        Distance from lines that met nothing [m].
+        Minimum distance from earlier lines without contact [m].
     """
     outward = mesh.vertices_m[:, :2] - axis_m
     radius = np.linalg.norm(outward, axis=1)
@@ -199,7 +199,7 @@ def starts(
     supports_m: Float[np.ndarray, "s 3"],
     clear_m: float,
 ) -> Float[np.ndarray, "n 3"]:
-    """Starts of lines to targets: outside by the estimated radius, and at least outside of all supports.
+    """Starts of lines to targets: outside the estimated radius and outside the radius of all supports.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def starts(
 
 
 def best_vertex(score: Float[np.ndarray, "v"], ok: Bool[np.ndarray, "v"]) -> int:
-    """The allowed vertex with the largest score; -1 where none is allowed.
+    """Index of the allowed vertex with the largest score; -1 if none is allowed.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The haptic frame fitted to the visual one by touches of what both know: the visible surface.
+"""Registration of the haptic to the visual frame, from contacts with the visible surface.
 
-Point-to-plane ICP of few contacts, with the given calibration as a prior: what the touched parts
-leave open, as the turn of a round bottle about its axis, keeps its prior.
+Point-to-plane ICP of few contacts with the calibrated transform as a prior: directions that the
+contacts leave undetermined, as the rotation of a round bottle about its axis, keep their prior.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..mesh import SurfaceMesh
 
 __all__ = ["MIN_CONTACTS", "register_touches"]
 
-#: Contacts for the six degrees of freedom.
+#: Minimum number of contacts for six degrees of freedom.
 MIN_CONTACTS = 6
 _SAMPLES = 20_000
 
@@ -32,29 +32,29 @@ def register_touches(
     sigma_rad: float = math.radians(5.0),
     rounds: int = 30,
 ) -> tuple[Pose, float]:
-    """``T_visual_haptic`` that lays contacts on a visible surface, and the root mean square residual [m].
+    """Estimate ``T_visual_haptic`` from contacts on a visible surface, and the root mean square residual [m].
 
     Parameters
     ----------
     contacts_haptic_m
-        Contacts on parts of the object that are seen, in the haptic frame [m]; few others are borne.
+        Contacts on visible parts of the object, in the haptic frame [m]; a minority on other parts is tolerated.
     surface
         The visible surface.
     prior
-        ``T_visual_haptic`` as it was calibrated before; identity by default.
+        Calibrated ``T_visual_haptic``; identity by default.
     contact_sigma_m
         Standard deviation of contacts and surface along the normal [m].
     sigma_m, sigma_rad
-        Standard deviation of the prior, per axis, about the middle of the contacts [m], [rad].
+        Standard deviation of the prior, per axis, about the centroid of the contacts [m], [rad].
     rounds
-        Maximum number of steps of the fit.
+        Maximum number of iterations.
 
     Raises
     ------
     InputError
-        Contacts that are not finite, or fewer than six.
+        Contacts are not finite, or fewer than six.
     CalibrationError
-        Half of the contacts are farther from the surface than the prior may be off.
+        Half of the contacts are farther from the surface than the prior permits.
     """
     from scipy.spatial import cKDTree
 
@@ -87,7 +87,7 @@ def register_touches(
             )
         normal = normals[near]
         distance = ((moved - points[near]) * normal).sum(axis=1)
-        # Robust: a contact on what is not seen has no surface to lie on; its pull falls with its distance.
+        # Robust weights: contacts on hidden parts have no corresponding surface; their weight falls with the distance.
         scale = max(contact_sigma_m, 1.5 * float(np.median(gaps)))
         weight = (1 + (gaps / (2 * scale)) ** 2) ** -2 / scale**2
         jacobian = np.concatenate([np.cross(moved - middle, normal), normal], axis=1)

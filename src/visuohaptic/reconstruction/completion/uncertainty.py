@@ -1,4 +1,4 @@
-"""How far the estimated surface may be off: the spline's own variance, scaled by what touches found."""
+"""Standard deviation of the estimated surface: kriging variance of the spline, scaled by the residuals of touches."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from .symmetry import ShapePrior
 
 __all__ = ["SurfaceUncertainty", "TouchResiduals", "between", "spline_sigma_m"]
 
-#: Slope of the signed distance that is believed at least.
+#: Minimum slope of the signed distance.
 _MIN_SLOPE = 0.2
-#: Points at which the variance is computed.
+#: Number of points at which the variance is computed.
 _SAMPLES = 150
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceUncertainty:
-    """How far the estimated surface may be off."""
+    """Standard deviation of the estimated surface at the vertices of the planning mesh."""
 
     mesh: SurfaceMesh  #: the planning mesh
     score: Float[np.ndarray, "v"]  #: biharmonic distance from the nearest support (Eq. 5.7)
-    sigma_m: Float[np.ndarray, "v"]  #: standard deviation of the surface
-    missing: Bool[np.ndarray, "v"]  #: whether a vertex is in the part that was not seen
+    sigma_m: Float[np.ndarray, "v"]  #: standard deviation of the surface [m]
+    missing: Bool[np.ndarray, "v"]  #: whether a vertex is in the missing part
 
 
 def spline_sigma_m(fit: RbfSurface, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
     """Kriging standard deviation of points of the zero surface along its normal [m].
 
-    It is smooth: every few points are enough, the others take their neighbours'.
+    The variance is smooth: it is computed at a subset of the points and interpolated.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def spline_sigma_m(fit: RbfSurface, points_m: Float[np.ndarray, "n 3"]) -> Float
         Points (n, 3) of its zero surface [m].
     """
     some = points_m[:: max(1, len(points_m) // _SAMPLES)]
-    # r(X) is a distance only where its slope is one: where it is flat, the surface moves farther.
+    # r(X) is a distance only where its slope is one; where it is flatter, an error of r moves the surface farther.
     slope = np.maximum(np.linalg.norm(fit.gradient(some), axis=1), _MIN_SLOPE)
     return between(some, fit.kriging_sigma_m(some) / slope, points_m)
 
@@ -51,7 +51,7 @@ def spline_sigma_m(fit: RbfSurface, points_m: Float[np.ndarray, "n 3"]) -> Float
 def between(
     known_m: Float[np.ndarray, "k 3"], values: Float[np.ndarray, "k"], points_m: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n"]:
-    """Values at points, from the three nearest known ones by inverse distance weights.
+    """Values at points, interpolated from the three nearest known points with inverse distance weights.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def between(
 
 
 class TouchResiduals:
-    """Standardised residuals of touches: of the spline, and of the rings of similar cross-sections.
+    """Standardised residuals of touches, of the spline and of the predicted rings.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class TouchResiduals:
         sigma_m: float,
         earlier: Sequence[tuple[Float[np.ndarray, "3"], float]],
     ) -> None:
-        """Compare a touch with what was expected, before it is joined.
+        """Record the residual of a touch before it is added to the fit.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class TouchResiduals:
         sigma_m
             Its standard deviation [m].
         earlier
-            Contacts so far (3) [m] and their standard deviations [m].
+            Earlier contacts (3) [m] and their standard deviations [m].
         """
         expected = float(fit.kriging_sigma_m(contact_m[None])[0])
         off_m = abs(float(fit(contact_m[None])[0]))
@@ -112,7 +112,7 @@ class TouchResiduals:
         if self._prior is None:
             return
         for other, _ in earlier[-8:]:
-            # A ring predicts another touch only at its own height.
+            # A ring predicts other contacts only at its own height.
             if abs(other[2] - contact_m[2]) > 0.05 * self._size_m:
                 continue
             points, sigma = self._prior.ring(other, 71)
@@ -122,17 +122,17 @@ class TouchResiduals:
 
     @property
     def prior_inflation(self) -> float:
-        """Factor on the deviation of rings by how far touches were off them."""
+        """Factor on the standard deviation of rings, from the residuals of touches; at least 1."""
         if not self._of_rings:
             return 1.0
         return float(max(1.0, np.sqrt(np.mean(np.square(self._of_rings)))))
 
     @property
     def calibration(self) -> float:
-        """Root mean square of the standardised residuals of the spline, with two imagined ones of 3.
+        """Root mean square of the standardised residuals of the spline, with two pseudo-residuals of 3.
 
-        The process is fitted to the visible bands, and what is hidden is rougher than
-        what is seen: without touches its deviation is too small.
+        The process is fitted to the visible bands, and hidden parts are rougher than
+        visible ones: without touches its standard deviation is too small.
         """
         squares = [9.0, 9.0, *(min(value, 10.0) ** 2 for value in self._of_spline)]
         return float(np.sqrt(np.mean(squares)))

@@ -1,7 +1,7 @@
-"""Which parts of a surface can be seen from outside, past the surface itself and past a region of glass.
+"""Visibility of surface points from outside, with the surface itself and a region of glass as occluders.
 
-Through an empty bottle a camera sees the inside of its own label, and fused views make inner walls where they
-end. Such walls are no part of the outline that a hole is to be closed along.
+Through an empty bottle a camera sees the inside of its own label, and the fusion of such views creates inner walls.
+These walls do not belong to the outline from which a hole is closed.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from .hole_region import HoleRegion
 
 __all__ = ["open_sight"]
 
-#: Directions of the whole sphere that are tried, evenly spread.
+#: Number of directions on the sphere, evenly spread.
 _DIRECTIONS = 48
-#: Cells along the size of the region.
+#: Number of voxels along the size of the region.
 _CELLS = 24
 
 
@@ -27,16 +27,16 @@ def open_sight(
     points_m: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n"]:
-    """Fraction of the half space before each point that is seen past the mesh and the region, weighted by cosine.
+    """Cosine-weighted fraction of the hemisphere of each point that is not occluded by the mesh or the region.
 
     Parameters
     ----------
     mesh
-        The surface, outside counter-clockwise.
+        Surface, triangles counter-clockwise from outside.
     region
-        What blocks the sight as well.
+        Region that occludes as well.
     points_m, normals
-        Points of the surface and their unit normals.
+        Points of the surface (n, 3) [m] and their unit normals (n, 3).
     """
     from .._hull_kernels import seen_fraction
 
@@ -64,13 +64,13 @@ def _blocked(
     shape: np.ndarray,
     step_m: float,
 ) -> Bool[np.ndarray, "x y z"]:
-    """Cells that hold a piece of the surface or lie in the region."""
+    """Cells that contain a part of the surface or lie in the region."""
     blocked = np.zeros(shape, dtype=bool)
     high = low + shape * step_m
     corners = mesh.vertices_m[mesh.faces]
     near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
     corners = corners[near]
-    # Points of each triangle closer than a cell to each other.
+    # Sample each triangle with a spacing below one cell.
     edge_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     for parts in np.unique(np.ceil(edge_m / (0.7 * step_m)).clip(1, 64).astype(int)):
         chosen = corners[np.ceil(edge_m / (0.7 * step_m)).clip(1, 64).astype(int) == parts]

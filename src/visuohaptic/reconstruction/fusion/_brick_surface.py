@@ -1,4 +1,4 @@
-"""The zero surface of bricks of voxels: marching cubes over all of them side by side, then welded."""
+"""Zero level set of bricks of voxels: marching cubes over all bricks in one array, then welded."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["brick_surface", "cube_of_tiles"]
 
 
 def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
-    """Room for bricks side by side: tiles along an edge, values, and which of them are known.
+    """Array for the tiles of bricks: tiles along an edge, values, and which of them are known.
 
-    A cube rather than a row, because the coordinates that come back are
-    float32 and must stay small.
+    A cube rather than a row, because marching cubes returns float32 coordinates,
+    which lose precision when they are large.
 
     Parameters
     ----------
@@ -33,28 +33,28 @@ def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
 def brick_surface(
     tiled: Float32[np.ndarray, "x y z"], known: np.ndarray, places: Int[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Marching cubes over bricks side by side; vertices in voxels, joined where bricks meet.
+    """Marching cubes over an array of bricks; returns vertices in voxels, welded between bricks, and triangles.
 
     Parameters
     ----------
     tiled
-        Truncated signed distances of bricks side by side (x, y, z).
+        Truncated signed distances of the tiles (x, y, z).
     known
-        Which of them were seen (x, y, z).
+        Which of them are observed (x, y, z).
     places
         First voxel of each brick (n, 3).
 
     Raises
     ------
     InputError
-        No surface was seen.
+        No surface is observed.
     """
     from skimage.measure import marching_cubes
 
     if not known.any() or not (tiled[known].min() <= 0 < tiled[known].max()):
         raise InputError("TsdfVolume", "no surface was seen", remedy="integrate views of the volume first")
     edge = kernels.BRICK + 1
-    # A cell counts when all its corners are known and it is inside one brick.
+    # A cell is used if all its corners are known and lie in one brick.
     cell = known
     for axis in range(3):
         along = np.moveaxis(cell, axis, 0)
@@ -63,9 +63,9 @@ def brick_surface(
     cell[:, edge - 1 :: edge] = False
     cell[:, :, edge - 1 :: edge] = False
     mask = np.zeros(known.shape, dtype=np.bool_)
-    mask[1:, 1:, 1:] = cell  # skimage asks the mask at the upper corner of a cell
+    mask[1:, 1:, 1:] = cell  # skimage reads the mask at the upper corner of a cell
     try:
-        # Distances fall towards the inside: triangles are counter-clockwise from the seen side.
+        # Distances decrease inwards: triangles are counter-clockwise from the visible side.
         vertices, faces, _, _ = marching_cubes(tiled, 0.0, mask=mask, gradient_direction="descent")
     except (RuntimeError, ValueError) as error:
         raise InputError("TsdfVolume", f"no surface was seen ({error})") from error
@@ -80,13 +80,13 @@ def _welded(
     edge: int,
     side: int,
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices put to the place of their brick; those of one edge of the grid become one."""
-    # Cells between bricks are masked, so that a vertex is never beyond its own brick.
+    """Vertices moved to the positions of their bricks; duplicates on an edge of the grid are merged."""
+    # Cells between tiles are masked, so a vertex is never outside its own brick.
     tile = (vertices // edge).astype(np.int64)
     vertices -= tile * edge
     border = np.flatnonzero(((vertices == 0) | (vertices == edge - 1)).any(axis=1))
     vertices += places[(tile[:, 0] * side + tile[:, 1]) * side + tile[:, 2]]
-    # A vertex lies on one edge of the grid, named by its lower end and its direction.
+    # A vertex lies on one edge of the grid, identified by its lower end and its direction.
     low = np.floor(vertices[border]).astype(np.int64)
     along = vertices[border] - low > 0
     axis = np.where(along.any(axis=1), along.argmax(axis=1), 3)

@@ -1,8 +1,8 @@
-"""Kernels of :mod:`.fusion`: a depth map into a grid of truncated signed distances.
+"""Kernels of :mod:`.fusion`: integration of a depth image into a grid of truncated signed distances.
 
-The grid is walked in bricks. A brick that lies wholly behind what the camera
-saw is left alone, one wholly in front is free space and needs no projection;
-only bricks near the surface are projected voxel by voxel. Everything is
+The grid is processed in bricks. A brick entirely behind the observed surface is
+skipped, one entirely in front is free space and needs no projection; only
+bricks near the surface are projected voxel by voxel. All arithmetic is
 float32: an int times a float32 would silently become float64.
 """
 
@@ -12,11 +12,11 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Edge of a tile of the depth map whose range is kept [px].
+#: Edge of a tile of the depth image for which the range of depths is stored [px].
 TILE = 16
 #: Edge of a brick [voxels].
 BRICK = 8
-#: A brick that covers more tiles than this is projected without a look at them.
+#: A brick that covers more tiles than this is projected without the range test.
 _MAX_TILES = 64
 
 _BEHIND, _FREE, _NEAR = 0, 1, 2
@@ -24,7 +24,7 @@ _BEHIND, _FREE, _NEAR = 0, 1, 2
 
 @kernel
 def tile_ranges(depth, low, high, holes):
-    """Smallest and largest depth of each tile, and whether a pixel of it has none."""
+    """Smallest and largest depth of each tile, and whether it has a pixel without depth."""
     rows, columns = depth.shape
     low[:] = np.float32(np.inf)
     high[:] = np.float32(-np.inf)
@@ -42,9 +42,9 @@ def tile_ranges(depth, low, high, holes):
 
 @kernel
 def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):
-    """Where a brick lies: behind all that was seen, in free space, or near the surface.
+    """Classify a brick: behind the observed surface, in free space, or near the surface.
 
-    ``corner`` is its first voxel in the camera frame, ``steps`` its edges.
+    ``corner`` is its first voxel in the camera frame [m], ``steps`` its edges [m].
     """
     fx, fy, cx, cy = camera
     z_min, z_max = np.float32(np.inf), np.float32(-np.inf)
@@ -67,7 +67,7 @@ def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):
     if z_min <= np.float32(1e-3):
         return _NEAR
     rows, columns = depth.shape
-    # One pixel of margin: the voxels' own rounding must not leave the box.
+    # A margin of one pixel covers the rounding of the voxel projections.
     if u_max < -1 or v_max < -1 or u_min > columns or v_min > rows:
         return _BEHIND
     inside = u_min >= 1 and v_min >= 1 and u_max <= columns - 2 and v_max <= rows - 2
@@ -89,9 +89,9 @@ def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):
 
 @kernel
 def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view):
-    """Project the voxels ``start`` to ``stop`` and average what they see.
+    """Project the voxels from ``start`` to ``stop`` and average their observations.
 
-    ``view``: intrinsics, depth, image, half width of the band, weight of the view, greatest weight.
+    ``view``: intrinsics, depth, image, half width of the band, weight of the view, maximum weight.
     """
     camera, depth, image, band, gain, cap = view
     fx, fy, cx, cy = camera
@@ -119,7 +119,7 @@ def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, v
                 column, row = int(u), int(v)
                 d = depth[row, column]
                 gap = d - z
-                if not gap >= -band:  # also of NaN
+                if not gap >= -band:  # also true for NaN
                     continue
                 value = min(one, gap * scale)
                 old = weight[i, j, k]
@@ -135,7 +135,7 @@ def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, v
 
 @kernel
 def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth, image, low, high, holes, band, gain, cap):  # fmt: skip
-    """All bricks of a dense grid; ``origin`` is its first voxel in the camera frame."""
+    """Integrate a view into all bricks of a dense grid; ``origin`` is its first voxel in the camera frame [m]."""
     shape = distance.shape
     view = (camera, depth, image, band, gain, cap)
     corner = np.zeros(3, np.float32)
@@ -171,7 +171,7 @@ def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth,
 
 @kernel
 def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, gain, cap):  # fmt: skip
-    """Chosen bricks of a sparse grid; ``bricks`` are their integer places, ``origin`` as in :func:`fuse_dense`."""
+    """Integrate a view into chosen bricks of a sparse grid; ``bricks`` are integer positions, ``origin`` as in :func:`fuse_dense`."""
     view = (camera, depth, image, band, gain, cap)
     corner = np.zeros(3, np.float32)
     start = np.zeros(3, np.int64)
@@ -187,9 +187,9 @@ def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, step
 
 @kernel
 def active_cells(distance, weight, least, places):
-    """Bricks of cells that the surface crosses; returns their number, places in ``places``.
+    """Find bricks with cells that the surface crosses; returns their number, ``places`` is filled.
 
-    A brick holds the cells between its voxels and the first voxels of the next.
+    A brick contains the cells between its voxels and the first voxels of the next brick.
     """
     shape = distance.shape
     count = 0
@@ -214,7 +214,7 @@ def active_cells(distance, weight, least, places):
 
 @kernel
 def gather_cells(distance, weight, least, places, side, tiled, known):
-    """Copy each brick with its upper neighbours into a cube of tiles; unseen voxels stay unknown."""
+    """Copy each brick with its upper neighbours into the tile array; unobserved voxels stay unknown."""
     shape = distance.shape
     edge = BRICK + 1
     for n in range(places.shape[0]):

@@ -1,4 +1,4 @@
-"""A depth view as the kernels of the fusion take it."""
+"""Conversion of a depth view to the arrays of the fusion kernels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NO_COLOR: Float32[np.ndarray, "1 1 1 3"] = np.zeros((1, 1, 1, 3), dtype=np.float
 
 
 def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, float]:
-    """Distance of voxels and half width of the band [m], by default 4 voxels.
+    """Voxel spacing and half width of the band [m]; the band is 4 voxels by default.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, fl
     Raises
     ------
     InputError
-        The distance is not positive or the band is narrower than a voxel.
+        The spacing is not positive, or the band is narrower than a voxel.
     """
     if not (np.isfinite(voxel_m) and voxel_m > 0):
         raise InputError("TsdfVolume", f"found {voxel_m}, expected > 0", field="voxel_m")
@@ -41,14 +41,14 @@ def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, fl
 
 
 class FusionView:
-    """A frame as the kernels take it: pinhole pixels, float32.
+    """Arrays of a frame for the kernels: undistorted pinhole images, float32.
 
     Parameters
     ----------
     frame
         View of any camera; lens distortion is removed.
     color
-        Whether its color image is wanted.
+        Whether the color image is used.
     """
 
     def __init__(self, frame: DepthFrame, color: bool) -> None:
@@ -65,12 +65,12 @@ class FusionView:
     def seen_from(
         self, origin_m: Float[np.ndarray, "3"], voxel_m: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """First voxel and steps along x, y, z in the camera frame [m], intrinsics, depth and color image.
+        """First voxel and steps along x, y, z in the camera frame [m], intrinsics, depth [m] and color image.
 
         Parameters
         ----------
         origin_m
-            Voxel (0, 0, 0) in the world [m].
+            Position of voxel (0, 0, 0) in the world [m].
         voxel_m
             Distance between voxels [m].
         """
@@ -79,7 +79,7 @@ class FusionView:
         return origin, steps, self.intrinsics, self.depth, self.image
 
     def tiles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Range of the depth in each tile of the image."""
+        """Smallest and largest depth [m] of each tile of the image, and which tiles have missing depths."""
         shape = tuple(-(-n // kernels.TILE) for n in self.depth.shape)
         low, high = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         holes = np.zeros(shape, np.uint8)
@@ -88,14 +88,14 @@ class FusionView:
 
 
 def pinhole_images(frame: DepthFrame, *, color: bool) -> tuple[np.ndarray, np.ndarray | None]:
-    """Depth and color as a pinhole without distortion or skew would see them; depth of the nearest pixel, edges are not mixed.
+    """Depth and color of a pinhole camera without distortion or skew; depth of the nearest pixel, without interpolation.
 
     Parameters
     ----------
     frame
         View of any camera.
     color
-        Whether its color image is wanted.
+        Whether the color image is used.
     """
     camera, image = frame.camera, frame.color if color else None
     if not (camera.distortion.any() or camera.matrix[0, 1]):

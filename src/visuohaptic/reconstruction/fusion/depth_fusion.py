@@ -1,9 +1,9 @@
-"""Surface fusion: depth views averaged into truncated signed distances, and their zero surface.
+"""Surface fusion: depth views averaged into truncated signed distances, and extraction of their zero level set.
 
-A voxel holds the mean over the views of the distance to the seen surface
-along the optical axis, divided by the band width and cut to [-1, 1], positive
-towards the camera, with the sum of the weights (Curless and Levoy 1996; the
-volume that KinectFusion integrates, Alt 2016, Sec. 2.2.1 and 5.3).
+A voxel stores the weighted mean over the views of the distance to the observed surface
+along the optical axis, divided by the band width and clipped to [-1, 1], positive
+towards the camera, and the sum of the weights (Curless and Levoy 1996; the
+volume of KinectFusion, Alt 2016, Sec. 2.2.1 and 5.3).
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from ._fusion_view import NO_COLOR, FusionView, checked_sizes
 
 __all__ = ["TsdfVolume"]
 
-#: Grids with more voxels are refused before memory is taken.
+#: Maximum number of voxels of a grid; checked before memory is allocated.
 MAX_VOXELS = 1 << 30
 
 
 class TsdfVolume:
-    """A dense grid of truncated signed distances; its arrays may be read and set.
+    """A dense grid of truncated signed distances; its arrays may be read and written.
 
     Parameters
     ----------
     origin_m
-        Place of voxel (0, 0, 0) in the world [m].
+        Position of voxel (0, 0, 0) in the world [m].
     shape
         Number of voxels along x, y, z.
     voxel_m
@@ -40,16 +40,16 @@ class TsdfVolume:
     truncation_m
         Half width of the band around the surface [m]; 4 voxels by default.
     max_weight
-        Weights stop here, so that the volume follows a scene that changes.
+        Upper bound of the weights, so that the volume adapts to a changing scene.
     color
         Whether to average colour as well.
 
     Attributes
     ----------
     distance
-        float32, in units of ``truncation_m``; 1 where nothing was seen.
+        float32, in units of ``truncation_m``; 1 where nothing was observed.
     weight
-        float32; 0 where nothing was seen.
+        float32; 0 where nothing was observed.
     color
         float32 (x, y, z, 3), blue, green, red 0..255, or ``None``.
     """
@@ -78,7 +78,7 @@ class TsdfVolume:
         self.color: Float32[np.ndarray, "x y z 3"] | None = (
             np.zeros((*shape, 3), dtype=np.float32) if color else None
         )
-        self.views = 0  #: how many were integrated
+        self.views = 0  #: number of integrated views
 
     @classmethod
     def around(
@@ -88,7 +88,7 @@ class TsdfVolume:
         voxel_m: float = 0.005,
         **more: Any,
     ) -> TsdfVolume:
-        """A volume that holds a box of the world.
+        """Create a volume that contains a box of the world.
 
         Parameters
         ----------
@@ -104,14 +104,14 @@ class TsdfVolume:
         return cls(low, (int(shape[0]), int(shape[1]), int(shape[2])), voxel_m, **more)
 
     def integrate(self, frame: DepthFrame, weight: float = 1.0) -> None:
-        """Average a view into the grid; pixels without depth (NaN) change nothing.
+        """Integrate a view; pixels without depth (NaN) change nothing.
 
         Parameters
         ----------
         frame
             Depth image with the pose of its camera.
         weight
-            Weight of the view in the average; a view counts 1 by default.
+            Weight of the view in the average.
         """
         view = FusionView(frame, self.color is not None)
         kernels.fuse_dense(
@@ -128,17 +128,17 @@ class TsdfVolume:
         self.views += 1
 
     def mesh(self, min_weight: float = 1.0) -> SurfaceMesh:
-        """The zero surface, by marching cubes, in the world [m].
+        """Extract the zero level set by marching cubes, in the world [m].
 
         Parameters
         ----------
         min_weight
-            Minimum weight of the voxels between which it is extracted.
+            Minimum weight of a voxel for extraction.
 
         Raises
         ------
         InputError
-            No surface was seen.
+            No surface was observed.
         """
         bricks = [-(-(n - 1) // kernels.BRICK) for n in self.distance.shape]
         places = np.zeros((int(np.prod(bricks)), 3), dtype=np.int64)

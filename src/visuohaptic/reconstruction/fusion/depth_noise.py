@@ -1,4 +1,4 @@
-"""Noise of depth cameras over distance, with the constants that their users have published."""
+"""Noise of depth cameras as a function of distance, with published constants."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ __all__ = ["SENSOR_NOISE", "DepthNoise", "sensor_noise"]
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:
-    """Expected standard deviation of a depth [m]: ``sqrt(sigma_k(z)^2 + tracking^2)``, Alt 2016, Eq. (5.1).
+    """Standard deviation of a depth [m]: ``sqrt(sigma_k(z)^2 + tracking^2)``, Alt 2016, Eq. (5.1).
 
     ``sigma_k(z) = constant + quadratic (z - offset)^2``.
     """
 
-    quadratic_per_m: float  #: growth with the squared depth [1/m]
-    constant_m: float = 0.0  #: at the offset [m]
-    offset_m: float = 0.0  #: depth of the least noise [m]
-    tracking_m: float = 0.01  #: errors of pose and calibration, sigma_t [m]
-    baseline_m: float = 0.0  #: projector (or second eye) from the camera along its x; 0 = not known [m]
-    edge_rad: float = 0.0035  #: angle around edges in which depths are mixed: half the matching window [rad]
-    source: str = ""  #: where the constants are from
+    quadratic_per_m: float  #: coefficient of the squared depth [1/m]
+    constant_m: float = 0.0  #: standard deviation at the offset [m]
+    offset_m: float = 0.0  #: depth of minimum noise [m]
+    tracking_m: float = 0.01  #: standard deviation of pose and calibration errors, sigma_t [m]
+    baseline_m: float = 0.0  #: x of the projector or second eye in the camera frame; 0 = unknown [m]
+    edge_rad: float = (
+        0.0035  #: half the matching window, the angle around edges in which depths are mixed [rad]
+    )
+    source: str = ""  #: source of the constants
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """Standard deviation at depths [m].
@@ -39,7 +41,7 @@ class DepthNoise:
         return np.sqrt(device**2 + self.tracking_m**2)
 
     def edge_px(self, focal_px: float) -> int:
-        """Margin around edges in which depths are not trusted, at least one pixel [px].
+        """Margin around depth edges in which readings are unreliable, at least one pixel [px].
 
         Parameters
         ----------
@@ -49,19 +51,19 @@ class DepthNoise:
         return max(1, round(self.edge_rad * focal_px))
 
     def window_px(self, focal_px: float, stride: int = 1) -> float:
-        """Width of the window whose readings are not independent: that of the camera's matching [px].
+        """Width of the matching window, within which readings are correlated [px].
 
         Parameters
         ----------
         focal_px
             Focal length [px].
         stride
-            Pixels of the camera from one pixel to the next, of images of which every n-th pixel was kept.
+            Subsampling of the image: every n-th pixel of the camera is kept.
         """
         return (2 * self.edge_px(stride * focal_px) + 3) / stride
 
     def with_tracking(self, tracking_m: float) -> DepthNoise:
-        """The same camera with another accuracy of the poses.
+        """The same camera with a different pose accuracy.
 
         Parameters
         ----------
@@ -71,7 +73,7 @@ class DepthNoise:
         return replace(self, tracking_m=tracking_m)
 
 
-#: By the name that ``sequence.yaml`` may give in ``sensor``.
+#: Noise models by the sensor name in ``sequence.yaml``.
 SENSOR_NOISE: dict[str, DepthNoise] = {
     "kinect": DepthNoise(0.5 * 2.9e-3, baseline_m=0.075, source="Khoshelham 2012, as in Alt 2016, Eq. (5.1)"),
     "kinect_axial": DepthNoise(
@@ -82,7 +84,7 @@ SENSOR_NOISE: dict[str, DepthNoise] = {
         source="Nguyen, Izadi, Lovell 2012, Eq. (1)",
     ),
     # Stereo with a random pattern: z^2 x 0.08 px / (focal x baseline) at 848 px width and 50 mm.
-    # Stereo fattens edges by half of its matching window, much more than a Kinect at its 2 of 580 px.
+    # Stereo matching extends foreground edges by half of its window, much more than a Kinect (2 of 580 px).
     "realsense_d435": DepthNoise(
         3.8e-3, baseline_m=0.05, edge_rad=0.0087, source="Intel, tuning guide of the D400 series"
     ),
@@ -91,17 +93,17 @@ SENSOR_NOISE: dict[str, DepthNoise] = {
 
 
 def sensor_noise(name: str) -> DepthNoise:
-    """Noise of a camera by its name; common spellings are understood.
+    """Noise model of a camera by its name; common spellings are accepted.
 
     Parameters
     ----------
     name
-        As in ``sequence.yaml``, for example ``kinect`` or ``Intel RealSense D435i``.
+        Name as in ``sequence.yaml``, for example ``kinect`` or ``Intel RealSense D435i``.
 
     Raises
     ------
     InputError
-        The name is not known.
+        The name is unknown.
     """
     plain = name.lower().replace("-", "_").replace(" ", "_")
     if plain in SENSOR_NOISE:

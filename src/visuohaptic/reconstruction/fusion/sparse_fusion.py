@@ -16,17 +16,17 @@ __all__ = ["SparseTsdfVolume"]
 
 
 class SparseTsdfVolume:
-    """Truncated signed distances in bricks of 8 x 8 x 8 voxels, allocated where surfaces are seen.
+    """Truncated signed distances in bricks of 8 x 8 x 8 voxels, allocated where surfaces are observed.
 
     For spaces too large for a dense grid. Free space far from surfaces is not
-    stored: what moved away is forgotten only while its own bricks are seen.
+    stored: an object that moved away is removed only while its own bricks are in view.
 
     Parameters
     ----------
     voxel_m, truncation_m, max_weight, color
         As of :class:`TsdfVolume`.
     max_bricks
-        Bricks beyond this are refused (4 kB each, 10 kB with colour).
+        Maximum number of bricks (4 kB each, 10 kB with colour).
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class SparseTsdfVolume:
 
     @property
     def bricks(self) -> int:
-        """How many bricks there are."""
+        """Number of allocated bricks."""
         return len(self._rows)
 
     def integrate(self, frame: DepthFrame, weight: float = 1.0) -> None:
-        """Allocate the bricks near the seen surface, and average the view into all bricks in sight.
+        """Allocate the bricks near the observed surface, and average the view into all bricks in its frustum.
 
         Parameters
         ----------
@@ -66,12 +66,12 @@ class SparseTsdfVolume:
         Raises
         ------
         InputError
-            The space would need more than ``max_bricks`` bricks.
+            The view would need more than ``max_bricks`` bricks.
         """
         view = FusionView(frame, self._use_color)
         self._make_bricks(view)
         places = self._places[: self.bricks]
-        # Bricks whose middle is within the image, with room for half a diagonal.
+        # Bricks whose centre projects into the image, with a margin of half a diagonal.
         half_m = kernels.BRICK * self.voxel_m / 2
         middles = view.T_camera_world.apply(places * (2 * half_m) + half_m)
         room_m = np.sqrt(3) * half_m
@@ -97,7 +97,7 @@ class SparseTsdfVolume:
         self.views += 1
 
     def _make_bricks(self, view: FusionView) -> None:
-        """New bricks within the band along the rays of the view."""
+        """Allocate bricks within the band along the rays of the view."""
         rows, columns = np.nonzero(np.isfinite(view.depth))
         if not len(rows):
             return
@@ -147,7 +147,7 @@ class SparseTsdfVolume:
             self._color = np.broadcast_to(NO_COLOR[None], (have + more, 1, 1, 1, 3)).copy()
 
     def mesh(self, min_weight: float = 1.0) -> SurfaceMesh:
-        """The zero surface, by marching cubes, in the world [m].
+        """Extract the zero level set by marching cubes, in the world [m].
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class SparseTsdfVolume:
         Raises
         ------
         InputError
-            No surface was seen.
+            No surface was observed.
         """
         b, count = kernels.BRICK, self.bricks
         rows_of_cells = np.ones((count, b + 1, b + 1, b + 1), dtype=np.float32)

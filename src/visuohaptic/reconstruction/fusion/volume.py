@@ -13,15 +13,15 @@ from ...io.depth.depth_sequence import DepthFrame
 
 __all__ = ["SpaceGrid", "space_of_interest"]
 
-#: More voxels than this are refused: 1 GB of counts.
+#: Maximum number of voxels: 1 GB of counts.
 MAX_VOXELS = 100_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpaceGrid:
-    """Cubes of edge ``voxel_m`` from a corner of the world on, along its axes."""
+    """Axis-aligned cubic voxels of edge ``voxel_m`` that start at a corner in the world."""
 
-    low_m: Float[np.ndarray, "3"]  #: least corner, world [m]
+    low_m: Float[np.ndarray, "3"]  #: lowest corner, world [m]
     shape: tuple[int, int, int]  #: voxels along x, y, z
     voxel_m: float = 0.005  #: edge of a voxel [m]
 
@@ -39,7 +39,7 @@ class SpaceGrid:
 
     @classmethod
     def around(cls, low_m: object, high_m: object, voxel_m: float = 0.005) -> SpaceGrid:
-        """The grid that covers a box of the world.
+        """Create the grid that covers a box of the world.
 
         Parameters
         ----------
@@ -61,11 +61,11 @@ class SpaceGrid:
 
     @property
     def high_m(self) -> Float[np.ndarray, "3"]:
-        """Greatest corner, world [m]."""
+        """Highest corner, world [m]."""
         return self.low_m + self.voxel_m * np.array(self.shape)
 
     def centres_m(self, cells: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Centres of voxels by their indices, world [m].
+        """Centres of voxels, world [m].
 
         Parameters
         ----------
@@ -78,10 +78,10 @@ class SpaceGrid:
 def space_of_interest(
     frames: Sequence[DepthFrame], *, edge_m: float = 1.0, voxel_m: float = 0.005
 ) -> SpaceGrid:
-    """A cube around what the camera looks at.
+    """A cube around the target of the camera.
 
-    Its middle is the point nearest to all optical axes where these cross in
-    front of the camera, else the median of what lies in the middle of the images.
+    Its centre is the point nearest to all optical axes if these intersect in front
+    of the camera, else the median of the points at the centres of the images.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def space_of_interest(
     Raises
     ------
     InputError
-        No frame has a depth.
+        There are no frames, or none has a depth.
     """
     if not frames:
         raise InputError("space_of_interest", "found no frames, expected at least one")
@@ -104,7 +104,7 @@ def space_of_interest(
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     normal = across.mean(axis=0)
     middle_m = np.full(3, np.nan)
-    if np.linalg.eigvalsh(normal)[0] > 0.05:  # the axes spread over 25 degrees or more
+    if np.linalg.eigvalsh(normal)[0] > 0.05:  # the axes differ by about 25 degrees or more
         middle_m = np.linalg.solve(normal, (across @ eyes[:, :, None]).mean(axis=0)[:, 0])
         if np.median(((middle_m - eyes) * axes).sum(axis=1)) < 0.2:
             middle_m[:] = np.nan

@@ -1,4 +1,4 @@
-"""Kernels of :mod:`.rbf`: sums of r^3 over centres, at points and on the nodes of a grid near zero."""
+"""Kernels of :mod:`.rbf`: sums of r^3 over centres at points, and grid nodes near the zero level set."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ __all__ = ["band_nodes", "cubic_gradients", "cubic_matrix", "cubic_values"]
 
 @kernel(fastmath=True)
 def cubic_values(points, centers, weights, poly, out):
-    """``out = poly(x) + sum_i w_i |x - x_i|^3``; ``centers`` is (3, n), so that the loop is a vector one.
+    """``out = poly(x) + sum_i w_i |x - x_i|^3``; ``centers`` is (3, n) so that the loop vectorises.
 
-    Runs in the type of its arguments, float32 on grids and float64 elsewhere.
+    Computes in the type of its arguments, float32 on grids and float64 elsewhere.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def cubic_gradients(points, centers, weights, poly, out):
 
 @kernel
 def cubic_matrix(a, b, out):
-    """``out[i, j] = |a_i - b_j|^3``; points are rows.
+    """``out[i, j] = |a_i - b_j|^3``; rows are points.
 
     Parameters
     ----------
@@ -85,23 +85,23 @@ def cubic_matrix(a, b, out):
 
 @kernel
 def band_nodes(coarse, stride, band, values, wanted, nodes):
-    """Trilinear interpolation at every fine node, and the wanted nodes within a band around zero.
+    """Trilinear interpolation at every fine node, and selection of requested nodes within a band around zero.
 
-    ``coarse`` are the values at every ``stride``-th node. Returns the number
-    of rows of ``nodes`` that were set; ``values`` holds the guesses.
+    Returns the number of rows of ``nodes`` that were set; ``values`` contains the
+    interpolated values.
 
     Parameters
     ----------
     coarse
         Values at every ``stride``-th node.
     stride
-        Fine steps of a coarse one.
+        Ratio of the coarse to the fine step.
     band
         Half width of the band, in the unit of the values.
     values
         Interpolated values (x, y, z), filled.
     wanted
-        Which fine nodes (x, y, z) are wanted.
+        Mask of the requested fine nodes (x, y, z).
     nodes
         Indices of the nodes in the band, filled from the first row.
     """

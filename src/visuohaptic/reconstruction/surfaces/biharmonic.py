@@ -1,12 +1,12 @@
-"""Biharmonic distance on a mesh, and how well each place is supported by known points.
+"""Biharmonic distance on a mesh, and the distance of each vertex from known points.
 
     d(x, y)^2 = sum_k (phi_k(x) - phi_k(y))^2 / lambda_k^2
 
-over the eigenpairs of the Laplacian without the constant one (Lipman, Rustamov
+over the eigenpairs of the Laplacian except the constant one (Lipman, Rustamov
 and Funkhouser 2010; Alt 2016, Eq. 5.6, is printed without the squares). It
 equals the norm of the difference of two columns of the pseudo-inverse, so one
-sparse solve gives an exact column; the score over all places (Eq. 5.7) takes
-few eigenpairs, because their weight falls with the square of their number.
+sparse solve gives an exact column. The score of all vertices (Eq. 5.7) needs few
+eigenpairs, because their weights fall with the squared eigenvalue.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from ...core.resources import one_blas_thread
 
 __all__ = ["BiharmonicMesh"]
 
-#: Eigenpairs that the embedding uses.
+#: Number of eigenpairs of the embedding.
 MODES = 40
-#: Candidates for the least supported place, and supports near each, that are computed exactly.
+#: Candidates for the least supported vertex, and supports near each, whose distances are computed exactly.
 _CANDIDATES, _NEIGHBOURS = 16, 6
 
 
 class BiharmonicMesh:
-    """A mesh prepared for biharmonic distances.
+    """A mesh with the factored Laplacian for biharmonic distances.
 
     Parameters
     ----------
     vertices_m, faces
-        Vertices [m] and triangles; slivers and borders are fine.
+        Vertices (v, 3) [m] and triangles (f, 3); slivers and open boundaries are allowed.
     modes
-        Eigenpairs of the embedding.
+        Number of eigenpairs of the embedding.
 
     Raises
     ------
@@ -54,15 +54,15 @@ class BiharmonicMesh:
         vertices = np.ascontiguousarray(vertices_m, dtype=np.float64)
         if len(vertices) < 8 or not len(faces):
             raise InputError("BiharmonicMesh", f"found {len(vertices)} vertices, expected a surface")
-        # Unit size: eigenvalues are then about 1 and the shift below means the same for all meshes.
+        # Scale to unit size, so that eigenvalues are about 1 and the shift below has the same effect on all meshes.
         self.extent_m = float(np.ptp(vertices, axis=0).max())
         stiffness, mass = robust_laplacian.mesh_laplacian(
             vertices / self.extent_m, np.ascontiguousarray(faces, dtype=np.int64)
         )
         area = np.asarray(mass.diagonal())
         area = np.maximum(area, 1e-9 * area.max())
-        self.area: Float[np.ndarray, "v"] = area / area.sum()  #: fraction of each vertex
-        # Shifted so that it can be factored: the constant part is taken out of every column.
+        self.area: Float[np.ndarray, "v"] = area / area.sum()  #: area fraction of each vertex
+        # The shift makes the matrix regular; the constant component is removed from every column.
         shifted = (stiffness / area.sum() + diags(1e-7 * self.area)).tocsc()
         options = {"SymmetricMode": True, "DiagPivotThresh": 0.0}
         self._factor: Any = splu(shifted, permc_spec="MMD_AT_PLUS_A", options=options)
@@ -78,7 +78,7 @@ class BiharmonicMesh:
 
         rng = np.random.default_rng(0)
         block = self._centred(rng.standard_normal((len(vertices), modes + 12)))
-        # What one step leaves of the higher modes hardly counts: their weight falls with the square.
+        # The residual of the higher modes after one step is negligible: weights fall with the squared eigenvalue.
         block = self._centred(self._factor.solve(self.area[:, None] * block))
         basis, _ = np.linalg.qr(np.sqrt(self.area)[:, None] * block)
         block = basis / np.sqrt(self.area)[:, None]
@@ -87,11 +87,11 @@ class BiharmonicMesh:
         values, vectors = eigh(small, inner)
         kept = values > 1e-6
         values, vectors = values[kept][:modes], vectors[:, kept][:, :modes]
-        #: Coordinates whose Euclidean distance approximates the biharmonic one.
+        #: Coordinates whose Euclidean distance approximates the biharmonic distance.
         self.embedding: Float[np.ndarray, "v k"] = (block @ vectors) / values
 
     def columns(self, index: Int[np.ndarray, "k"]) -> Float[np.ndarray, "v k"]:
-        """Exact columns of the pseudo-inverse; the area-weighted distance of two of them is the biharmonic one.
+        """Exact columns of the pseudo-inverse; their area-weighted distance is the biharmonic distance.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class BiharmonicMesh:
         return self._centred(self._factor.solve(right))
 
     def distance(self, x: Int[np.ndarray, "k"], y: Int[np.ndarray, "m"]) -> Float[np.ndarray, "k m"]:
-        """Exact biharmonic distance between vertices, in units of the mesh of extent 1 and area 1.
+        """Exact biharmonic distance between vertices, for the mesh scaled to extent 1 and area 1.
 
         Parameters
         ----------
@@ -118,17 +118,17 @@ class BiharmonicMesh:
 
     @one_blas_thread()
     def score(self, supports: Int[np.ndarray, "s"]) -> Float[np.ndarray, "v"]:
-        """Distance of every vertex from the nearest support (Eq. 5.7); the largest ones are exact.
+        """Distance of every vertex from the nearest support (Eq. 5.7); exact for the largest distances.
 
         Parameters
         ----------
         supports
-            Vertices (s) at which the surface is known.
+            Vertices (s) with known position.
 
         Raises
         ------
         InputError
-            There is no support.
+            There are no supports.
         """
         from scipy.spatial import cKDTree
 
@@ -142,7 +142,7 @@ class BiharmonicMesh:
         candidates = np.argsort(score)[-_CANDIDATES:]
         others = np.unique(near[candidates])
         exact = self.distance(candidates, supports[others]).min(axis=1)
-        # What few modes leave out is alike everywhere: the rest is raised by the candidates' share.
+        # The truncation error is similar everywhere: scale all other vertices by the ratio at the candidates.
         ratio = float(np.median(exact / np.maximum(score[candidates], 1e-15)))
         score *= ratio
         below = np.setdiff1d(np.arange(len(score)), candidates)

@@ -3,9 +3,9 @@
     r(X) = p(X) + sum_i w_i |X - X_i|^3         (Alt 2016, Eq. 5.5)
 
 with a linear polynomial p: |x|^3 is conditionally positive definite of order
-two, so sum w_i = 0 and sum w_i X_i = 0 hold beside r(X_i) + rho_i w_i = f_i.
+two, so sum w_i = 0 and sum w_i X_i = 0 hold in addition to r(X_i) + rho_i w_i = f_i.
 ``rho`` smooths: it is the variance of a noisy value over the scale of the
-spline. The same matrix gives the variance of kriging with this generalised
+spline. The same matrix gives the kriging variance of this generalised
 covariance (thin-plate Gaussian process): ``-b^T A^-1 b`` with ``b = (|X - X_i|^3, p)``.
 """
 
@@ -22,7 +22,7 @@ from . import _rbf_kernels as kernels
 
 __all__ = ["Grid", "RbfSurface", "isosurface"]
 
-#: Added centres are solved through the old factors up to this many, then all is factored anew.
+#: Maximum number of centres added by Schur complement before the whole matrix is factored again.
 MAX_ADDED = 150
 
 
@@ -32,16 +32,16 @@ class RbfSurface:
     Parameters
     ----------
     centers_m
-        Centres [m].
+        Centres (n, 3) [m].
     values_m
-        Signed distance wanted at each [m], positive outside.
+        Target signed distance at each centre [m], positive outside.
     rho
-        Smoothing of each, in units of the cube of the extent; 0 interpolates.
+        Smoothing of each centre, in units of the cube of the extent; 0 interpolates.
 
     Raises
     ------
     InputError
-        Fewer than four centres, centres in one plane, or not finite.
+        Fewer than four centres, coplanar centres, or values that are not finite.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class RbfSurface:
         if values.shape != (len(centers),) or not (np.isfinite(centers).all() and np.isfinite(values).all()):
             raise InputError("RbfSurface", "centres and values must be finite and equally many")
         self.origin_m: Float[np.ndarray, "3"] = centers.mean(axis=0)
-        #: Half the extent [m]; lengths are divided by it, or the matrix has entries from 1e-9 to 1.
+        #: Half the extent [m]; lengths are divided by it, otherwise matrix entries would range from 1e-9 to 1.
         self.extent_m = float(np.abs(centers - self.origin_m).max())
         if self.extent_m <= 0 or np.linalg.matrix_rank(centers - self.origin_m, tol=1e-9) < 3:
             raise InputError("RbfSurface", "the centres lie in one plane, expected points in space")
@@ -104,9 +104,9 @@ class RbfSurface:
         values_m: Float[np.ndarray, "m"],
         rho: Float[np.ndarray, "m"] | float = 0.0,
     ) -> RbfSurface:
-        """The fit with further centres, by the Schur complement of the old factors.
+        """The fit with further centres, by the Schur complement of the existing factors.
 
-        Equal to a fit of all at once; costs one solve for each new centre.
+        Equal to a fit of all centres at once; costs one solve for each new centre.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class RbfSurface:
         values_m
             Signed distance at each [m], positive outside.
         rho
-            Smoothing of each, in units of the cube of the extent.
+            Smoothing of each centre, in units of the cube of the extent.
         """
         new = (np.asarray(centers_m, dtype=np.float64).reshape(-1, 3) - self.origin_m) / self.extent_m
         values = np.asarray(values_m, dtype=np.float64).reshape(-1) / self.extent_m
@@ -147,7 +147,7 @@ class RbfSurface:
         return corner - self._columns.T @ self._solved
 
     def _weigh(self) -> None:
-        """Weights and polynomial from the factors and the added columns."""
+        """Compute weights and polynomial from the factors and the added columns."""
         n = len(self._base)
         late = np.zeros(0)
         early = self._right
@@ -175,7 +175,7 @@ class RbfSurface:
         return (out * self.extent_m).reshape(points.shape[:-1])
 
     def on_grid(self, nodes_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """As :meth:`__call__` in float32 for many points; 0.05 mm off for a bottle of 1000 centres.
+        """Float32 version of :meth:`__call__` for many points; error 0.05 mm for a bottle of 1000 centres.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class RbfSurface:
         return out * np.float32(self.extent_m)
 
     def gradient(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Gradient at points, near the outward normal.
+        """Gradient at points, approximately the unit outward normal near the surface.
 
         Parameters
         ----------
@@ -206,7 +206,7 @@ class RbfSurface:
     def kriging_sigma_m(self, points_m: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m"]:
         """Standard deviation of r(X) [m] of the thin-plate Gaussian process with the same kernel.
 
-        Its scale is the restricted maximum-likelihood one, ``f^T w / (n - 4)``.
+        The scale of the process is the restricted maximum-likelihood estimate ``f^T w / (n - 4)``.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class RbfSurface:
 
     @property
     def process_scale(self) -> float:
-        """Restricted maximum-likelihood variance of the process, in units of the extent."""
+        """Restricted maximum-likelihood estimate of the process variance, in units of the extent."""
         values = np.concatenate([self._values, self._added_values])
         return max(float(values @ self._weights) / max(self.count - 4, 1), 0.0)
 
@@ -238,7 +238,7 @@ def _linear(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """Nodes of a regular grid in a box."""
+    """Nodes of a regular grid over a box."""
 
     low_m: Float[np.ndarray, "3"]
     shape: tuple[int, int, int]
@@ -246,7 +246,7 @@ class Grid:
 
     @classmethod
     def over(cls, low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"], step_m: float) -> Grid:
-        """The grid that covers a box.
+        """Create the grid that covers a box.
 
         Parameters
         ----------
@@ -271,7 +271,7 @@ class Grid:
 
     @property
     def all_nodes_m(self) -> Float[np.ndarray, "n 3"]:
-        """Places of all nodes, the last axis fastest."""
+        """Positions of all nodes [m], the last axis varies fastest."""
         axes = [self.low_m[k] + self.step_m * np.arange(self.shape[k]) for k in range(3)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -279,10 +279,10 @@ class Grid:
 def isosurface(
     surface: RbfSurface, grid: Grid, wanted: Bool[np.ndarray, "x y z"] | None = None, *, stride: int = 4
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Zero surface in the wanted part of a grid, evaluated in a narrow band only.
+    """Zero level set in the requested part of a grid, evaluated in a narrow band only.
 
-    r(X) is smooth: between every ``stride``-th node it is guessed by
-    interpolation, and evaluated where the guess is within two steps of zero.
+    r(X) is smooth: it is evaluated at every ``stride``-th node, interpolated, and evaluated
+    exactly at nodes whose interpolated value is within two steps of zero.
 
     Parameters
     ----------
@@ -291,9 +291,9 @@ def isosurface(
     grid
         Nodes at which it is evaluated.
     wanted
-        Which nodes (x, y, z) the surface may pass; all by default.
+        Mask of the nodes (x, y, z) at which the surface is extracted; all by default.
     stride
-        Fine steps of the coarse grid on which it is interpolated.
+        Ratio of the step of the coarse grid to that of the fine grid.
 
     Returns
     -------
@@ -308,7 +308,7 @@ def isosurface(
     values = np.zeros(shape, dtype=np.float32)
     mask = np.ones(shape, dtype=np.bool_) if wanted is None else wanted
     nodes = np.zeros((values.size, 3), dtype=np.int32)
-    # A guess is off by at most (stride * step)^2 / 8 over the radius of curvature, less than a step.
+    # The interpolation error is at most (stride * step)^2 / 8 over the radius of curvature, less than a step.
     count = kernels.band_nodes(coarse, stride, np.float32(2.0 * grid.step_m), values, mask, nodes)
     index = nodes[:count]
     values[index[:, 0], index[:, 1], index[:, 2]] = surface.on_grid(grid.nodes_m(index))

@@ -1,4 +1,4 @@
-"""Transparent parts found by missing and inconsistent depth (Alt 2016, Sec. 5.2)."""
+"""Detection of transparent objects from missing and inconsistent depth (Alt 2016, Sec. 5.2)."""
 
 from ...core.front_door import attach
 

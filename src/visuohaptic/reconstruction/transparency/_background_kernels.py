@@ -1,4 +1,4 @@
-"""Background model of a view from others, its comparison with what is seen, error rays (Alt 2016, 5.2); fit of poses."""
+"""Kernels of the background model: warping, moments, error score, error rays (Alt 2016, 5.2); pose refinement."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ __all__ = ["cast_rays", "error_score", "plane_equations", "smooth_points", "view
 
 @kernel(parallel=True)
 def warp_views(depths, motions, fx, fy, cx, cy, warped):
-    """Depth images of other views as this view would see their points, nearest first.
+    """Reproject depth images of other views into this view, with z-buffering.
 
     Parameters
     ----------
     depths
-        Depth images (n, h, w) float32 [m], NaN invalid.
+        Depth images (n, h, w) float32 [m]; NaN: invalid.
     motions
         ``T_this_other`` (n, 3, 4) float32.
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     warped
-        Depths in this view (n, h, w) float32 [m], filled; infinite where nothing is projected.
+        Depths in this view (n, h, w) float32 [m], filled; infinite where no point projects.
     """
     views, rows, columns = depths.shape
     one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
@@ -60,7 +60,7 @@ def warp_views(depths, motions, fx, fy, cx, cy, warped):
 
 @kernel(parallel=True)
 def view_moments(warped, quadratic, constant, offset, tracking, weight, min_views, mean, sigma, score):  # fmt: skip
-    """Mean, sigma' and reliability of each pixel, Eq. (5.3); ``sigma`` is corrected by n / (n - 1).
+    """Mean, sigma' and reliability of each pixel, Eq. (5.3); ``sigma`` has the bias correction n / (n - 1).
 
     Parameters
     ----------
@@ -126,16 +126,16 @@ def error_score(depth, mean, sigma, reliable, motions, theta, min_seen, fx, fy, 
     motions
         ``T_other_this`` (n, 3, 4).
     theta
-        Error function of the smallest deviation that counts.
+        Threshold on the error function; smaller values score zero.
     min_seen
-        Minimum number of other views whose field of view holds the observed point.
+        Minimum number of other views whose field of view contains the observed point.
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     error
         Scores (h, w), filled.
     """
     rows, columns = depth.shape
-    # erf(x) > theta only beyond this many sigma: most pixels end here.
+    # erf(x) > theta only beyond this many sigma: an early exit for most pixels.
     least = 0.0
     while math.erf(least / math.sqrt(2.0)) < theta:
         least += 0.01
@@ -169,7 +169,7 @@ def error_score(depth, mean, sigma, reliable, motions, theta, min_seen, fx, fy, 
 
 @kernel(parallel=True)
 def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
-    """Add a weight to every voxel from the camera to the end of each ray; each thread has its own slab.
+    """Add a weight to every voxel from the camera to the end of each ray; one slab per thread.
 
     Parameters
     ----------
@@ -183,10 +183,10 @@ def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
         Lowest corner of the volume (3) [m].
     voxel
         Edge of a voxel [m].
-    slabs
+        Number of slabs into which the volume is divided.
         Number of slabs of the volume.
     volume
-        Sums (x, y, z) float32, changed.
+        Sums (x, y, z) float32, updated in place.
     """
     nx, ny, nz = volume.shape
     for slab in prange(slabs):
@@ -236,14 +236,14 @@ def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
 
 @kernel
 def _plane(depth, i, j, fx, fy, cx, cy, normal):
-    """Whether there is a smooth surface at a pixel; its plane's normal (3) in the frame of the camera, filled."""
+    """Whether the surface at a pixel is smooth; the plane normal (3) in the camera frame is filled."""
     rows, columns = depth.shape
     if not (2 <= i < rows - 2 and 2 <= j < columns - 2):
         return False
     z = np.float64(depth[i, j])
     left, right = np.float64(depth[i, j - 2]), np.float64(depth[i, j + 2])
     above, below = np.float64(depth[i - 2, j]), np.float64(depth[i + 2, j])
-    # A step of a tenth of the depth over four pixels is an edge; what is not measured is none.
+    # A step over four pixels of more than a tenth of the depth is an edge; comparisons with NaN are false.
     if not (z > 0 and abs(right - left) <= 0.1 * z and abs(below - above) <= 0.1 * z):
         return False
     x, y = (j - cx) / fx, (i - cy) / fy
@@ -259,18 +259,18 @@ def _plane(depth, i, j, fx, fy, cx, cy, normal):
 
 @kernel
 def smooth_points(depth, stride, fx, fy, cx, cy, points):
-    """Points of a view, every so many pixels down and across, where there is a smooth surface; returns their number.
+    """Points of a view on smooth surfaces, every ``stride`` pixels down and across; returns their number.
 
     Parameters
     ----------
     depth
         Depth image (h, w) [m]; NaN: not measured.
     stride
-        Distance of the points in the image [px].
+        Distance between points in the image [px].
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     points
-        Points (n, 3) in the frame of the camera [m], filled as far as they go.
+        Points (n, 3) in the camera frame [m], filled up to the returned number.
     """
     rows, columns = depth.shape
     normal, count = np.empty(3), 0
@@ -285,18 +285,18 @@ def smooth_points(depth, stride, fx, fy, cx, cy, points):
 
 @kernel(parallel=True)
 def plane_equations(pairs, points, firsts, stride, poses, depths, fx, fy, cx, cy, reach, quadratic, constant, offset, least, correlated, squares, pulls):  # fmt: skip
-    """Normal equations that lay points of views on the planes that other views see there (Geman and McClure's weights).
+    """Point-to-plane normal equations between pairs of views, with Geman-McClure weights.
 
     Parameters
     ----------
     pairs
-        View of the points, and that of the planes (p, 2).
+        Index of the view of the points, and of the view of the planes (p, 2).
     points
-        Points of all views in the frames of their cameras (m, 3) [m].
+        Points of all views (m, 3) in their camera frames [m].
     firsts
-        First point of each view, and their number (n + 1).
+        Index of the first point of each view, and the total number (n + 1).
     stride
-        Every n-th point is laid on a plane.
+        Every n-th point is used.
     poses
         ``T_world_camera`` (n, 3, 4).
     depths
@@ -304,15 +304,15 @@ def plane_equations(pairs, points, firsts, stride, poses, depths, fx, fy, cx, cy
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     reach
-        Largest distance of a point from its plane [m].
+        Maximum distance of a point from its plane [m].
     quadratic, constant, offset
-        Coefficients of the camera's noise.
+        Coefficients of the depth noise of the camera.
     least
-        Deviation that even the best depth has [m].
+        Minimum standard deviation of a depth [m].
     correlated
-        Number of residuals that count as one.
+        Number of correlated residuals that count as one independent residual.
     squares, pulls
-        J^T J and J^T r of each pair, by a motion of the points in the world (p, 6, 6), (p, 6); filled.
+        J^T J and J^T r of each pair, for a motion of the points in the world (p, 6, 6), (p, 6); filled.
     """
     rows, columns = depths.shape[1:]
     for p in prange(len(pairs)):
@@ -348,7 +348,7 @@ def plane_equations(pairs, points, firsts, stride, poses, depths, fx, fy, cx, cy
             wy = b[1, 0] * nx + b[1, 1] * ny + b[1, 2] * nz
             wz = b[2, 0] * nx + b[2, 1] * ny + b[2, 2] * nz
             sigma = np.sqrt(2.0) * abs(constant + quadratic * (lz - offset) ** 2) + least
-            # What is not the same surface has no say.
+            # Robust weight: points on a different surface are suppressed.
             weight = 1 / (1 + (away / (3 * sigma)) ** 2) / (sigma * np.sqrt(correlated))
             row[0], row[1], row[2] = y * wz - z * wy, z * wx - x * wz, x * wy - y * wx
             row[3], row[4], row[5] = wx, wy, wz

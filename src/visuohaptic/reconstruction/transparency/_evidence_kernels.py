@@ -1,4 +1,4 @@
-"""Evidence of the rays of all views, summed in the voxels of a space."""
+"""Sum of the ray evidence of all views in the voxels of a volume."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from ...core.kernels import kernel
 
 __all__ = ["EDGE", "sum_evidence", "tile_bounds"]
 
-#: Edge of the blocks of voxels and of the tiles of pixels that share a bound.
+#: Edge of the voxel blocks and of the pixel tiles that share a bound.
 EDGE = 8
-#: Fraction of the voxels of a block of which a view has evidence.
+#: Whether a view has evidence for no, some or all voxels of a block.
 NO_VOXEL, SOME_VOXELS, EACH_VOXEL = 0, 1, 2
 
 
 @kernel(parallel=True)
 def tile_bounds(limits, found, reaching, nearest, farthest, max_found, max_reaching):
-    """Bounds of every tile of pixels: what :func:`sum_evidence` knows of a block of voxels before it looks at each.
+    """Bounds of every tile of pixels, from which :func:`sum_evidence` bounds the evidence of a block of voxels.
 
     Parameters
     ----------
     limits, found, reaching
         As of :func:`sum_evidence`.
     nearest, farthest, max_found, max_reaching
-        Least and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across),
+        Smallest and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across),
         filled.
     """
     views, rows, columns = limits.shape
@@ -46,7 +46,7 @@ def tile_bounds(limits, found, reaching, nearest, farthest, max_found, max_reach
 
 @kernel
 def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, max_found, max_reaching):
-    """(whether a view says something of no, some or each voxel of a block, largest evidence of both kinds of one)."""
+    """(Whether a view has evidence for no, some or all voxels of a block, upper bounds of both kinds of evidence)."""
     half = np.float32(0.5)
     low_z, high_z = np.float32(np.inf), np.float32(-np.inf)
     low_u, high_u, low_v, high_v = low_z, high_z, low_z, high_z
@@ -64,7 +64,7 @@ def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthe
     if high_z <= np.float32(0.05):
         return NO_VOXEL, top_found, top_reaching
     behind = low_z <= np.float32(0.051)
-    # Single precision: a pixel and a tenth of a millimetre more.
+    # Margin for single precision: one pixel, and a tenth of a millimetre in depth.
     first_row = 0 if behind else int(min(max(low_v - 1, 0), rows)) // EDGE
     first_column = 0 if behind else int(min(max(low_u - 1, 0), columns)) // EDGE
     last_row = rows - 1 if behind else int(min(max(high_v + 1, -1), rows - 1))
@@ -87,7 +87,7 @@ def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthe
 
 @kernel
 def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, first, shape, evidence, extent):  # fmt: skip
-    """Add what one view says of the voxels of a block."""
+    """Add the evidence of one view to the voxels of a block."""
     rows, columns = limit.shape
     half = np.float32(0.5)
     for i in range(first[0], first[0] + shape[0]):
@@ -115,7 +115,7 @@ def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, fir
 
 @kernel
 def _sees(limit, m, fx, fy, cx, cy, x, y, w):
-    """Whether a view says something of a point of the world."""
+    """Whether a view has evidence at a point of the world."""
     z = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
     if z <= np.float32(0.05):
         return False
@@ -126,30 +126,30 @@ def _sees(limit, m, fx, fy, cx, cy, x, y, w):
 
 @kernel(parallel=True)
 def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, nearest, farthest, max_found, max_reaching, low, voxel, evidence, extent, seen):  # fmt: skip
-    """Sum over the views, for every voxel, the evidence of the ray that passes it before it ends.
+    """For every voxel, sum over the views the evidence of the ray through it that ends behind it.
 
-    Blocks of voxels in which no sum can be positive, by the bounds of the tiles that they are seen in, are not looked at.
+    Blocks of voxels whose upper bound, from the tiles in which they are visible, is not positive are skipped.
 
     Parameters
     ----------
     limits
-        Depth up to which each ray is evidence (n, h, w) [m]; 0: of nothing.
+        Depth up to which each ray is evidence (n, h, w) [m]; 0: no evidence.
     found, reaching
-        Evidence of each ray that glass is on it, and that it is here rather than beside (n, h, w) [nat].
+        Evidence of each ray for glass on the ray, and for glass at the voxel rather than beside it (n, h, w) [nat].
     weights
-        Of each view (n).
+        Weight of each view (n).
     motions
         ``T_camera_world`` (n, 3, 4).
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     nearest, farthest, max_found, max_reaching
-        Of :func:`tile_bounds`.
+        Bounds from :func:`tile_bounds`.
     low, voxel
         Lowest corner (3) and edge of a voxel [m].
     evidence, extent
-        Sums of each voxel (x, y, z) of both kinds of evidence [nat], filled: where neither can be positive the bounds.
+        Sums of both kinds of evidence of each voxel (x, y, z) [nat], filled; the upper bounds where neither can be positive.
     seen
-        Sum of the weights at the middle of each block (blocks along x, y, z), filled.
+        Sum of the weights at the centre of each block (blocks along x, y, z), filled.
     """
     views, rows, columns = limits.shape
     bx, by, bz = seen.shape

@@ -1,4 +1,4 @@
-"""Evidence inside the outlines of an upright body in many views, and the body that has most of it."""
+"""Evidence inside the outlines of an upright body in many views, and search for the body of maximum likelihood."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ __all__ = ["outline_cost", "outline_ratios", "outline_sums", "search_outline"]
 
 @kernel
 def _side(order, x, v, sign, chain, low, high, side):
-    """One side of the convex hull of points at every row: the least ``sign * x``.
+    """One side of the convex hull of points at every image row: the minimum of ``sign * x``.
 
     Parameters
     ----------
     order
-        Points (n) by rising row.
+        Points (n) by ascending row.
     x, v
         Columns and rows of the points (n) [px].
     sign
@@ -24,7 +24,7 @@ def _side(order, x, v, sign, chain, low, high, side):
     chain
         Scratch (n).
     low, high
-        First and last row that is filled.
+        First and last row to fill.
     side
         Columns of the side (rows) [px], filled.
     """
@@ -49,7 +49,7 @@ def _side(order, x, v, sign, chain, low, high, side):
 
 @kernel
 def _row_sum(sums, left, right):
-    """Sum of a row between two columns, by parts of pixels; ``sums`` are those of the pixels before each (columns + 1)."""
+    """Sum of a row between two columns, with fractional pixels; ``sums`` are cumulative, one more than columns."""
     total = 0.0
     for end, sign in ((right, 1.0), (left, -1.0)):
         place = min(max(end + 0.5, 0.0), len(sums) - 1.0)
@@ -60,16 +60,16 @@ def _row_sum(sums, left, right):
 
 @kernel
 def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights, found):
-    """Sum of the evidence inside both outlines of a truncated cone, of each view.
+    """Sum of the evidence inside the outlines of a truncated cone for both eyes of the camera, of each view.
 
     Parameters
     ----------
     body
         x, y of the axis, lower and upper radius, lower and upper height (6) [m].
     corners
-        Points of each of the two circles that bound it.
+        Number of points on each of the two bounding circles.
     sums
-        Evidence of all pixels of a row before each one (n, h, w + 1) [nat].
+        Cumulative evidence along each row (n, h, w + 1) [nat].
     limits
         Depth up to which each ray is evidence (n, h, w) [m].
     motions
@@ -77,11 +77,11 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
     matrices
         fx, fy, cx, cy (n, 4) [px].
     reach
-        Focal length times distance of the second eye (n) [px m].
+        Focal length times baseline of the second eye (n) [px m].
     weights
-        Part of an independent view that each is (n).
+        Weight of each view, in independent views (n).
     found
-        Evidence (n), filled; 0 where the body is not before the camera [nat].
+        Evidence (n), filled; 0 where the body is not in front of the camera [nat].
     """
     views, rows, columns = limits.shape
     points = 2 * corners
@@ -116,7 +116,7 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
         first, last = max(int(np.floor(top + 0.5)), 0), min(int(np.floor(bottom + 0.5)), rows - 1)
         if last < first:
             continue
-        # The second eye sees the body before another part of what is behind it.
+        # The second eye sees the body in front of a different part of the background.
         i, j = min(max(int(middle_v), 0), rows - 1), min(max(int(middle_u), 0), columns - 1)
         behind = max(float(limits[view, i, j]), middle_z)
         for p in range(points):
@@ -138,14 +138,14 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
 
 @kernel
 def outline_ratios(body, opening, corners, sums, limits, motions, matrices, reach, weights, found):
-    """Log-likelihood ratio of a body against nothing, of each view [nat].
+    """Log-likelihood ratio of a body against no body, of each view [nat].
 
     Parameters
     ----------
     body
         x, y of the axis, lower and upper radius, lower and upper height (6) [m].
     opening
-        Fraction of the radius within which nothing is said.
+        Fraction of the radius inside which there is no evidence.
     corners, sums, limits, motions, matrices, reach, weights, found
         See :func:`outline_sums`.
     """
@@ -156,24 +156,24 @@ def outline_ratios(body, opening, corners, sums, limits, motions, matrices, reac
             inner[c] = body[c] * (opening if c == 2 or c == 3 else 1.0)
         outline_sums(inner, corners, sums, limits, motions, matrices, reach, weights, within)
         for n in range(len(found)):
-            # Beside a camera that it reaches nothing is said of a body, nor of what is in it.
+            # A body that reaches the camera has no evidence, nor has its opening.
             if found[n] != 0.0:
                 found[n] -= within[n]
 
 
 @kernel
 def outline_cost(body, opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found):
-    """Negative log-likelihood ratio of a body against nothing, 1000 where it is none [nat].
+    """Negative log-likelihood ratio of a body against no body [nat]; 1000 outside the bounds.
 
     Parameters
     ----------
     bounds
-        Least radius and height, largest radius (3) [m].
+        Minimum radius, minimum height and maximum radius (3) [m].
     body, opening, corners, sums, limits, motions, matrices, reach, weights, found
         See :func:`outline_ratios`.
     """
     narrow, wide, height = min(body[2], body[3]), max(body[2], body[3]), body[5] - body[4]
-    # Into what is taller than half its width nothing looks from above alone.
+    # An open body is at most half as high as wide: into a taller one no view looks from above alone.
     if narrow < bounds[0] or height < bounds[1] or wide > bounds[2] or (opening > 0 and height > wide):
         return 1e3
     outline_ratios(body, opening, corners, sums, limits, motions, matrices, reach, weights, found)
@@ -185,7 +185,7 @@ def outline_cost(body, opening, bounds, corners, sums, limits, motions, matrices
 
 @kernel
 def _moved(simplex, way, trial):
-    """The worst corner (the last), moved through the middle of the others by a multiple of its distance from it."""
+    """Move the worst corner (the last) through the centroid of the others, by a multiple of its distance from it."""
     last = len(simplex) - 1
     for c in range(simplex.shape[1]):
         middle = 0.0
@@ -196,16 +196,16 @@ def _moved(simplex, way, trial):
 
 @kernel
 def search_outline(simplex, max_steps, near, alike, opening, bounds, corners, sums, limits, motions, matrices, reach, weights):  # fmt: skip
-    """Least cost of a body, by the downhill simplex of Nelder and Mead (1965); its corners stay sorted, the best is the first.
+    """Body of minimum cost, by the downhill simplex of Nelder and Mead (1965); the corners stay sorted, the best first.
 
     Parameters
     ----------
     simplex
-        Bodies (7, 6), changed.
+        Bodies (7, 6), updated in place.
     max_steps
-        Costs that are computed at most, but for the last step.
+        Maximum number of cost evaluations, not counting those of the last step.
     near, alike
-        Size of the simplex [m], and difference of its costs [nat], which end the search.
+        Termination tolerances: size of the simplex [m], and difference of its costs [nat].
     opening, bounds, corners, sums, limits, motions, matrices, reach, weights
         See :func:`outline_cost`.
     """
@@ -238,7 +238,7 @@ def search_outline(simplex, max_steps, near, alike, opening, bounds, corners, su
         )
         first, spent = count, spent + 1
         if value < costs[0] or value >= costs[last - 1]:
-            # Farther where it is best of all, less far where it is next to worst or worse.
+            # Expand if best of all, contract if not better than the second worst.
             way = 2.0 if value < costs[0] else 0.5 if value < costs[last] else -0.5
             _moved(simplex, way, other)
             further = outline_cost(

@@ -1,4 +1,4 @@
-"""Readings of every ray of a view compared with other views."""
+"""Classification of every ray of a view by comparison with other views."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ UNKNOWN, SAME, FAR, NEAR, DROPPED = 0, 1, 2, 3, 4
 
 @kernel(parallel=True)
 def depth_deviation(depth, quadratic, constant, offset, tracking, pixels, steepest, sigma):
-    """Standard deviation of every depth against what another view predicts for it.
+    """Standard deviation of the difference between each depth and its prediction from another view.
 
     Parameters
     ----------
@@ -23,13 +23,13 @@ def depth_deviation(depth, quadratic, constant, offset, tracking, pixels, steepe
     quadratic, constant, offset
         Coefficients of the camera's noise.
     tracking
-        Standard deviation of a depth by the poses [m].
+        Standard deviation of a depth due to the poses [m].
     pixels
-        Standard deviation of the place of a point in the image, by rounding and by the poses [px].
+        Standard deviation of the image position of a point, from rounding and poses [px].
     steepest
-        Slope of a surface that is seen at most, in depths per pixel: what is steeper is an edge, or noise.
+        Maximum slope of a visible surface, in depths per pixel; steeper is an edge or noise.
     sigma
-        Standard deviations (h, w) [m], filled; a slanted surface has a larger one.
+        Standard deviations (h, w) [m], filled; larger on slanted surfaces.
     """
     rows, columns = depth.shape
     for i in prange(rows):
@@ -37,7 +37,7 @@ def depth_deviation(depth, quadratic, constant, offset, tracking, pixels, steepe
             z = depth[i, j]
             device = constant + quadratic * (z - offset) * (z - offset)
             total = device * device + tracking * tracking
-            # The smaller difference of both sides: the larger one may be a step to another surface.
+            # The smaller of the two one-sided differences: the larger one may be a depth step.
             slope = np.float32(np.inf)
             if j > 0 and abs(z - depth[i, j - 1]) < slope:
                 slope = abs(z - depth[i, j - 1])
@@ -57,8 +57,8 @@ def depth_deviation(depth, quadratic, constant, offset, tracking, pixels, steepe
 
 @kernel
 def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
-    """(agreeing, seeing through, nearer, nothing): views with a surface at the point, that look past it, that see another
-    one before it, that read nothing there."""
+    """Numbers of views (agreeing, looking through, nearer, empty): with a surface at the point, with one beyond it, with
+    another one in front of it, without a reading there."""
     views, rows, columns = depths.shape
     half = np.float32(0.5)
     agree, through, nearer, lost = 0, 0, 0, 0
@@ -80,7 +80,7 @@ def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
         if abs(seen - there) <= tolerance:
             agree += 1
         elif seen > there:
-            # Next to an edge the rounding of the pixel decides: all four neighbours must look past it too.
+            # At an edge the rounded pixel is ambiguous: require all four neighbours to be beyond the point.
             past = there + tolerance
             if (
                 depths[k, i - 1, j] > past
@@ -96,34 +96,34 @@ def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
 
 @kernel(parallel=True)
 def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, width, deepest, tracking, quorum, predicted, votes, empty, reading):  # fmt: skip
-    """What each pixel of a view reads, against the surface that other views see on its ray.
+    """Classify the reading of each pixel of a view against the surface that other views see on its ray.
 
     Parameters
     ----------
     depth, sigma
         Depth image (h, w) and its standard deviations [m].
     depths, sigmas
-        Those of the other views (n, h, w) [m].
+        Depth images and standard deviations of the other views (n, h, w) [m].
     motions
         ``T_other_this`` (n, 3, 4).
     warped
-        Depths of the other views in this one (n, h, w) [m].
+        Depths of the other views reprojected into this one (n, h, w) [m].
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     width
         Number of standard deviations within which depths agree.
     deepest, tracking
-        Standard deviation of a depth of 1 m by the camera, which grows with the square, and by the poses [m].
+        Standard deviation of a depth of 1 m due to the camera, which grows with the squared depth, and due to the poses [m].
     quorum
-        Number of views that have to see a surface.
+        Minimum number of views that see a surface.
     predicted
-        Depth of the opaque surface (h, w) [m], 0 unknown, filled.
+        Depth of the opaque surface (h, w) [m], filled; 0: unknown.
     votes
-        Number of views that see it (h, w), filled.
+        Number of views that agree with it (h, w), filled.
     empty
-        Number of views that read nothing where it is (h, w), filled.
+        Number of views without a reading at it (h, w), filled.
     reading
-        0 unknown, 1 the same, 2 farther, 3 nearer, 4 none (h, w), filled.
+        Reading (h, w), filled: 0 unknown, 1 the same, 2 farther, 3 nearer, 4 none.
     """
     rows, columns = depth.shape
     views = len(depths)
@@ -167,7 +167,7 @@ def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, wid
                     for_d, past_d, _, lost_d = _votes(
                         sx * d, sy * d, d, expected, depths, sigmas, motions, fx, fy, cx, cy, width
                     )
-                    # What is nearer may only hide the point from there: of two surfaces the one that more views see.
+                    # A nearer surface may only occlude the point in that view: of two surfaces, take the one more views see.
                     if for_d >= max(quorum, agree + 1) and 2 * past_d <= for_d:
                         predicted[i, j], votes[i, j], empty[i, j] = d, for_d, lost_d
                         break
@@ -193,10 +193,10 @@ def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, wid
 
 @kernel
 def projector_shadow(predicted, focal_baseline, slack, shadow):
-    """Where the projector's light does not reach the predicted surface: another point of the row is before it.
+    """Mask of pixels whose predicted surface is in the shadow of the projector, occluded by another point of the row.
 
     The projector is at +x for a positive ``focal_baseline`` [px m]: column u of depth z is lit through its column
-    u - focal_baseline / z, and an occluder lies on the projector's side of what it hides.
+    u - focal_baseline / z, and an occluder lies on the projector's side of the point that it occludes.
 
     Parameters
     ----------

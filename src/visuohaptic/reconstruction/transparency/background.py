@@ -1,4 +1,4 @@
-"""What a view should show, predicted from other views of the same camera (Alt 2016, 5.2.1)."""
+"""Background model: the depth image of a view predicted from other views of the same camera (Alt 2016, 5.2.1)."""
 
 from __future__ import annotations
 
@@ -38,28 +38,28 @@ class BackgroundModel:
     mean_m: Float32[np.ndarray, "h w"]  #: NaN below 3 observations [m]
     sigma_m: Float32[np.ndarray, "h w"]  #: max(sigma, sigma_s) [m]
     reliability: Float32[np.ndarray, "h w"]  #: S_r of Eq. (5.3) after erosion, 0-1
-    views: int  #: views that it was made of
+    views: int  #: number of views in the model
 
 
 @dataclass(slots=True)
 class LocalViews:
-    """The recent way of the camera, and which views on it make the model of the present one.
+    """Recent path of the camera, and selection of the views on it that model the current view.
 
-    Views ``gap_m`` to ``gap_m + span_m`` behind on the way are far enough that glass hides another part of the
-    background, and near enough that nothing else changes.
+    Views ``gap_m`` to ``gap_m + span_m`` back along the path are far enough away that glass covers another part of the
+    background, and near enough that the scene looks the same otherwise.
     """
 
-    count: int = 8  #: views of a model
-    span_m: float = 0.2  #: way that they cover [m]
-    gap_m: float = 0.16  #: way between them and the present view [m]
-    min_step_m: float = 0.01  #: views nearer than this to the last one are not kept [m]
-    jump_m: float = 0.15  #: a step longer than this is an error of the tracker [m]
-    jump_rad: float = math.radians(20)  #: so is a turn by more [rad]
+    count: int = 8  #: number of views of a model
+    span_m: float = 0.2  #: path length that they cover [m]
+    gap_m: float = 0.16  #: path length between them and the current view [m]
+    min_step_m: float = 0.01  #: minimum distance of a kept view from the previous one [m]
+    jump_m: float = 0.15  #: a longer step is a tracking error [m]
+    jump_rad: float = math.radians(20)  #: a larger rotation is a tracking error [rad]
     frames: list[DepthFrame] = field(default_factory=list)  #: kept views, oldest first
-    way_m: list[float] = field(default_factory=list)  #: way at each of them [m]
+    way_m: list[float] = field(default_factory=list)  #: path length at each of them [m]
 
     def jumped(self, frame: DepthFrame) -> bool:
-        """Whether the pose cannot follow that of the last kept view.
+        """Whether the step from the last kept view is a tracking error.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class LocalViews:
         return float(np.linalg.norm(motion.translation_m)) > self.jump_m or turn > self.jump_rad
 
     def add(self, frame: DepthFrame) -> bool:
-        """Keep a view unless it is next to the last one; returns whether it was kept.
+        """Keep a view unless it is too near to the last one; returns whether it was kept.
 
         Parameters
         ----------
@@ -94,12 +94,12 @@ class LocalViews:
         return True
 
     def clear(self) -> None:
-        """Forget the way, after the tracker has lost it."""
+        """Discard all views, after a tracking error."""
         self.frames.clear()
         self.way_m.clear()
 
     def of_model(self) -> list[DepthFrame]:
-        """Views for the model of the last one that was added: spread over the span, oldest first."""
+        """Views for the model of the last added view: spread over the span, oldest first."""
         if not self.way_m:
             return []
         behind = self.way_m[-1] - np.array(self.way_m)
@@ -112,7 +112,7 @@ class LocalViews:
 
 
 def ideal_depth(frame: DepthFrame) -> Float32[np.ndarray, "h w"]:
-    """The depth image as a pinhole without distortion would see it (nearest pixel, no mixing of depths).
+    """The depth image of a pinhole camera without distortion (nearest pixel, no interpolation).
 
     Parameters
     ----------
@@ -176,27 +176,27 @@ def background_model(
     erosion_px: int | None = None,
     weight: float = HELLINGER_WEIGHT,
 ) -> BackgroundModel:
-    """Predict a view from others: z-buffered reprojection, mean, sigma, reliability.
+    """Predict a view from others: z-buffered reprojection, mean, standard deviation and reliability of each pixel.
 
     Parameters
     ----------
     views
         Views of the same camera.
     T_world_camera
-        The view that is predicted.
+        Pose of the predicted view.
     noise
-        Least noise that is believed, Eq. (5.1).
+        Lower bound of the noise, Eq. (5.1).
     min_views
-        Observations that a pixel needs.
+        Minimum number of observations of a pixel.
     erosion_px
-        Margin that is taken off reliable regions; by default that of the camera's edges, 2 px of a Kinect [px].
+        Erosion of reliable regions; by default the edge margin of the camera, 2 px for a Kinect [px].
     weight
         w of Eq. (5.3).
 
     Raises
     ------
     InputError
-        There are no views, or their cameras differ in size.
+        There are no views, or their images differ in size.
     """
     from ._background_kernels import view_moments, warp_views
 

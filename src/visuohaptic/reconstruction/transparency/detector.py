@@ -1,8 +1,8 @@
-"""Transparency detector as published: what contradicts the background model, summed along rays (Alt 2016, 5.2).
+"""Transparency detector as published: deviations from the background model summed along rays (Alt 2016, 5.2).
 
-Frame by frame, while the camera moves. Eq. (5.4) is implemented with its sign
-corrected: an observation counts when it disagrees with the model. The better
-detector is in :mod:`.evidence`; both have the same methods.
+Incremental, frame by frame while the camera moves. Eq. (5.4) is implemented with its
+sign corrected: an observation counts if it disagrees with the model. The more
+accurate detector is in :mod:`.evidence`; both have the same methods.
 """
 
 from __future__ import annotations
@@ -38,29 +38,25 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class TransparencySettings:
-    """Parameters of the published detector; the defaults are the dissertation's where it names them."""
+    """Parameters of the published detector; the defaults are the dissertation's where it states them."""
 
-    views: int = 8  #: of the model
-    span_m: float = 0.2  #: way that they cover [m]
-    gap_m: float = 0.16  #: way between them and the present view [m]
-    step_m: float = 0.02  #: way between two comparisons [m]
-    min_views: int = 3  #: observations that a pixel of the model needs
-    erosion_px: int | None = (
-        None  #: margin taken off reliable regions; that of the camera's edges by default [px]
-    )
-    theta: float = 0.9  #: probability below which nothing counts
-    max_wrong: float = 0.15  #: frames with a larger fraction of wrong among reliable pixels are left out
-    jump_m: float = 0.15  #: a longer step is an error of the tracker [m]
-    of_peak: float = (
-        0.5  #: transparent voxels have this fraction of the 99.9th percentile of the summed scores
-    )
-    min_sum: float = 3.0  #: and at least this sum
-    min_voxels: int = 50  #: smallest cluster
+    views: int = 8  #: number of views of a model
+    span_m: float = 0.2  #: path length that they cover [m]
+    gap_m: float = 0.16  #: path length between them and the current view [m]
+    step_m: float = 0.02  #: path length between two comparisons [m]
+    min_views: int = 3  #: minimum number of observations of a pixel of the model
+    erosion_px: int | None = None  #: erosion of reliable regions; default the edge margin of the camera [px]
+    theta: float = 0.9  #: minimum probability of a deviation that counts
+    max_wrong: float = 0.15  #: maximum fraction of deviating among reliable pixels of a frame that is used
+    jump_m: float = 0.15  #: a longer step is a tracking error [m]
+    of_peak: float = 0.5  #: minimum score of transparent voxels, as a fraction of the 99.9th percentile
+    min_sum: float = 3.0  #: minimum summed score of transparent voxels
+    min_voxels: int = 50  #: minimum size of a cluster
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorImage:
-    """How one view disagrees with its model; ``valid`` False: it was not used, ``reason`` says why."""
+    """Deviation of a view from its model; with ``valid`` False it was not used for the ``reason``."""
 
     score: Float32[np.ndarray, "h w"]  #: S_E of Eq. (5.4), 0-1
     model: BackgroundModel | None
@@ -106,7 +102,7 @@ def error_image(
 
 @dataclass(slots=True)
 class TransparencyDetector:
-    """Collects error rays in a volume, one view after the other.
+    """Accumulates error rays of successive views in a volume.
 
     Examples
     --------
@@ -120,9 +116,9 @@ class TransparencyDetector:
     noise: DepthNoise = SENSOR_NOISE["kinect"]
     settings: TransparencySettings = field(default_factory=TransparencySettings)
     volume: Float32[np.ndarray, "x y z"] = field(init=False)  #: summed scores
-    views: int = 0  #: views that were given
-    used: int = 0  #: views that were compared
-    skipped: Counter[str] = field(default_factory=Counter)  #: views that were not, by cause
+    views: int = 0  #: number of views added
+    used: int = 0  #: number of views compared with a model
+    skipped: Counter[str] = field(default_factory=Counter)  #: number of views not compared, by cause
     _views: LocalViews = field(init=False)
     _compared_m: float = field(init=False, default=-np.inf)
 
@@ -179,7 +175,7 @@ class TransparencyDetector:
     def _cast(
         self, score: Float32[np.ndarray, "h w"], mean_m: Float32[np.ndarray, "h w"], frame: DepthFrame
     ) -> None:
-        """Cast the error rays up to the surface that the model expects."""
+        """Cast the error rays up to the surface predicted by the model."""
         from ._background_kernels import cast_rays
 
         i, j = np.nonzero(score)
@@ -190,11 +186,11 @@ class TransparencyDetector:
         cast_rays(origin, ends, score[i, j], self.grid.low_m, self.grid.voxel_m, 4, self.volume)
 
     def score(self) -> Float[np.ndarray, "x y z"]:
-        """Summed score of each voxel per view that was compared."""
+        """Summed score of each voxel per compared view."""
         return self.volume / np.float32(max(self.used, 1))
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
-        """Voxels that count as transparent."""
+        """Mask of the transparent voxels."""
         hit = self.volume[self.volume > 0]
         if not hit.size:
             return np.zeros(self.grid.shape, dtype=bool)
@@ -202,12 +198,12 @@ class TransparencyDetector:
         return self.volume >= max(self.settings.min_sum, self.settings.of_peak * peak)
 
     def regions(self) -> tuple[TransparentRegion, ...]:
-        """Clusters of transparent voxels with their hulls."""
+        """Clusters of transparent voxels with their convex hulls."""
         inside = self.inside()
         return find_regions(self.score(), inside, inside, self.grid, min_voxels=self.settings.min_voxels)
 
     def report(self) -> SearchReport:
-        """What was searched, and why nothing was found where nothing was."""
+        """Summary of the search, with the reason if nothing was found."""
         found = SearchReport.of_search(
             self.volume,
             (self.volume > 0) * self.used,

@@ -1,25 +1,27 @@
-"""Transparency detector: evidence of every ray for glass, summed in space, against a stated rate of false alarms.
+"""Transparency detector: log-likelihood ratios of rays summed in space, with a specified false-alarm rate.
 
 For a ray with reading r in context c (:mod:`.ray_readings`)
 
-- P(r | c, nothing transparent) is counted in the sequence itself, so that the camera needs no model of its drop-outs,
-  and again without the rays through the parts that were found, until there are no more of them;
-- P(r | glass) is that of four kinds, from faint to strong, thin to filled (:func:`.ray_readings.reading_tables`).
+- P(r | c, nothing transparent) is estimated from the sequence itself, so that no drop-out model of the camera is needed.
+  The estimate is repeated without the rays through detected parts until no further parts are found;
+- P(r | glass) is that of four kinds of glass: faint, thin, strong and filled (:func:`.ray_readings.reading_tables`).
 
-Readings of neighbouring pixels are not independent: what a matching window covers counts as one. R is the likelihood
-ratio of the readings in a window of the size of the smallest object that is sought. Of a view the evidence is
+Readings of neighbouring pixels are correlated: all readings within a matching window count as one. R is the likelihood
+ratio of the readings in a window of the size of the smallest object of interest. The evidence of a view is
 
     log [((1 - d) R + d) / ((1 - e) + e R)]
 
-with d the probability that a view through glass shows nothing of it, and e the fraction of windows anywhere that look
-like glass, by whatever cause (maximum likelihood over the sequence). It is the ratio of the probability with glass *here* to
-that of any window at all, and is bounded: no single view decides, and where many windows look like glass none counts much.
+with d the probability that a view through glass shows no effect of it, and e the fraction of all windows that look like
+glass for any cause (maximum likelihood over the sequence). It is the log ratio of the probability with glass *here* to
+that of an arbitrary window, and it is bounded: no single view is decisive, and each view counts less if many windows look
+like glass.
 
-The sum over views is a log-likelihood ratio. That of N places without glass one exceeds log(N / a) has at most the
-probability a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user gives.
+The sum over views is a log-likelihood ratio. The probability that it exceeds log(N / a) at any of N places without glass is
+at most a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user specifies.
 
-Where it stands follows from its outlines (:mod:`.outline_fit`). How far a part reaches is the same sum with e = 0.85: that fraction of the rays still passes a round glass at 1.03 of
-its radius, 2/pi asin(1/1.03). Parts are taken by falling evidence, and what rays say that pass an accepted part is explained by it.
+The position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: that
+fraction of the rays still passes a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts are accepted in order of
+falling evidence, and an accepted part explains the evidence of all rays through it.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ from .view_selection import ray_stride, thinned, view_graph
 
 __all__ = ["EvidenceDetector", "EvidenceSettings"]
 
-#: Every n-th pixel of a view gives a window for that estimate.
+#: Stride of the pixels whose windows are used to estimate e [px].
 _STRIDE = 5
 
 
@@ -63,12 +65,14 @@ _STRIDE = 5
 class EvidenceSettings:
     """Parameters of the detector."""
 
-    false_alarm_rate: float = 0.02  #: expected false parts of a search
-    radius_m: float = 0.015  #: of the smallest object that is sought
-    neighbours: int = 10  #: views that each one is compared with
-    independent_rad: float = math.radians(10.0)  #: between independent views, compared ones where possible
-    min_angle_rad: float = math.radians(4.0)  #: between compared views: nearer ones see the same glass alike
-    max_wrong: float = 0.3  #: views with a larger fraction of contradicted rays are left out
+    false_alarm_rate: float = 0.02  #: expected number of false parts of a search
+    radius_m: float = 0.015  #: radius of the smallest object of interest [m]
+    neighbours: int = 10  #: number of views that each view is compared with
+    #: angle between independent views; preferred between compared views [rad]
+    independent_rad: float = math.radians(10.0)
+    #: minimum angle between compared views: nearer ones see glass alike [rad]
+    min_angle_rad: float = math.radians(4.0)
+    max_wrong: float = 0.3  #: maximum fraction of contradicted rays of a view that is used
 
     def __post_init__(self) -> None:
         if not 0 < self.false_alarm_rate < 1:
@@ -81,7 +85,7 @@ class EvidenceSettings:
 
 @dataclass(slots=True)
 class EvidenceDetector:
-    """Evidence for transparent parts in a volume, of all views of a sequence in any order.
+    """Evidence for transparent parts in a volume, from all views of a sequence in any order.
 
     Examples
     --------
@@ -93,15 +97,16 @@ class EvidenceDetector:
     grid: SpaceGrid
     noise: DepthNoise = SENSOR_NOISE["kinect"]
     settings: EvidenceSettings = field(default_factory=EvidenceSettings)
-    evidence: Float32[np.ndarray, "x y z"] = field(init=False)  #: that glass is here, below 0 a bound [nat]
-    extent: Float32[np.ndarray, "x y z"] = field(init=False)  #: that it is not beside, likewise [nat]
-    seen: Float32[np.ndarray, "a b c"] = field(
-        init=False
-    )  #: independent views that say anything of a block of voxels
-    threshold: float = field(init=False)  #: evidence that founds a part [nat]
+    #: for glass here; an upper bound where below 0 [nat]
+    evidence: Float32[np.ndarray, "x y z"] = field(init=False)
+    #: for glass here rather than beside, likewise [nat]
+    extent: Float32[np.ndarray, "x y z"] = field(init=False)
+    #: number of independent views with evidence, of each block of voxels
+    seen: Float32[np.ndarray, "a b c"] = field(init=False)
+    threshold: float = field(init=False)  #: minimum evidence of a part [nat]
     look_alike: float = field(init=False, default=LOOK_ALIKE)  #: fraction of windows that look like glass
-    views: int = field(init=False, default=0)  #: views that were given
-    skipped: Counter[str] = field(default_factory=Counter)  #: views that were not compared, by cause
+    views: int = field(init=False, default=0)  #: number of input views
+    skipped: Counter[str] = field(default_factory=Counter)  #: number of views not compared, by cause
     _images: list[RayImage] = field(init=False)
     _rays: RayEvidence = field(init=False)
     _tables: Float32[np.ndarray, "kinds n"] = field(init=False)
@@ -122,11 +127,11 @@ class EvidenceDetector:
 
     @property
     def used(self) -> int:
-        """Views that were compared with others."""
+        """Number of views compared with others."""
         return len(self._images)
 
     def run(self, frames: Sequence[DepthFrame]) -> None:
-        """Compare every view with others, sum what its rays say, and take the parts that are found.
+        """Compare every view with others, sum the evidence of its rays, and extract parts.
 
         Parameters
         ----------
@@ -147,7 +152,7 @@ class EvidenceDetector:
             whole = self.evidence if first else whole
             strong = np.argwhere(self.evidence >= self.threshold)
             if before and len(strong):
-                # What is weaker than the parts that were taken, as a bowl of which the rim alone shows, hides less of itself.
+                # Parts weaker than the accepted ones, as a bowl of which only the rim shows, contaminate the rates less.
                 there_m, voxel_m = self.grid.centres_m(strong), self.grid.voxel_m
                 passed = np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(len(frames))])
                 self._sum(frames, weights, limit_m, (limit_m > 0) & ~passed)
@@ -163,7 +168,7 @@ class EvidenceDetector:
         *,
         first: bool = False,
     ) -> None:
-        """Sum what rays say that no part explains, by the rates without glass of those that are counted."""
+        """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
         self._outlines = []
         self._tables = reading_tables(
             [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
@@ -176,14 +181,14 @@ class EvidenceDetector:
         self._rays = RayEvidence.of_ratios(frames, weights, limit_m, ratios, self.look_alike)
         self.evidence, self.extent, seen = self._rays.sums(self.grid)
         if first:
-            # What is explained later was seen.
+            # Rays explained by later parts still count as observations.
             self.seen = seen
             space_m3 = float(np.mean(seen > 0) * np.prod(self.grid.high_m - self.grid.low_m))
             places = space_m3 / (2 * self.settings.radius_m) ** 3
             self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
 
     def _outline_views(self) -> list[OutlineView]:
-        """Outlines of all views by the present rates, once they are asked for."""
+        """Outlines of all views with the current rates; computed on first use."""
         rays = self._rays
         if not self._outlines:
             views = zip(rays.frames, self._images, rays.limit_m, rays.weights.tolist(), strict=True)
@@ -195,7 +200,7 @@ class EvidenceDetector:
         return self._outlines
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
-        """Views that have others to compare them with, and their weights; their readings are kept."""
+        """Views that have enough others for a comparison, and their weights; stores their readings."""
         graph, settings = view_graph(frames), self.settings
         focal_px = frames[0].camera.focal_px
         away_m = float(np.median([self._away_m(frame) for frame in frames]))
@@ -222,23 +227,23 @@ class EvidenceDetector:
         return read, np.array(weights, np.float32)
 
     def _away_m(self, frame: DepthFrame) -> float:
-        """Distance of a camera from the middle of the space [m]."""
+        """Distance of a camera from the centre of the space [m]."""
         middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
         return max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
 
     def ratios(
         self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
     ) -> Float32[np.ndarray, "h w"]:
-        """Likelihood ratio of a window of the size of an object around every pixel (h, w).
+        """Likelihood ratio of an object-sized window around every pixel (h, w).
 
         Parameters
         ----------
         frame
             View.
         rays
-            Its readings.
+            Readings of the view.
         tables
-            Log-likelihood ratios of readings, see :func:`~.ray_readings.reading_tables` [nat].
+            Log-likelihood ratios of the readings, see :func:`~.ray_readings.reading_tables` [nat].
         """
         import cv2
 
@@ -254,7 +259,7 @@ class EvidenceDetector:
         return total
 
     def _take(self) -> None:
-        """Take parts by falling evidence; what rays say that pass one of them is explained by it."""
+        """Extract parts in order of falling evidence; each explains the evidence of the rays through it."""
         from scipy import ndimage
 
         labels, _ = ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
@@ -267,7 +272,7 @@ class EvidenceDetector:
             evidence, extent, _ = self._rays.sums(self._part_grid(box))
             left = (labels[box] == number + 1) & (extent > 0)
             peak = evidence[left].max(initial=-np.inf)
-            # A part has the evidence that others leave of it.
+            # The remaining evidence of a part: accepted parts may have reduced it.
             if peak >= best[number] - 1e-3:
                 part, body = self._part(left, evidence, box)
                 if body is not None:
@@ -280,7 +285,7 @@ class EvidenceDetector:
     def _part(
         self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> tuple[Bool[np.ndarray, "x y z"], UprightBody | None]:
-        """The piece of a part around its strongest voxel, and its body; of several bodies the strongest."""
+        """The connected component around the strongest voxel of a part, and its strongest body."""
         from scipy import ndimage
 
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
@@ -289,7 +294,7 @@ class EvidenceDetector:
         return whole, together[0] if together else None
 
     def _together(self, bodies: Sequence[UprightBody]) -> list[UprightBody]:
-        """Those of the bodies, apart from each other, which tell most of a part together, likeliest first."""
+        """The set of disjoint bodies with the most evidence for a part, strongest first."""
         sets = []
         for first in bodies:
             chosen = [first]
@@ -297,31 +302,31 @@ class EvidenceDetector:
                 if not any(body.meets(other) for other in chosen):
                     chosen.append(body)
             sets.append(sorted(chosen, key=lambda body: -body.evidence))
-        # Every further body needs what founds a part.
+        # Each further body has to exceed the threshold.
         return max(sets, key=lambda chosen: sum(b.evidence - self.threshold for b in chosen), default=[])
 
     @property
     def _min_voxels(self) -> float:
-        """Half of the voxels of the smallest object that is sought."""
+        """Half the number of voxels of the smallest object of interest."""
         return 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3
 
     def _fit(
         self, part: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> list[UprightBody]:
-        """Bodies of a part in a box of the volume, if it is large enough and has an outline."""
+        """Bodies fitted to a part in a box of the volume; none if it is too small or has no outline."""
         if np.count_nonzero(part) < self._min_voxels:
             return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
-        # Windows may look like glass by a common cause in all views that has no outline: shine, an edge.
+        # Windows may look like glass in all views for a common cause without an outline: specular reflection, an edge.
         bodies = fit_bodies(self._outline_views(), points_m, evidence[part])
-        # What is thinner than the smallest object is a piece of a rim, whose middle is elsewhere.
+        # A body thinner than the smallest object is a fragment of a rim, whose centre is elsewhere.
         thick = (body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m)
         return [body for body in thick if body.evidence >= self.threshold]
 
     def _accept(
         self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]
     ) -> Bool[np.ndarray, "x y z"]:
-        """Take a part in a box of the volume, unless it is where another one is; what of it the body explains, or is nothing else."""
+        """Accept a part unless it intersects an accepted one; returns its voxels, without those that belong to another part."""
         from scipy import ndimage
 
         if any(region.body is not None and body.meets(region.body) for region in self._found):
@@ -329,17 +334,17 @@ class EvidenceDetector:
         grid = self.grid
         cells = np.argwhere(part) + [s.start for s in box]
         points_m, body_m = grid.centres_m(cells), body.points_m(grid.voxel_m)
-        # Windows, as wide as the smallest object, show a body larger by half of them.
+        # Windows are as wide as the smallest object, so a body appears larger by half a window.
         own = body.contains(points_m, self.settings.radius_m)
         self._explain(np.concatenate([points_m[own], body_m]))
         rest = part.copy()
         rest[part] = ~own
         if own.any() and self._rays.sums(self._part_grid(box))[0][rest].max(initial=0.0) >= self.threshold:
-            # What founds a part by rays that pass the body by is another one.
+            # Evidence above the threshold from rays that miss the body belongs to another part.
             part, cells, own = part & ~rest, cells[own], own[own]
         else:
             self._explain(points_m[~own])
-        # A piece beyond it hangs in the air.
+        # Drop components that are mostly outside the body.
         piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
         cells = cells[2 * np.bincount(piece, weights=own)[piece] > np.bincount(piece)[piece]]
         if len(cells) < self._min_voxels:
@@ -352,18 +357,18 @@ class EvidenceDetector:
         return part
 
     def _explain(self, points_m: Float[np.ndarray, "n 3"]) -> None:
-        """Leave out what rays say that pass some points."""
+        """Set the evidence of all rays through some points to zero."""
         for k, limit_m in enumerate(self._rays.limit_m):
             limit_m[self._rays.passed(k, points_m, self.grid.voxel_m)] = 0.0
 
     def _part_grid(self, box: tuple[slice, ...]) -> SpaceGrid:
-        """The voxels of a box of the volume."""
+        """Grid of the voxels in a box of the volume."""
         nx, ny, nz = (int(s.stop - s.start) for s in box)
         low_m = self.grid.low_m + self.grid.voxel_m * np.array([s.start for s in box])
         return SpaceGrid(low_m, (nx, ny, nz), self.grid.voxel_m)
 
     def score(self) -> Float[np.ndarray, "x y z"]:
-        """Probability that glass is in a voxel, with one place in the volume expected to hold some."""
+        """Probability of glass in each voxel; the prior expects one place with glass in the volume."""
         return self._probability(self.evidence)
 
     def _probability(self, evidence: Float32[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
@@ -372,15 +377,15 @@ class EvidenceDetector:
         return found
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
-        """Voxels that count as transparent."""
+        """Mask of the transparent voxels."""
         return self._inside
 
     def regions(self) -> tuple[TransparentRegion, ...]:
-        """Parts that were found, largest first, with their hulls."""
+        """Detected parts with their convex hulls, largest first."""
         return self._found
 
     def report(self) -> SearchReport:
-        """What was searched, and why nothing was found where nothing was."""
+        """Summary of the search, with the reason if nothing was found."""
         found = SearchReport.of_search(
             self.evidence,
             self.seen,

@@ -1,17 +1,18 @@
-"""Where a transparent part stands: an upright body by the likelihood of its outlines.
+"""Position of a transparent part: an upright body fitted to its outlines by maximum likelihood.
 
-Voxels that only rays through glass pass reach away from the cameras and into what else the glass shades, so that their
-middle is a centimetre off. The outline in every view is sharper: windows of readings inside it are those of glass, or show
-nothing of it, as walls bend little in the middle and near to what is behind them; beside it they are those of the sequence.
-A truncated cone with its axis along z is laid through the outlines of all views by maximum likelihood. The second eye of
-the camera looks past the body, too: where its line of sight crosses it nothing is matched beside the outline, as far as the
-disparities of the body and of what is behind it differ.
+Voxels that only rays through glass pass extend away from the cameras and into parts that the glass shades, so that their
+centroid is wrong by about a centimetre. The outline in each view is sharper: windows of readings inside it have the
+distribution of glass, or show no effect, because walls refract little in the middle and near to the background; windows
+outside have the distribution of the sequence. A truncated cone with a vertical axis is fitted to the outlines of all views.
+The second eye of the camera looks past the body, too: where its line of sight crosses the body, matching fails beside the
+outline, by the difference between the disparities of the body and of the background.
 
-The deviation of the axis is that of a likelihood which is wrong in detail (Huber 1967; White 1982): H^-1 (sum of g g^T) H^-1
-with H the curvature of the whole, g the slope of each view, over half of the camera's matching window: over less it is the
-roughness of single readings. Views that share a direction err alike, so that g g^T of a view counts 1 / weight; the slopes at
-the fit are smaller than at the truth by what was fitted, n / (n - k) (MacKinnon and White 1985). Seen from one side a body farther away is nearly one that stands higher, so that the height is
-unknown with the axis, where the likelihood has a maximum in it.
+The covariance of the axis is robust against a misspecified likelihood (Huber 1967; White 1982): H^-1 (sum of g g^T) H^-1
+with H the curvature of the total and g the gradient of each view, both by differences over half of the matching window of the
+camera; over shorter steps the noise of single readings dominates. Views from the same direction have correlated errors, so g g^T
+of a view is divided by its weight. The gradients at the fit are smaller than at the true parameters, corrected by the
+factor n / (n - k) (MacKinnon and White 1985). From one side only, a farther and higher body looks the same, so the height is
+estimated jointly with the axis if the likelihood has a maximum in it.
 """
 
 from __future__ import annotations
@@ -29,36 +30,35 @@ from .background import intrinsics
 
 __all__ = ["OutlineView", "UprightBody", "fit_bodies"]
 
-#: Points of each of the two circles that bound a body.
+#: Number of points on each of the two bounding circles of a body.
 _CORNERS = 16
-#: Probability that a window inside the outline shows nothing of the glass.
+#: Probability that a window inside the outline shows no effect of the glass.
 _HIDDEN = 0.5
-#: Fraction of the radius within which nothing is said of a body: of none, or of an open bowl, of which only rim and wall show.
+#: Fraction of the radius inside which there is no evidence: 0 for a closed body, 0.7 for an open bowl (rim and wall only).
 _OPEN = (0.0, 0.7)
-#: First steps of the search of places, radii and heights [m]; evaluations of a search; the size and the differences that end it.
+#: Initial steps of positions, radii and heights [m]; maximum evaluations; tolerances of size [m] and cost [nat].
 _STEP_M, _MAX_STEPS, _NEAR_M, _ALIKE = 0.012, 400, 3e-4, 1e-2
-#: Radii of bodies that are tried around strong voxels, in first steps: a search goes by half of one, and several times.
+#: Radii of the initial bodies around strong voxels, in initial steps.
 _RADII = (2, 3, 5)
-#: Directions in which the middle of a bowl is sought from a piece of its rim, and how many of the likeliest bodies are searched
-#: from, of each kind and apart from each other.
+#: Number of directions in which the axis of a bowl is tried from a fragment of its rim, and maximum number of initial bodies of
+#: each kind (the likeliest, apart from each other) from which the search starts.
 _TURNS, _SEARCHES = 8, 4
-#: Smallest radius and height of a body [m].
+#: Minimum radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutlineView:
-    """What each pixel of a view says for kinds of glass, thinned to independent readings."""
+    """Log-likelihood ratios of each pixel of a view for each kind of glass, thinned to independent readings."""
 
-    evidence: Float32[
-        np.ndarray, "kinds h w"
-    ]  #: log-likelihood ratios per pixel, by how much of it shows [nat]
+    #: log-likelihood ratio of each pixel, by the kind of glass [nat]
+    evidence: Float32[np.ndarray, "kinds h w"]
     limit_m: Float32[np.ndarray, "h w"]  #: depth up to which each ray is evidence [m]
     T_camera_world: Float[np.ndarray, "3 4"]
     matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy of the thinned image [px]
-    baseline_m: float  #: of the second eye along the rows
-    window_px: float  #: matching window in the thinned image
-    weight: float  #: part of an independent view
+    baseline_m: float  #: baseline of the second eye along the rows [m]
+    window_px: float  #: matching window in the thinned image [px]
+    weight: float  #: weight of the view, in independent views
 
     @classmethod
     def of_view(
@@ -70,7 +70,7 @@ class OutlineView:
         weight: float,
         stride: int = 1,
     ) -> OutlineView:
-        """Thin a view to a quarter of a window.
+        """Thin a view to a spacing of a quarter of the matching window.
 
         Parameters
         ----------
@@ -79,13 +79,13 @@ class OutlineView:
         log_ratios
             Log-likelihood ratio of every reading (h, w), for each kind of glass [nat].
         limit_m
-            Depth up to which each ray is evidence (h, w) [m]; not copied, so that what is explained later counts no more.
+            Depth up to which each ray is evidence (h, w) [m]; not copied, so that later changes remove explained rays.
         noise
-            Of the camera: where its second eye is, and the window whose readings count as one.
+            Noise of the camera: baseline of its second eye, and matching window whose readings count as one.
         weight
-            Part of an independent view.
+            Weight of the view, in independent views.
         stride
-            Pixels of the camera from one pixel of the view to the next.
+            Pixels of the camera per pixel of the view.
         """
         import cv2
 
@@ -105,7 +105,7 @@ class OutlineView:
 
 
 class _Outlines:
-    """All views as the sums of their rows, of rays that end behind a place."""
+    """Cumulative row sums of the evidence of all views, for rays that end behind a place."""
 
     def __init__(self, views: Sequence[OutlineView], middle_m: Float[np.ndarray, "3"]) -> None:
         self.matrices = np.array([view.matrix for view in views])
@@ -119,14 +119,14 @@ class _Outlines:
         self._told = (_CORNERS, sums, self._limits, self._motions, self.matrices, self._reach, self.weights)
 
     def cost(self, body: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]) -> float:
-        """Negative log-likelihood of a body against nothing; 1000 where it is none [nat].
+        """Negative log-likelihood ratio of a body against no body [nat]; 1000 outside the bounds.
 
         Parameters
         ----------
         body, opening
             As of :meth:`log_likelihood`.
         bounds_m
-            Least radius and height, largest radius [m].
+            Minimum radius, minimum height and maximum radius [m].
         """
         from ._outline_kernels import outline_cost
 
@@ -135,7 +135,7 @@ class _Outlines:
     def search(
         self, start: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "6"]:
-        """The likeliest body, from another one on; see :meth:`cost`."""
+        """The body of maximum likelihood, by local search from a start; see :meth:`cost`."""
         from ._outline_kernels import search_outline
 
         simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
@@ -144,14 +144,14 @@ class _Outlines:
         return best
 
     def log_likelihood(self, body: Float[np.ndarray, "6"], opening: float) -> Float[np.ndarray, "views"]:
-        """Of a body against nothing, of each view [nat].
+        """Log-likelihood ratio of a body against no body, of each view [nat].
 
         Parameters
         ----------
         body
             x, y of the axis, lower and upper radius, lower and upper height [m].
         opening
-            Fraction of the radius within which nothing is said.
+            Fraction of the radius inside which there is no evidence.
         """
         from ._outline_kernels import outline_ratios
 
@@ -160,7 +160,7 @@ class _Outlines:
         return found
 
     def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
-        """Width of a window at a place, in the median of the views [m]."""
+        """Width of a matching window at a point, median over the views [m]."""
         return float(
             np.median(window_px * (self._motions[:, 2] @ np.append(middle_m, 1.0)) / self.matrices[:, 0])
         )
@@ -168,17 +168,17 @@ class _Outlines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UprightBody:
-    """An upright truncated cone, and how well the place of its axis is known."""
+    """An upright truncated cone, with the standard deviations of its axis and radius."""
 
     axis_m: Float[np.ndarray, "2"]  #: x, y of its axis [m]
-    axis_sigma_m: Float[np.ndarray, "2"]  #: their standard deviations [m]
-    radius_m: tuple[float, float]  #: lower and upper [m]
-    radius_sigma_m: float  #: standard deviation of both together [m]
+    axis_sigma_m: Float[np.ndarray, "2"]  #: standard deviations of the axis [m]
+    radius_m: tuple[float, float]  #: lower and upper radius [m]
+    radius_sigma_m: float  #: standard deviation of a common change of both radii [m]
     height_m: tuple[float, float]  #: z of its lower and upper end [m]
-    evidence: float  #: log-likelihood ratio against nothing [nat]
+    evidence: float  #: log-likelihood ratio against no body [nat]
 
     def meets(self, other: UprightBody) -> bool:
-        """Whether two bodies are in each other, by the means of their radii: solids are not.
+        """Whether two bodies intersect, with the means of their radii.
 
         Parameters
         ----------
@@ -189,12 +189,12 @@ class UprightBody:
         return apart_m < 0.5 * (sum(self.radius_m) + sum(other.radius_m))
 
     def points_m(self, voxel_m: float) -> Float[np.ndarray, "n 3"]:
-        """Points inside it, a voxel apart (n, 3) [m].
+        """Points inside the body on a grid of the voxel spacing (n, 3) [m].
 
         Parameters
         ----------
         voxel_m
-            Distance of the points along each axis [m].
+            Spacing of the points along each axis [m].
         """
         reach = max(self.radius_m)
         side = np.arange(-reach, reach + voxel_m, voxel_m)
@@ -205,7 +205,7 @@ class UprightBody:
         return found[self.contains(found)]
 
     def contains(self, points_m: Float[np.ndarray, "n 3"], margin_m: float = 0.0) -> Bool[np.ndarray, "n"]:
-        """Whether points are in it.
+        """Whether points are inside the body.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ class UprightBody:
 def fit_bodies(
     views: Sequence[OutlineView], points_m: Float[np.ndarray, "n 3"], evidence: Float[np.ndarray, "n"]
 ) -> list[UprightBody]:
-    """Upright bodies where a part was found, likeliest first: maxima of the likelihood, of which several may share the part.
+    """Fit upright bodies to a part; returns the maxima of the likelihood, likeliest first, which may share the part.
 
     Parameters
     ----------
@@ -232,10 +232,10 @@ def fit_bodies(
     points_m
         Centres (n, 3) of the voxels of the part [m].
     evidence
-        Of each voxel (n) [nat].
+        Evidence of each voxel (n) [nat].
     """
     low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
-    # A part is a sixth of a rim at least: wider bodies swallow what stands around.
+    # A part is at least a sixth of a rim: wider bodies would include surrounding objects.
     widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
     bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, widest_m])
     outlines = _Outlines(views, points_m[evidence.argmax()])
@@ -245,13 +245,13 @@ def fit_bodies(
     bodies: list[UprightBody] = []
     ends: list[tuple[np.ndarray, float]] = []
     for start, opening in _apart(sorted(starts, key=lambda one: outlines.cost(one[0], one[1], bounds_m))):
-        # Rays end before what is farther than the strongest voxel.
+        # Recompute the row sums for this start: rays that end in front of it are no evidence.
         outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
         best = outlines.search(start, opening, bounds_m)
-        # Two ends nearer than half of the narrowest body are beside one maximum.
+        # Results nearer than half of the minimum radius belong to the same maximum.
         if any(kind == opening and np.hypot(*(best - end)[:2]) < 0.5 * _MIN_RADIUS_M for end, kind in ends):
             continue
-        # A simplex that has collapsed beside the maximum finds it from where it is.
+        # Restart with a new simplex: the first one may have collapsed before the maximum.
         best = outlines.search(best, opening, bounds_m)
         ends.append((best, opening))
         covariance = _covariance(outlines, best, opening, views[0].window_px)
@@ -264,7 +264,7 @@ def fit_bodies(
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
-    """The first of each kind whose axes are not in each other."""
+    """The best starts of each kind whose axes are outside each other's bodies."""
     chosen: list[tuple[np.ndarray, float]] = []
     for start, opening in starts:
         alike = [other for other, kind in chosen if kind == opening]
@@ -275,7 +275,7 @@ def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray,
 
 
 def _starts(strong_m: Float[np.ndarray, "n 3"], opening: float) -> list[Float[np.ndarray, "6"]]:
-    """Bodies around the strong voxels of a part, as high as these are there."""
+    """Initial bodies around the strong voxels of a part, with the height range of these voxels."""
     found = []
     cell_m = 2 * _STEP_M
     for axis in cell_m * np.unique(np.round(strong_m[:, :2] / cell_m), axis=0):
@@ -289,7 +289,7 @@ def _starts(strong_m: Float[np.ndarray, "n 3"], opening: float) -> list[Float[np
 
 
 def _rims(low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]) -> list[Float[np.ndarray, "6"]]:
-    """Open bodies of which a part is a piece of the rim: half of it, or a quarter."""
+    """Initial open bodies of whose rim the part is a half or a smaller fragment."""
     middle, width_m = 0.5 * (low_m + high_m), float((high_m - low_m)[:2].max())
     found = []
     for radius, turn in product((0.5 * width_m, 0.75 * width_m), np.arange(_TURNS) * 2 * np.pi / _TURNS):
@@ -301,7 +301,7 @@ def _rims(low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]) -> list
 def _covariance(
     outlines: _Outlines, body: Float[np.ndarray, "6"], opening: float, window_px: float
 ) -> Float[np.ndarray, "3 3"] | None:
-    """Of x, y and both radii together [m2]; ``None`` where the likelihood has no maximum in one of them."""
+    """Covariance of x, y and the common radius [m2]; ``None`` where the likelihood has no maximum in one of them."""
     middle_m = np.array([body[0], body[1], 0.5 * (body[4] + body[5])])
     step_m = 0.5 * outlines.window_m(window_px, middle_m)
     ways = step_m * np.array([[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0], [0, 0, 0, 0, 1, 1]])
@@ -324,7 +324,7 @@ def _covariance(
             weights, slopes = outlines.weights, slopes[:count]
             independent = float(weights[slopes.any(axis=0)].sum())
             squares = (slopes / weights) @ slopes.T * independent / max(independent - count, 1.0)
-            # No better than the likelihood itself says: a few views may agree by chance.
+            # Not below the covariance of the likelihood itself: a few views may agree by chance.
             found: np.ndarray = inverse @ squares @ inverse + inverse
             return found[:3, :3]
     return None

@@ -1,9 +1,9 @@
-"""Fit the poses of a depth sequence to each other: all views at once, point to plane.
+"""Joint point-to-plane refinement of the poses of all views of a depth sequence.
 
-Small errors of the tracker contradict the model at every slanted surface, which the detector would take for glass.
-Points of every view are laid on the planes that its neighbours see (:mod:`.view_selection`), robustly, and each pose
-is held to the reported one as firmly as the tracker deserves it. All poses are solved for together (Gauss-Newton), so
-that eight views around a table serve as well as eighty along a path.
+Small tracking errors contradict the background model at every slanted surface, which the detector would take for glass.
+Points of every view are matched to the planes that its neighbours see (:mod:`.view_selection`), with robust weights, and
+the reported poses are priors with the standard deviations of the tracker. All poses are solved for together (Gauss-Newton), so
+eight views around a table work as well as eighty along a path.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from .view_selection import view_graph
 
 __all__ = ["common_sigma_m", "refine_poses"]
 
-#: Neighbours that each view is compared with.
+#: Number of neighbours that each view is compared with.
 _NEIGHBOURS = 6
-#: Points of all views together that are laid on each neighbour, and of one view at least.
+#: Number of points of all views together that are matched to each neighbour, and minimum number of each view.
 _ALL_POINTS, _POINTS = 24_000, 500
-#: Residuals of neighbouring points are not independent: one in this number counts.
+#: Number of residuals of neighbouring points that count as one: they are correlated.
 _CORRELATED = 2.0
-#: Deviation that even the best depth has [m].
+#: Minimum standard deviation of a depth [m].
 _LEAST_M = 5e-4
-#: Steps of the solution, each looks the matching points up anew.
+#: Number of iterations; each matches the points again.
 _STEPS = 8
-#: Over-relaxation of a step, and fraction of the step before that it goes on with (heavy ball, Polyak 1964): reweighting
-#: minimises a bound, so that twice its step still descends; along surfaces its steps shrink by no more than a tenth.
+#: Over-relaxation of a step, and weight of the previous step (heavy ball, Polyak 1964): reweighting minimises
+#: an upper bound, so that twice its step still descends; along surfaces its steps shrink by at most a tenth.
 _RELAXED, _MOMENTUM = 1.5, 0.5
 
 
 def _points(depth_m: Float32[np.ndarray, "h w"], camera: Camera, count: int) -> Float[np.ndarray, "n 3"]:
-    """As many points of a view where it has a smooth surface, spread over it, in the frame of its camera [m]."""
+    """About ``count`` points on smooth surfaces, spread over the view, in the camera frame [m]."""
     from ._background_kernels import smooth_points
 
-    # A view of which a quarter is smooth still gives all of them.
+    # Oversampled by 4, so that a view of which a quarter is smooth yields all points.
     stride = max(1, math.isqrt(depth_m.size // (4 * count)))
     found = np.empty((math.ceil(depth_m.shape[0] / stride) * math.ceil(depth_m.shape[1] / stride), 3))
     found = found[: smooth_points(depth_m, stride, *_numbers(camera), found)]
@@ -64,14 +64,14 @@ def refine_poses(
     sigma_m: float = 0.005,
     sigma_rad: float = math.radians(0.3),
 ) -> list[DepthFrame]:
-    """Frames with better poses, in the same order.
+    """Refine the poses of frames; returns frames in the same order.
 
     Parameters
     ----------
     frames
         Views of one camera.
     noise
-        Of the camera; its tracking part is not used here.
+        Noise of the camera; its tracking term is not used here.
     sigma_m, sigma_rad
         Standard deviation of the reported poses, per axis [m], [rad].
     """
@@ -94,14 +94,14 @@ def refine_poses(
     stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
     each, moved = np.arange(count), np.zeros((count, 6))
     for step in range(_STEPS):
-        # Far matches help a poor start and spoil a good one.
+        # Distant matches help a poor initial pose and degrade a good one.
         reach_m = 4 * sigma_m * max(0.25, 0.6**step)
-        # Fewer points lead as far as they match poorly; each of them stands for those that are left out.
+        # Fewer points suffice while the poses are poor; each represents the omitted ones.
         stride = 4 if step < _STEPS // 2 else 1
         last = _CORRELATED / stride, squares, pulls
         plane_equations(*places, stride, present, depths, *_numbers(camera), reach_m, *numbers, *last)
         matrix, right = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
-        # A motion of the first view of a pair in the world moves its points, one of the second its planes.
+        # A motion of the first view of a pair moves its points, one of the second view its planes.
         i, k = pairs.T
         for rows, columns, sign in ((i, i, 1), (k, k, 1), (i, k, -1), (k, i, -1)):
             np.add.at(matrix, (rows, columns), sign * squares)
@@ -123,7 +123,7 @@ def refine_poses(
 def _offsets(
     present: Float[np.ndarray, "n 3 4"], measured: Float[np.ndarray, "n 3 4"]
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
-    """Turn [rad] and shift of the eye [m] of each pose from the measured one, and how a motion in the world changes them."""
+    """Rotation [rad] and translation of the camera centre [m] from the measured to the present pose, and its Jacobian."""
     turned = so3_log(present[:, :, :3] @ measured[:, :, :3].transpose(0, 2, 1))
     away = np.concatenate([turned, present[:, :, 3] - measured[:, :, 3]], axis=1)
     local = np.tile(np.eye(6), (len(present), 1, 1))
@@ -134,9 +134,9 @@ def _offsets(
 def common_sigma_m(
     reported: Sequence[DepthFrame], refined: Sequence[DepthFrame], point_m: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3"]:
-    """Standard deviation of where all views together see a point [m].
+    """Standard deviation of the common error of all views at a point [m].
 
-    Poses that are fitted to each other keep the mean of the reported ones, whose errors the fit shows.
+    Poses that are refined jointly keep the mean of the reported poses; the corrections show the errors of these.
 
     Parameters
     ----------

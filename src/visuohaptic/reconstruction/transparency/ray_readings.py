@@ -1,11 +1,11 @@
-"""What a camera reads on every ray against what other views see there, and in what circumstances.
+"""Readings of rays: what a camera measures on each ray relative to what other views see there, and in which context.
 
-The readings are *the same* surface, a *farther* or a *nearer* one, and *none* (a drop-out). How often each of them is
-to be expected where nothing is transparent depends on the circumstances, the *context* of a ray: whether the second eye
-of the camera has the expected surface in its image at all, how far it is from where the camera must fail (an edge of the
-expected surface, the unknown, a grazing surface, the shadow of the projector; Alt 2016, 5.1), how many views see it, how many read nothing where it is (a dark surface
-drops out from everywhere, glass before it from some places), and how far away it is. All of it follows from the other
-views; the rates of each context are counted in the sequence itself (:mod:`.evidence`).
+The readings are *the same* surface, a *farther* or a *nearer* one, and *none* (a drop-out). Their rates where nothing is
+transparent depend on the *context* of a ray: whether the expected surface is in the image of the second eye, its distance
+from where the camera fails (an edge of the expected surface, unknown depth, grazing incidence, the shadow of the projector;
+Alt 2016, 5.1), how many views see it, how many have no reading at it (a dark surface drops out in all views, glass in front of
+it in some), and its depth. The context follows from the other views; the rates in each context are estimated from the sequence
+itself (:mod:`.evidence`).
 """
 
 from __future__ import annotations
@@ -37,54 +37,54 @@ __all__ = [
     "reading_tables",
 ]
 
-#: Minimum fraction of windows that look like glass, for what the model does not contain, and rounds of its estimate.
+#: Minimum fraction of windows that look like glass, for causes outside the model, and iterations of its estimate.
 LOOK_ALIKE, _ROUNDS = 0.05, 12
 
 #: Values of :attr:`RayImage.reading`; 0 is unknown.
 SAME, FAR, NEAR, DROPPED = 1, 2, 3, 4
-#: Upper limits of the classes of a context: distance from where the camera fails (in margins of its edges), views that
-#: see the surface, fraction of views that read nothing there, depth of the surface [m].
+#: Upper limits of the context classes: distance from camera failures (in edge margins), number of views that see the
+#: surface, fraction of views without a reading there, depth of the surface [m].
 _DISTANCES, _VOTES, _EMPTY, _DEPTHS_M = (0.0, 1.0, 2.0, 4.0), (2, 3), (0.1, 0.3, 0.5), (0.4, 0.8, 1.6, 3.2)
-#: Distances have one class more, of what the second eye does not have in its image.
+#: Number of contexts; the distance has one more class, for surfaces outside the image of the second eye.
 CONTEXTS = (len(_DISTANCES) + 2) * (len(_VOTES) + 1) * (len(_EMPTY) + 1) * (len(_DEPTHS_M) + 1)
 #: Probabilities of the readings same, farther, nearer, none through glass: thin and clear, strong, faint, filled. Real
-#: D435s drop 29-77 % of its pixels.
+#: D435s drop 29-77 % of the pixels of glass.
 _KINDS = np.array(
     [[0.30, 0.12, 0.05, 0.53], [0.08, 0.10, 0.04, 0.78], [0.62, 0.08, 0.03, 0.27], [0.15, 0.45, 0.12, 0.28]]
 )
-#: Rays that the prior of a context weighs: glass and nothing are equally likely to be read so.
+#: Weight of the prior of a context, in rays; the prior is that glass and no glass have equal rates.
 _PRIOR_RAYS = 50.0
-#: Probability that a view through glass shows nothing of it.
+#: Probability that a view through glass shows no effect of it.
 HIDDEN = 0.1
-#: Fraction of the rays beside glass that still pass it.
+#: Fraction of the rays beside the axis of glass that still pass it; see :mod:`.evidence`.
 _BESIDE = 0.85
-#: Standard deviations within which depths agree: 1 % of those that do are missed.
+#: Number of standard deviations within which depths agree: 1 % of agreeing depths are missed.
 _WIDTH = 2.5
-#: Of this number of views and more three have to see a surface, of fewer two: by chance two of many agree.
+#: Three views have to see a surface if there are at least this many, otherwise two: two of many agree by chance.
 _MANY = 8
-#: Views whose agreement is measured, residuals that it takes, and the factor by which a noise may be larger than known.
+#: Number of views whose agreement is measured, minimum number of residuals, and maximum factor on the nominal noise.
 _PROBES, _MIN_RESIDUALS, _TRUSTED = 6, 1000, 4.0
-#: Tangent of the angle of incidence beyond which nothing is read.
+#: Tangent of the angle of incidence beyond which there is no reading.
 _GRAZING_SLOPE = 4.0
-#: Width of the median of expected depths in which edges are sought [px].
+#: Width of the median filter of predicted depths before edge detection [px].
 _MEDIAN_PX = 5
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedNoise:
-    """Deviation of a depth from what another view predicts for it: of the camera, and of the poses."""
+    """Standard deviation of a depth against its prediction from another view, from camera and pose errors."""
 
     device: DepthNoise = SENSOR_NOISE["kinect"]
-    tracking_m: float = 0.003  #: by the position of the camera [m]
-    turn_rad: float = 0.0015  #: by its direction [rad]
+    tracking_m: float = 0.003  #: standard deviation of the camera position [m]
+    turn_rad: float = 0.0015  #: standard deviation of the camera orientation [rad]
 
-    factor: float = 1.0  #: of both, as measured in the sequence
+    factor: float = 1.0  #: factor on both, estimated from the sequence
 
     @classmethod
     def measured(
         cls, frames: Sequence[DepthFrame], near: Sequence[Sequence[int]], device: DepthNoise
     ) -> TrackedNoise:
-        """The noise that a sequence shows: how well depths of some views agree with their nearest neighbour's.
+        """Estimate the noise of a sequence from the agreement of some views with their nearest neighbours.
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class TrackedNoise:
         near
             Neighbours of each view, nearest first.
         device
-            What is known of the camera.
+            Nominal noise of the camera.
         """
         from ._background_kernels import warp_views
 
@@ -110,12 +110,12 @@ class TrackedNoise:
         found = np.concatenate(ratios) if ratios else np.zeros(0)
         if len(found) < _MIN_RESIDUALS:
             return noise
-        # Half of the deviates of a normal distribution are within 0.67 of its standard deviation.
+        # The median absolute deviate of a normal distribution is 0.6745 standard deviations.
         factor = float(np.clip(np.median(found) / 0.6745, 1.0, _TRUSTED))
         return cls(device, noise.tracking_m, noise.turn_rad, factor)
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Standard deviation of depths of a surface that is seen at right angles [m].
+        """Standard deviation of depths of a surface at normal incidence [m].
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class TrackedNoise:
         return found
 
     def pixels(self, focal_px: float) -> float:
-        """Standard deviation of the place of a point in an image, per axis: by rounding and by the poses [px].
+        """Standard deviation of the image position of a point, per axis, from rounding and pose errors [px].
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class TrackedNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewDepth:
-    """Depths of a view as a pinhole would see them, with what they may be off."""
+    """Depths of a view as a pinhole image, with their standard deviations."""
 
     frame: DepthFrame
     depth_m: Float32[np.ndarray, "h w"]
@@ -148,14 +148,14 @@ class ViewDepth:
 
     @classmethod
     def of_frame(cls, frame: DepthFrame, noise: TrackedNoise) -> ViewDepth:
-        """Prepare a view for comparisons.
+        """Prepare a view for comparison with others.
 
         Parameters
         ----------
         frame
             View.
         noise
-            Of camera and poses.
+            Noise of camera and poses.
         """
         from ._ray_kernels import depth_deviation
 
@@ -171,14 +171,14 @@ class ViewDepth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayImage:
-    """What each pixel of a view reads against what other views see on its ray."""
+    """Reading of each pixel of a view relative to the surface that other views see on its ray."""
 
     reading: UInt8[np.ndarray, "h w"]  #: 0 unknown, 1 same, 2 farther, 3 nearer, 4 none
     #: context of the ray, below ``CONTEXTS``, times 5, plus the reading
     code: UInt16[np.ndarray, "h w"]
-    predicted_m: Float32[np.ndarray, "h w"]  #: depth of the opaque surface, 0 unknown [m]
-    limit_m: Float32[np.ndarray, "h w"]  #: depth up to which the ray is evidence, 0: of nothing [m]
-    clear: Bool[np.ndarray, "h w"]  #: whether a ray is away from where the camera fails
+    predicted_m: Float32[np.ndarray, "h w"]  #: depth of the opaque surface; 0: unknown [m]
+    limit_m: Float32[np.ndarray, "h w"]  #: depth up to which the ray is evidence; 0: no evidence [m]
+    clear: Bool[np.ndarray, "h w"]  #: whether a ray is away from camera failures
 
 
 def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise) -> RayImage:
@@ -191,7 +191,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     others
         Other views, at least two.
     noise
-        Of camera and poses.
+        Noise of camera and poses.
     """
     from ._background_kernels import warp_views
     from ._ray_kernels import read_rays
@@ -229,23 +229,23 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
 def _from_failures(
     predicted_m: Float32[np.ndarray, "h w"], noise: TrackedNoise, focal_px: float
 ) -> Float32[np.ndarray, "h w"]:
-    """Distance of every pixel from where the camera must fail [px]: steps, the unknown, grazing surfaces, shadows.
+    """Distance of every pixel from the nearest camera failure [px]: depth step, unknown depth, grazing surface, shadow.
 
-    At a step a camera mixes depths: stereo fattens what is in front by half of its matching window. Beside the unknown
-    an edge may be hidden, as a cable on a table has a seam without depths around it.
+    At a step a camera mixes depths: stereo extends the foreground by half of its matching window. Next to unknown depth
+    an edge may be hidden, as a cable on a table is surrounded by pixels without depth.
     """
     import cv2
 
     from ._ray_kernels import projector_shadow
 
     window = np.ones((3, 3), np.uint8)
-    # Single readings are rougher than the surface, a median keeps its edges.
+    # Smooth the noise of single readings; a median preserves edges.
     smooth_m = cv2.medianBlur(predicted_m, _MEDIAN_PX)
     known = smooth_m > 0
     nearest_m = cv2.erode(np.where(known, smooth_m, np.float32(1e3)), window)
     step_m = cv2.dilate(smooth_m, window) - nearest_m
     steep_m = 2 * _GRAZING_SLOPE / focal_px * nearest_m
-    # A speck narrower than three pixels hides no edge.
+    # Unknown spots narrower than three pixels hide no edge.
     unknown = cv2.morphologyEx((predicted_m == 0).astype(np.uint8), cv2.MORPH_OPEN, window) > 0
     failing = unknown | (known & (step_m > np.maximum(2 * _WIDTH * noise.sigma_m(smooth_m), steep_m)))
     if noise.device.baseline_m != 0:
@@ -258,9 +258,9 @@ def _from_failures(
 def _beyond_second_eye(
     predicted_m: Float32[np.ndarray, "h w"], device: DepthNoise, focal_px: float
 ) -> Bool[np.ndarray, "h w"]:
-    """Where the second eye, or the projector, has less than half of a matching window in its image.
+    """Mask of pixels for which less than half of a matching window is in the image of the second eye or projector.
 
-    It sees the point of column u and depth z at u - f b / z (the same optics, at +b along the rows).
+    It sees the point of column u and depth z at u - f b / z (same optics, displaced by +b along the rows).
     """
     reach = np.zeros_like(predicted_m)
     np.divide(np.float32(focal_px * device.baseline_m), predicted_m, out=reach, where=predicted_m > 0)
@@ -273,13 +273,13 @@ def _beyond_second_eye(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayEvidence:
-    """What the rays of all views say."""
+    """Evidence of the rays of all views."""
 
     frames: Sequence[DepthFrame]  #: views of one camera
-    weights: Float32[np.ndarray, "n"]  #: part of an independent view that each one is
-    limit_m: Float32[np.ndarray, "n h w"]  #: depth up to which each ray is evidence, 0: of nothing
-    found: Float32[np.ndarray, "n h w"]  #: that glass is on it [nat]
-    reaching: Float32[np.ndarray, "n h w"]  #: that it is here rather than beside [nat]
+    weights: Float32[np.ndarray, "n"]  #: weight of each view, in independent views
+    limit_m: Float32[np.ndarray, "n h w"]  #: depth up to which each ray is evidence; 0: no evidence [m]
+    found: Float32[np.ndarray, "n h w"]  #: evidence for glass on the ray [nat]
+    reaching: Float32[np.ndarray, "n h w"]  #: evidence for glass here rather than beside [nat]
 
     @classmethod
     def of_ratios(
@@ -290,34 +290,34 @@ class RayEvidence:
         ratios: Float32[np.ndarray, "n h w"],
         look_alike: float,
     ) -> RayEvidence:
-        """Evidence of the windows of views.
+        """Compute the evidence from likelihood ratios of windows.
 
         Parameters
         ----------
         frames
             Views of one camera.
         weights
-            Part of an independent view that each one is (n).
+            Weight of each view, in independent views (n).
         limit_m
             Depth up to which each ray is evidence (n, h, w) [m]; not copied.
         ratios
             Likelihood ratio of the window around every pixel (n, h, w).
         look_alike
-            Fraction of windows that look like glass anywhere.
+            Fraction of all windows that look like glass.
         """
         return cls(frames, weights, limit_m, _log_ratio(ratios, look_alike), _log_ratio(ratios, _BESIDE))
 
     def sums(
         self, grid: SpaceGrid
     ) -> tuple[Float32[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"], Float32[np.ndarray, "a b c"]]:
-        """Both kinds of evidence of every voxel [nat], and the weights of the views that say anything of each block of voxels.
+        """Both kinds of evidence of every voxel [nat], and the weight of the views with evidence for each block of voxels.
 
-        Where neither kind can be positive both are upper bounds of it.
+        Where neither kind can be positive, both are upper bounds.
 
         Parameters
         ----------
         grid
-            Volume.
+            Grid of the volume.
         """
         from ._evidence_kernels import EDGE, sum_evidence, tile_bounds
 
@@ -336,16 +336,16 @@ class RayEvidence:
     def passed(
         self, number: int, points_m: Float[np.ndarray, "n 3"], voxel_m: float
     ) -> Bool[np.ndarray, "h w"]:
-        """Rays of a view that pass voxels.
+        """Mask of the rays of a view that pass through voxels.
 
         Parameters
         ----------
         number
-            Of the view.
+            Index of the view.
         points_m
             Centres (n, 3) of voxels in the world [m].
         voxel_m
-            Their edge [m].
+            Edge of the voxels [m].
         """
         import cv2
 
@@ -363,12 +363,12 @@ class RayEvidence:
 
 
 def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndarray, "kinds n"]:
-    """Log-likelihood ratios by kind of glass and :attr:`RayImage.code`; 0 for the unknown [nat].
+    """Log-likelihood ratios by kind of glass and :attr:`RayImage.code` [nat]; 0 for unknown readings.
 
     Parameters
     ----------
     codes
-        Codes of readings in which the rates without glass are counted, of each view.
+        Codes of the readings from which the rates without glass are estimated, of each view.
     """
     counts = sum(np.bincount(code.ravel(), minlength=5 * CONTEXTS) for code in codes)
     rates = np.reshape(counts, (CONTEXTS, 5))[:, 1:] + _PRIOR_RAYS * _KINDS.mean(axis=0)
@@ -379,7 +379,7 @@ def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndar
 
 
 def _log_ratio(ratio: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32[np.ndarray, "n h w"]:
-    """Evidence of windows for glass here, against glass elsewhere on the ray with a probability [nat]."""
+    """Evidence of windows for glass here, with the probability ``elsewhere`` of glass elsewhere [nat]."""
     found: Float32[np.ndarray, "n h w"] = np.log(
         ((1 - HIDDEN) * ratio + HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
     ).astype(np.float32)

@@ -1,7 +1,7 @@
-"""Which readings came through glass: they tell no surface.
+"""Masking of depth readings through transparent regions: they do not measure a surface.
 
-An empty bottle bends little, so that the camera sees through it the inside of its own label, and the fusion
-would make an inner wall of it. What was read through a transparent region is left out of the surface.
+An empty bottle refracts little, so the camera sees the inside of its own label through it, and the fusion
+would create an inner wall. Readings through a transparent region are excluded from the fusion.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def mask_refracted_rays(
     regions
         Transparent parts.
     min_m
-        Way inside a region's hull from which on a reading is left out: hulls are a voxel or two too large, and
-        what they brush is still seen directly [m].
+        Minimum path length inside a hull of a masked reading [m]: hulls are a voxel or two too large, and
+        surfaces behind their margins are still seen directly.
     """
     from .._hull_kernels import mask_through
 
@@ -45,7 +45,7 @@ def mask_refracted_rays(
             u = matrix[0, 0] * corners[:, 0] / corners[:, 2] + matrix[0, 2]
             v = matrix[1, 1] * corners[:, 1] / corners[:, 2] + matrix[1, 2]
             box = np.array([[v.min(), v.max()], [u.min(), u.max()]])
-        else:  # the camera is beside the hull or in it
+        else:  # the camera is beside or inside the hull
             box = np.array([[0.0, camera.height], [0.0, camera.width]])
         last = np.array([[camera.height - 1], [camera.width - 1]])
         first_last = np.clip(np.stack([np.floor(box[:, 0]), np.ceil(box[:, 1])], axis=1), 0, last)

@@ -1,4 +1,4 @@
-"""Clusters of transparent voxels: what to reach for, and where to touch (Alt 2016, 5.2.2)."""
+"""Clusters of transparent voxels, with hull and position (Alt 2016, 5.2.2), and ``regions.json``."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ class TransparentRegion:
     """One connected transparent part of the scene."""
 
     hull_m: Float[np.ndarray, "vertices 3"]  #: corners of the convex hull, world [m]
-    faces: Int[np.ndarray, "faces 3"]  #: triangles of the hull, outside counter-clockwise
+    faces: Int[np.ndarray, "faces 3"]  #: triangles of the hull, counter-clockwise from outside
     centroid_m: Float[np.ndarray, "3"]  #: mean of its voxels, world [m]
-    size_m: Float[np.ndarray, "3"]  #: edges of its axis-aligned box [m]
+    size_m: Float[np.ndarray, "3"]  #: edges of its axis-aligned bounding box [m]
     score: float  #: mean score of its voxels
     voxels: int  #: number of voxels
-    volume_m3: float  #: of the hull [m3]
-    body: UprightBody | None = None  #: upright body that its outlines show
+    volume_m3: float  #: volume of the hull [m3]
+    body: UprightBody | None = None  #: upright body fitted to its outlines
 
     @property
     def planes(self) -> Float[np.ndarray, "faces 4"]:
-        """Unit normals outwards and offsets of the hull's triangles, n . x + o <= 0 inside [m]."""
+        """Unit outward normals and offsets of the triangles of the hull, n . x + o <= 0 inside [m]."""
         a, b, c = (self.hull_m[self.faces[:, k]] for k in range(3))
         normal = np.cross(b - a, c - a)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
         return np.column_stack([normal, -(normal * a).sum(axis=1)])
 
     def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Whether points of the world are in the hull.
+        """Whether points are in the hull.
 
         Parameters
         ----------
@@ -61,18 +61,18 @@ def find_regions(
     *,
     min_voxels: int = 200,
 ) -> tuple[TransparentRegion, ...]:
-    """Connected parts of ``weak`` that hold ``strong`` voxels, largest first.
+    """Connected components of ``weak`` that contain ``strong`` voxels, largest first.
 
     Parameters
     ----------
     score
-        What each voxel's evidence is; averaged over a region.
+        Score of each voxel; averaged over a region.
     strong, weak
-        Voxels that found a region, and voxels that may belong to it (a superset).
+        Masks of the voxels that start a region, and of those that may belong to it (a superset).
     grid
         Position and size of the voxels.
     min_voxels
-        Strong voxels that a region needs.
+        Minimum number of strong voxels of a region.
     """
     from scipy import ndimage
 
@@ -97,7 +97,7 @@ def region_of(
     grid: SpaceGrid,
     body: UprightBody | None = None,
 ) -> TransparentRegion:
-    """The region of some voxels.
+    """Create the region of a set of voxels.
 
     Parameters
     ----------
@@ -108,11 +108,11 @@ def region_of(
     grid
         Position and size of the voxels.
     body
-        Upright body that the outlines show there.
+        Upright body fitted to the outlines.
     """
     from scipy.spatial import ConvexHull
 
-    # Both corners of every voxel: the hull of one layer of centres would be flat.
+    # Hull of the corners of every voxel: the hull of one layer of centres would be flat.
     lowest = grid.low_m + grid.voxel_m * cells
     corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T * grid.voxel_m
     outline = np.unique(cells, axis=0)
@@ -138,7 +138,7 @@ def region_of(
 def outer_points(
     inside: Bool[np.ndarray, "x y z"], score: Float[np.ndarray, "x y z"], grid: SpaceGrid
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-    """Centres [m] and scores of the outer voxels: the rough shape that Alt 2016, Fig. 5.6 shows.
+    """Centres [m] and scores of the outer voxels: the approximate shape as in Alt 2016, Fig. 5.6.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _body_entries(body: UprightBody) -> dict[str, Any]:
 
 
 def save_regions(path: Path | str, regions: tuple[TransparentRegion, ...], **about: Any) -> None:
-    """Write ``regions.json``: of each cluster its hull, centroid, size and score [m].
+    """Write ``regions.json``: hull, centroid, size [m] and score of each cluster.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def save_regions(path: Path | str, regions: tuple[TransparentRegion, ...], **abo
     regions
         Transparent parts.
     about
-        Further entries of the file.
+        Further top-level entries of the file.
     """
     clusters = [
         {

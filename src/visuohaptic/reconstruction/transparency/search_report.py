@@ -1,4 +1,4 @@
-"""What a search for transparent parts was able to see, why it found what it found, and which view would tell most more."""
+"""Report of a search for transparent parts: coverage, cause of the result, and the most informative next view."""
 
 from __future__ import annotations
 
@@ -19,39 +19,40 @@ from .ray_readings import HIDDEN
 
 __all__ = ["Cause", "SearchReport", "chance_of_finding", "next_eye"]
 
-#: Why nothing was found; ``found``: something was.
+#: Why nothing was found; ``found``: something was found.
 Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold", "no outline"]
 
-#: Probability that a view through glass looks like glass at its strongest place: thin walls bend little in the middle.
+#: Probability that a view through glass looks like glass at its strongest place: thin walls refract little in the middle.
 _SHOWS = 0.75
-#: Evidence that a view loses which does not look like it: half of what it can lose at most [nat].
+#: Evidence of a view that does not look like glass: half of the minimum [nat].
 _LOSS = -0.5 * math.log(HIDDEN)
-#: Directions around the space that are tried for the next view, and the part of the pixels and views that is used.
+#: Number of candidate directions of the next view; stride of the pixels, and number of the views that are used.
 _DIRECTIONS, _STRIDE, _VIEWS = 16, 4, 12
-#: Places at which a next view is valued, along each axis.
+#: Number of points along each axis at which a next view is evaluated.
 _PLACES = 12
 
 
 @dataclass(frozen=True, slots=True)
 class SearchReport:
-    """What a search for transparent parts was able to see, and why it found what it found."""
+    """Coverage and result of a search for transparent parts."""
 
     cause: Cause
-    views: int  #: given
-    compared: int  #: views of which rays were compared with others
-    rays: float  #: median number of independent views of the voxels that any ray says something of
-    seen_by: dict[
-        str, float
-    ]  #: fraction of the space that 0, 1-2, 3-5 and more independent views say something of
-    bad_rate: float  #: fraction of windows of the images that look like glass, NaN without rays
+    views: int  #: number of input views
+    compared: int  #: number of views compared with others
+    rays: float  #: median number of independent views with evidence, over the voxels with any
+    #: fraction of the space with evidence from 0, 1-2, 3-5 and more independent views
+    seen_by: dict[str, float]
+    bad_rate: float  #: fraction of windows that look like glass; NaN without rays
     evidence: (
-        float  #: largest evidence of a voxel; log-likelihood ratio [nat], of ``published`` the summed score
+        float  #: largest evidence of a voxel: log-likelihood ratio [nat]; summed score for ``published``
     )
-    reachable: float  #: evidence of a voxel with the median number of views did all of them look like glass
-    threshold: float  #: evidence that a part needs
-    chance: float  #: probability that glass in the part of the space that is seen best would be found
-    skipped: dict[str, int] = field(default_factory=dict)  #: views that were not compared, by cause
-    next_eye_m: tuple[float, float, float] | None = None  #: where a further view would help most, world [m]
+    reachable: float  #: evidence of a voxel with the median number of views if all of them looked like glass
+    threshold: float  #: minimum evidence of a part
+    chance: float  #: detection probability of glass in the best covered part of the space
+    skipped: dict[str, int] = field(default_factory=dict)  #: number of views not compared, by cause
+    next_eye_m: tuple[float, float, float] | None = (
+        None  #: most informative position of a further view, world [m]
+    )
 
     @classmethod
     def of_search(
@@ -66,22 +67,22 @@ class SearchReport:
         threshold: float,
         regions: int,
     ) -> SearchReport:
-        """Say what was searched, and why as many parts were found.
+        """Summarise a search.
 
         Parameters
         ----------
         evidence
-            Of every voxel (x, y, z).
+            Evidence of every voxel (x, y, z).
         seen
-            Independent views that say anything of a voxel, or of a block of voxels (a, b, c).
+            Number of independent views with evidence for a voxel, or for a block of voxels (a, b, c).
         views, compared, skipped
             Numbers of views.
         rate
             Fraction of windows that look like glass.
         threshold
-            Evidence that a part needs.
+            Minimum evidence of a part.
         regions
-            Number of parts that were found.
+            Number of detected parts.
         """
         passed = seen[seen > 0]
         typical = round(float(np.median(passed)), 1) if len(passed) else 0.0
@@ -107,12 +108,12 @@ class SearchReport:
 
     @property
     def found(self) -> bool:
-        """Whether there are transparent parts."""
+        """Whether transparent parts were found."""
         return self.cause == "found"
 
     @property
     def text(self) -> str:
-        """One sentence for a user."""
+        """Summary for the user, in one sentence."""
         seen = f"{self.compared} of {self.views} views compared"
         if self.skipped:
             seen += " (" + ", ".join(f"{count} {cause}" for cause, count in self.skipped.items()) + ")"
@@ -135,16 +136,16 @@ class SearchReport:
 
 
 def chance_of_finding(seen: Float[np.ndarray, "n"], rate: float, threshold: float) -> Float[np.ndarray, "n"]:
-    """Probability that as many views find glass: enough of them look like it, each by itself, against those that do not.
+    """Detection probability of glass seen by a number of independent views (binomial: enough of them look like glass).
 
     Parameters
     ----------
     seen
         Numbers of independent views (n).
     rate
-        Fraction of windows that look like glass anywhere.
+        Fraction of all windows that look like glass.
     threshold
-        Evidence that a part needs [nat].
+        Minimum evidence of a part [nat].
     """
     from scipy.stats import binom
 
@@ -161,10 +162,10 @@ def next_eye(
     rate: float,
     threshold: float,
 ) -> tuple[float, float, float]:
-    """Where a further view of the space would raise the probability of finding glass most, world [m].
+    """Camera position of a further view that increases the detection probability of glass most, world [m].
 
-    Tried are places around the space at the median height and distance of the views; what would hide the space from
-    there is what the present views have seen.
+    Candidates are positions around the space at the median height and distance of the views; occlusion is predicted
+    from the present views.
 
     Parameters
     ----------
@@ -173,7 +174,7 @@ def next_eye(
     grid
         Space of interest.
     seen
-        Independent views that say anything of each block of the space (a, b, c).
+        Number of independent views with evidence for each block of the space (a, b, c).
     rate, threshold
         See :func:`chance_of_finding`.
     """
@@ -188,7 +189,7 @@ def next_eye(
     places = grid.low_m + parts * (grid.high_m - grid.low_m)
     now = seen[tuple((parts * seen.shape).astype(int).T)]
     gain = chance_of_finding(now + 1, rate, threshold) - chance_of_finding(now, rate, threshold)
-    # Where one view more is not enough either, it is a step.
+    # A small gain also where one more view is not yet sufficient.
     gain = gain + 1e-3 / (1 + now)
     some = [frames[k] for k in np.linspace(0, len(frames) - 1, min(_VIEWS, len(frames))).astype(int)]
     depths = np.stack([np.ascontiguousarray(ideal_depth(frame)[::_STRIDE, ::_STRIDE]) for frame in some])
@@ -196,7 +197,7 @@ def next_eye(
     best, chosen = -1.0, middle
     for angle in 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
         eye = middle + np.array([radius * np.cos(angle), radius * np.sin(angle), height])
-        # A view from where one was tells little: the part of an independent view that it is.
+        # A view near an existing one gains little: scale by its fraction of an independent view.
         sight = (eye - middle) / np.linalg.norm(eye - middle)
         turn = np.arccos(np.clip((offset @ sight) / np.linalg.norm(offset, axis=1), -1, 1)).min()
         pose = Camera.pose_of_view(eye, middle)

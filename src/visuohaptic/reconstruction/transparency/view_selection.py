@@ -1,4 +1,4 @@
-"""Which views of a sequence are compared with one of them, by angle and overlap and not by their order, and which of their rays."""
+"""Selection of views for comparison, by angle and overlap rather than order, and of the rays of a view."""
 
 from __future__ import annotations
 
@@ -14,53 +14,54 @@ from .background import ideal_depth
 
 __all__ = ["ViewGraph", "ray_stride", "thinned", "view_graph"]
 
-#: Pixels of a view, down and across, at which its overlap with the others is measured.
+#: Number of sample pixels of a view, down and across, for its overlap with the others.
 _SAMPLES = (9, 12)
-#: Fraction of the samples that two views share at least.
+#: Minimum fraction of the samples in common of two views that are compared.
 _MIN_OVERLAP = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewGraph:
-    """How much of each view every other one has in its image, and from what angle."""
+    """Overlap and angle between all pairs of views."""
 
-    overlap: Float[np.ndarray, "n n"]  #: fraction of the points of a view (row) in the image of another
-    angle_rad: Float[np.ndarray, "n n"]  #: median angle between both lines of sight at these points
+    #: fraction of the sample points of a view (row) in the image of another
+    overlap: Float[np.ndarray, "n n"]
+    angle_rad: Float[np.ndarray, "n n"]  #: median angle between the lines of sight to these points
 
     def neighbours(self, index: int, count: int, *apart_rad: float) -> list[int]:
-        """Views to compare with one: nearest in angle for their overlap, all of them apart from each other.
+        """Views to compare with one view: smallest angle relative to the overlap, and apart from each other.
 
-        Many views that are near each other look through the same glass at what is behind it, and together know no more of
-        that than one of them does.
+        Adjacent views see the same background through the same glass, so that many of them are no more informative than
+        one.
 
         Parameters
         ----------
         index
-            The view.
+            Index of the view.
         count
             Maximum number of neighbours.
         apart_rad
-            Angle between the view and its neighbours, and between these [rad]: nearer ones see the same glass alike. Every
-            further, smaller one is for sequences of which the angles before leave too few views.
+            Minimum angles between the view and its neighbours, and among these [rad]: nearer views see glass alike. Each
+            further, smaller angle applies if the previous ones yield too few views.
         """
         chosen: list[int] = []
         cost = self.angle_rad[index] / np.maximum(self.overlap[index], 1e-9)
         usable = [k for k in np.argsort(cost, kind="stable") if self.overlap[index, k] >= _MIN_OVERLAP]
         for min_rad in apart_rad or (0.0,):
             for k in usable:
-                # No view is its own neighbour, nor anyone's twice.
+                # Exclude the view itself and views already chosen.
                 away_rad = self.angle_rad[k, [index, *chosen]].min() if k not in (index, *chosen) else -1.0
                 if away_rad >= min_rad and len(chosen) < count:
                     chosen.append(int(k))
         return chosen
 
     def weights(self, angle_rad: float) -> Float[np.ndarray, "n"]:
-        """Part of an independent view that each view is: views nearer to each other than an angle share one.
+        """Weight of each view in independent views: views within ``angle_rad`` of each other share one.
 
         Parameters
         ----------
         angle_rad
-            Angle from which on two views are independent [rad].
+            Minimum angle between independent views [rad].
         """
         alike = np.maximum(0.0, 1 - self.angle_rad / angle_rad)
         np.fill_diagonal(alike, 1.0)
@@ -101,7 +102,7 @@ def view_graph(frames: Sequence[DepthFrame]) -> ViewGraph:
         sight /= np.maximum(np.linalg.norm(sight, axis=2, keepdims=True), 1e-9)
         cosine = np.clip((sight * sight[i]).sum(axis=2), -1.0, 1.0)
         cosine = np.sort(np.where(held, cosine, np.inf), axis=1)
-        # The median angle: one of the middle, or the mean of both.
+        # The median angle: mean of the two middle values of an even number.
         number = held.sum(axis=1)
         seen = np.flatnonzero(number)
         both = [np.arccos(cosine[seen, (number[seen] - k) // 2]) for k in (0, 1)]
@@ -110,10 +111,10 @@ def view_graph(frames: Sequence[DepthFrame]) -> ViewGraph:
 
 
 def ray_stride(focal_px: float, voxel_m: float, away_m: float, window_px: float) -> int:
-    """Distance of the rays of a view that are read: half a voxel, and at most a sixth of a matching window [px].
+    """Stride of the rays of a view that are used: half a voxel, and at most a sixth of a matching window [px].
 
-    A voxel uses the ray through its middle, and the readings within a matching window count as one. Thinned by a quarter of a
-    window, steps of 5 to 30 mm between surfaces are no longer edges, and more opaque pixels are flagged.
+    A voxel uses the ray through its centre, and the readings within a matching window count as one. With a stride of a quarter
+    of a window, depth steps of 5 to 30 mm are no longer detected as edges, and more opaque pixels are flagged.
 
     Parameters
     ----------
@@ -130,14 +131,14 @@ def ray_stride(focal_px: float, voxel_m: float, away_m: float, window_px: float)
 
 
 def thinned(frame: DepthFrame, stride: int) -> DepthFrame:
-    """A view as a pinhole camera without distortion would see it, with every n-th pixel down and across.
+    """A view as a pinhole image without distortion, subsampled to every n-th pixel down and across.
 
     Parameters
     ----------
     frame
         View.
     stride
-        Distance of the pixels that are kept [px].
+        Stride of the pixels that are kept [px].
     """
     camera, first = frame.camera, stride // 2
     depth_m = np.ascontiguousarray(ideal_depth(frame)[first::stride, first::stride])

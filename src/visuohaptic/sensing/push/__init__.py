@@ -1,4 +1,4 @@
-"""One push: contact events, phases, breakaway, contact primitives and the haptic tag (Alt 2016, Sec. 4.1)."""
+"""Evaluation of one push: contact events, phases, static friction, contact primitives, haptic tag (Alt 2016, Sec. 4.1)."""
 
 from ...core.front_door import attach
 

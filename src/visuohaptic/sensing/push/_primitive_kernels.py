@@ -1,4 +1,4 @@
-"""Contour of a foam strip that a convex outline is pressed into: the hot loop of the primitive fit."""
+"""Contour of a foam strip with a convex outline pressed into it: kernels of the primitive fit."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: How ``theta`` is laid out, by family of the outline:
+#: Layout of ``theta``, by family of the outline:
 #: STRAIGHT (a, m, tip_left, tip_right, drop, logS_left, logS_right, n)
 #: ROUND (u_c, d, log R, logS_left, logS_right, n)
 #: BENT (u_0, d, m_left, m_right, logS_left, logS_right, n)
 STRAIGHT, ROUND, BENT = 0, 1, 2
-#: Foam leaves a sharp edge over this distance: continuum simulations of an edge of 0.8 mm radius [m].
+#: Distance over which foam detaches at a sharp edge: continuum simulations of an edge of 0.8 mm radius [m].
 EDGE_M = 3e-4
 
 
 @kernel
 def _outline(family, theta, u):
-    """Depth of the outline and its slope at ``u``."""
+    """Depth of the outline [m] and its slope at ``u``."""
     if family == 0:
         return theta[0] + theta[1] * u, theta[1]
     if family == 1:
         radius = np.exp(theta[2])
         t = u - theta[0]
-        # Beyond 0.999 R the outline goes on as its tangent, so that a poor start has a gradient.
+        # Beyond 0.999 R the outline is continued by its tangent, so that a poor start has a gradient.
         limit = 0.999 * radius
         inside = min(max(t, -limit), limit)
         root = np.sqrt(radius * radius - inside * inside)
@@ -37,7 +37,7 @@ def _outline(family, theta, u):
 
 @kernel
 def _detached(family, theta, rest, u, side, log_slope, n, scale):
-    """Positive where the object falls away faster than the foam can follow."""
+    """Excess of the slope at which the object recedes over the slope of the foam; positive: the foam has detached."""
     depth, slope = _outline(family, theta, u)
     delta = depth - (rest[0] + (rest[1] + rest[2] * u) * u)
     if delta <= 0.0:
@@ -48,37 +48,37 @@ def _detached(family, theta, rest, u, side, log_slope, n, scale):
 
 @kernel
 def _kept(family, theta, which, edge):
-    """Part of the deflection with which the flank begins at an end of the contact."""
+    """Fraction of the deflection at an end of the contact with which the flank starts."""
     return 1.0 - theta[4] if family == 0 and edge == theta[2 + which] else 1.0
 
 
 @kernel
 def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
-    """Fill ``delta`` [m] and ``touched`` at the positions ``u`` [m]; return the ends of the contact.
+    """Deflection ``delta`` [m] and contact mask ``touched`` at the positions ``u`` [m]; returns the ends of the contact.
 
-    Flanks follow T delta'' = c delta^n, whose first integral gives the slope
+    Flanks satisfy T delta'' = c delta^n, whose first integral gives the slope
     of the foam at a deflection, S(delta) = S_scale (delta / scale)^((n+1)/2).
-    The object touches from its deepest place outwards until it falls away
-    steeper than S or ends at a tip. At a tip the foam leaves the object at right
-    angles, like any elastic body under a sharp punch: within ``EDGE_M`` the flank is lower by a part,
-    the drop, of the deflection.
+    The object is in contact from its deepest point outwards until it recedes
+    more steeply than S or ends at a tip. At a tip the foam leaves the object
+    perpendicularly, like any elastic body under a sharp punch: within ``EDGE_M``
+    the flank drops by the fraction ``drop`` of the deflection.
 
     Parameters
     ----------
     family
         ``STRAIGHT``, ``ROUND`` or ``BENT``.
     theta
-        Parameters of the outline and its flanks, as laid out above, (p,).
+        Parameters of the outline and its flanks in the layout above, (p,).
     rest
-        Polynomial of the front at rest, (3,).
+        Polynomial of the undeformed front, (3,).
     scale
         Largest deflection [m].
     low, high
         Range of u that the strip covers [m].
     u
-        Positions along the strip, rising [m], (K,).
+        Positions along the strip, increasing [m], (K,).
     delta, touched
-        Filled with the deflection [m] and whether the point lies on the object, (K,).
+        Deflection [m] and whether the point is in contact with the object, (K,), filled.
     """
     k = len(theta)
     n = theta[k - 1]
@@ -89,7 +89,7 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
         left, right = max(theta[2], low), min(theta[3], high)
         if left > right:
             left = right = 0.5 * (left + right)
-    # Deepest place: the outline is convex towards the foam, so a ternary search finds it.
+    # Deepest point: the outline is convex towards the foam, so a ternary search finds it.
     a, b = left, right
     if family == 2:
         a = b = min(max(theta[0], left), right)
@@ -110,7 +110,7 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
         side = -1.0 if which == 0 else 1.0
         edge = left if which == 0 else right
         log_slope = theta[k - 3 + which]
-        # The bent outline has its tip at the start: look at the flank, not at the tip itself.
+        # The bent outline has its tip at the start: evaluate the flank next to the tip.
         near = start + side * 1e-9
         if side * (edge - near) <= 0.0:
             ends[which] = edge
@@ -155,18 +155,18 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
 
 @kernel
 def profile_and_jacobian(family, theta, steps, rest, scale, low, high, u, delta, touched, jacobian, ends):
-    """Profile and its derivative by ``theta`` (central differences with the given steps).
+    """Profile and its Jacobian with respect to ``theta`` (central differences with the given steps).
 
     Parameters
     ----------
     family, theta, rest, scale, low, high, u, delta, touched
         As in :func:`contact_profile`.
     steps
-        Half step of each parameter; 0: not differentiated, (p,).
+        Half step of each parameter, (p,); 0: not differentiated.
     jacobian
-        Filled with the derivative of ``delta``, (K, p).
+        Derivative of ``delta``, (K, p), filled.
     ends
-        Filled with the ends of the contact [m], (2,).
+        Ends of the contact [m], (2,), filled.
     """
     ends[0], ends[1] = contact_profile(family, theta, rest, scale, low, high, u, delta, touched)
     other = np.empty(len(u))

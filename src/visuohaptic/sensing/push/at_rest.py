@@ -1,14 +1,14 @@
-"""How long a touched object rests, and how much it yields: from the platform's travel and the foam's deflection.
+"""Rest phase of a push: how long the object rests and how compliant it is, from platform travel and foam deflection.
 
 Symbols: x travel of the platform, d deflection of the foam, F force. While the object rests,
 
     x - d = a + c F + s d + noise,
 
-a place of the contact, c compliance of the object (1 / stiffness; 0: rigid), s error of the deflection's scale against
-the odometry. Once it slides, x - d grows by as much of the travel as the object follows, anything between nothing and
-all of it. With Gaussian priors of a, c and s the evidence that the first j frames are those of an object at rest is a
-product of one-step predictions (Bayesian change point), and the prior of j is that of the static friction, which lies
-between the forces of frame j and of the next.
+with a the position of the contact, c the compliance of the object (1 / stiffness; 0: rigid), s the scale error of the
+deflection relative to the odometry. Once the object slides, x - d grows by the part of the travel that the object follows,
+uniform between zero and all of it. With Gaussian priors of a, c and s the evidence that the object rests in the first j frames
+is a product of one-step predictions (Bayesian change-point detection). The prior of j is the probability that the static
+friction lies between the forces of frame j and of the next.
 """
 
 from __future__ import annotations
@@ -23,50 +23,50 @@ from .push_record import PushRecord
 
 __all__ = ["FoamCurve", "Rest", "rest_before_motion"]
 
-#: Priors, as deviations: of the compliance, for which stone, cardboard, thin cardboard and cushions are equally
-#: probable [m/N]; of the deflection's scale (half a percent) against that of the wheels (a third); of the place [m].
+#: Prior standard deviations: compliance, with stone, cardboard, thin cardboard and cushions equally probable [m/N];
+#: scale error, from half a percent for the deflection and a third of a percent for the wheels; position [m].
 COMPLIANCES_M_N, SCALE, PLACE_M = (1e-6, 1e-4, 3e-4, 1e-3), 0.006, 1.0
-#: By how much static friction exceeds the dynamic one, as a part of it, and the deviation: dry pairs of materials have
-#: 1.0 (teflon) to 1.6 (wood), and the floor at the start differs from the floor along the path.
+#: Relative excess of static over dynamic friction, mean and standard deviation: dry pairs of materials have
+#: ratios of 1.0 (teflon) to 1.6 (wood), and the floor at the start differs from the floor along the path.
 STATIC_EXCESS, EXCESS_SIGMA = 0.2, 0.25
-#: What is less probable is left out.
+#: Minimum probability of a rest phase that is reported.
 RARE = 0.02
-#: An even density over a step, blurred by noise, is at most one by the step and this many deviations: a Gaussian's peak.
+#: A uniform density over a step, blurred by noise, is at most one over (the step + this times the noise), as at a Gaussian's peak.
 UNIFORM = float(np.sqrt(2.0 * np.pi))
-#: Frames before the contact that give the noise, and the factor that it is taken larger by: the largest of many
-#: noisy points, which the deflection in a contact is a mean of, scatter less than each of them.
+#: Minimum number of frames before contact for a noise estimate, and safety factor on it: these frames give the maximum
+#: of many noisy points, which scatters less than the mean of a few points that measures the deflection in contact.
 QUIET_FRAMES, SAFE_NOISE = 6, 2.0
-#: Deflections from this many deviations of the noise on are those of a contact.
+#: Minimum deflection of a contact, in standard deviations of the noise.
 TOUCHED = 5.0
-#: Below its largest deflection by more than this part foam is unloading, for the sensor as well.
+#: Foam is unloading if its deflection is below the maximum by more than this fraction, as for the sensor.
 UNLOADED = 0.02
-#: Unloading foam carries less than its loading curve says, by anything up to 30 %: mean and deviation. (Flexible foam
-#: gives back 60 to 90 % of the energy of a whole loop.)
+#: Relative force loss of unloading foam against its loading curve, uniform up to 30 %: mean and standard deviation.
+#: (Flexible foam returns 60 to 90 % of the energy of a full cycle.)
 LOSS, LOSS_SIGMA = 0.15, 0.3 / 12**0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoamCurve:
-    """Force by deflection while the foam is compressed, measured in the same push."""
+    """Force over deflection of the foam during loading, measured in the same push."""
 
-    depth_m: Float[np.ndarray, "k"]  #: never falling [m]
-    force_N: Float[np.ndarray, "k"]  #: never falling [N]
+    depth_m: Float[np.ndarray, "k"]  #: deflection, non-decreasing [m]
+    force_N: Float[np.ndarray, "k"]  #: force, non-decreasing [N]
 
     @classmethod
     def from_frames(cls, depth_m: Float[np.ndarray, "n"], force_N: Float[np.ndarray, "n"]) -> FoamCurve:
-        """Curve through the origin and the frames in which the deflection is the largest so far.
+        """Curve through the origin and the frames with the largest deflection so far.
 
         Parameters
         ----------
         depth_m, force_N
-            Deflections [m] and forces [N] in order of time; NaN: not read.
+            Deflections [m] and forces [N] in order of time; NaN: not measured.
         """
         from scipy.optimize import isotonic_regression
 
         deepest = np.fmax.accumulate(np.fmax(depth_m, 0.0))
         read = (depth_m >= (1.0 - UNLOADED) * deepest) & np.isfinite(force_N)
         order = np.argsort(depth_m[read])
-        # Isotonic: the largest so far of noisy forces would be too high.
+        # Isotonic regression: a running maximum of noisy forces would be biased high.
         force = np.maximum(force_N[read][order], 0.0)
         force = isotonic_regression(force).x if len(force) else force
         depth = np.maximum(depth_m[read][order], 0.0)
@@ -74,11 +74,11 @@ class FoamCurve:
 
     @property
     def slope_N_per_m(self) -> float:
-        """Mean stiffness."""
+        """Mean stiffness [N/m]."""
         return float(self.force_N[-1]) / max(float(self.depth_m[-1]), 1e-9)
 
     def force_at(self, depth_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Force [N]; goes on straight beyond the largest deflection.
+        """Force [N]; extrapolated linearly beyond the largest deflection.
 
         Parameters
         ----------
@@ -94,21 +94,21 @@ class FoamCurve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """An object at rest, and the frames that show it."""
+    """A hypothesis of the rest phase: an object at rest, and the frames in which it rests."""
 
     probability: float
     first: int  #: first frame of the contact
     last: int  #: last frame at rest
-    deepest: int  #: frame of the largest deflection before the object slides evenly
+    deepest: int  #: last frame in which the deflection still grows
     model: Float[np.ndarray, "3"]  #: a [m], c [m/N], s
     covariance: Float[np.ndarray, "3 3"]
-    noise_m: float  #: of travel less deflection, from frame to frame
+    noise_m: float  #: noise of travel minus deflection, from frame to frame [m]
     foam: FoamCurve
 
     def squeeze_m(
         self, depth_m: Float[np.ndarray, "n"], force_N: Float[np.ndarray, "n"]
     ) -> Float[np.ndarray, "n"]:
-        """By how much foam and object are compressed together [m].
+        """Common compression of foam and object [m].
 
         Parameters
         ----------
@@ -121,27 +121,27 @@ class Rest:
 def rest_before_motion(
     record: PushRecord, contact_s: float, motion_s: float, dynamic_N: float = 0.0
 ) -> tuple[Rest, ...]:
-    """How long an object that is touched may have rested.
+    """Hypotheses of how long a touched object rests, with their probabilities.
 
     Parameters
     ----------
     record
         The push.
     contact_s, motion_s
-        When it is touched and when it is seen to give way; NaN: it never does [s].
+        Times of contact and of detected motion [s]; NaN: no such event.
     dynamic_N
-        Dynamic friction, which says at what forces it may break away [N]; 0 when it is not known.
+        Dynamic friction, for the prior of the breakaway force [N]; 0 if unknown.
 
     Returns
     -------
-    What is possible with a probability of 0.02 or more; nothing for fewer than three frames with a deflection and a
+    All hypotheses with a probability of 0.02 or more; empty if fewer than three frames have a deflection and a
     force before the deflection stops growing.
     """
     t, d = record.t_s, record.deflection_m
     touch = int(np.searchsorted(t, contact_s))
     noise = _noise_m(record, touch)
     deepest = _end_of_rise(record, motion_s, noise)
-    # Faster parts of the way, where a platform that starts and stops leaves its line by more, are not asked.
+    # Only the frames near the contact: a platform that accelerates deviates more from a straight line elsewhere.
     near = slice(max(touch - QUIET_FRAMES, 0), deepest + 1)
     place_noise = float(np.hypot(noise, _travel_noise_m(t[near], record.travel_m[near])))
     rises = (t >= contact_s) & (d > TOUCHED * noise) & np.isfinite(record.force_N)
@@ -158,7 +158,7 @@ def rest_before_motion(
         _filtered(design, target, place_noise**2 + (prior * record.force_sigma_N[frames]) ** 2, prior)
         for prior in COMPLIANCES_M_N
     ]
-    # Frames up to j at rest, those after it anywhere along the travel.
+    # Rest up to frame j, then a uniform density of the displacement over each step of the travel.
     evidence = np.array([np.cumsum(terms) for _, _, terms in found])
     total = np.logaddexp.reduce(evidence, axis=0) + np.sum(moves) - np.cumsum(moves)
     total += _log_prior(record.force_N[frames], dynamic_N)
@@ -168,7 +168,7 @@ def rest_before_motion(
     foam = FoamCurve.from_frames(d, record.force_N)
     rests = []
     for j in map(int, np.flatnonzero(chance >= RARE)):
-        # The last frame that looks like rest may hold the first hundredths of a millimetre.
+        # Exclude the last frame at rest: the object may already have moved by hundredths of a millimetre.
         known = max(j - 1, min(j, 2)) if np.isfinite(motion_s) else j
         means, covariances = (np.array([one[i][known] for one in found]) for i in (0, 1))
         model, covariance = _mixed(evidence[:, known], means, covariances)
@@ -183,7 +183,7 @@ def _mixed(
     means: Float[np.ndarray, "k 3"],
     covariances: Float[np.ndarray, "k 3 3"],
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-    """Mean and covariance of a mixture."""
+    """Mean and covariance of a Gaussian mixture."""
     weight = np.exp(log_weight - np.logaddexp.reduce(log_weight))
     mean = weight @ means
     apart = means - mean
@@ -191,7 +191,7 @@ def _mixed(
 
 
 def _log_prior(force_N: Float[np.ndarray, "n"], dynamic_N: float) -> Float[np.ndarray, "n"]:
-    """Probability that the static friction lies between the force of a frame and that of the next."""
+    """Log prior probability that the static friction lies between the force of a frame and that of the next."""
     if dynamic_N <= 0:
         return np.zeros(len(force_N))
     below = ndtr((np.maximum.accumulate(force_N) / dynamic_N - 1.0 - STATIC_EXCESS) / EXCESS_SIGMA)
@@ -204,7 +204,7 @@ def _filtered(
     noise_m2: Float[np.ndarray, "n"],
     compliance_m_N: float,
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n"]]:
-    """Posterior after each frame, and log density of each frame given those before (recursive least squares)."""
+    """Posterior after each frame, and log predictive density of each frame (recursive least squares)."""
     mean, covariance = np.zeros(3), np.diag(np.square([PLACE_M, compliance_m_N, SCALE]))
     means, covariances, evidence = [], [], []
     for row, value, noise in zip(design, target, noise_m2, strict=True):
@@ -232,7 +232,7 @@ def _end_of_rise(record: PushRecord, motion_s: float, noise_m: float) -> int:
 
 
 def _travel_noise_m(t_s: Float[np.ndarray, "n"], travel_m: Float[np.ndarray, "n"]) -> float:
-    """Noise of the odometry [m]: the median distance from the line between the neighbours, as a standard deviation."""
+    """Noise of the odometry [m]: standard deviation from the median distance to the line between neighbours."""
     before, after = np.diff(t_s)[:-1], np.diff(t_s)[1:]
     part = before / (before + after)
     residual = travel_m[1:-1] - (1.0 - part) * travel_m[:-2] - part * travel_m[2:]
@@ -246,9 +246,9 @@ def _travel_noise_m(t_s: Float[np.ndarray, "n"], travel_m: Float[np.ndarray, "n"
 def _noise_m(record: PushRecord, before: int) -> float:
     """Noise of the deflection from frame to frame [m].
 
-    The declared sigma holds what stays the same in every frame, too (zero reference,
-    texture at the edge), and that falls out of differences in time: with enough frames
-    before the contact their scatter is used instead, never more than declared.
+    The declared sigma also contains errors common to all frames (zero reference,
+    texture at the edge), which cancel in differences over time. With enough frames
+    before the contact their scatter is used instead, but at most the declared sigma.
     """
     declared = max(float(np.nanmedian(record.deflection_sigma_m)), 1e-7)
     free = record.deflection_m[:before]

@@ -1,19 +1,19 @@
-"""When a pushed object breaks away, and with what force: from its motion behind the foam.
+"""Static friction of a pushed object: time and force of its breakaway, from its motion.
 
-Symbols: x travel of the platform, q squeeze of foam and object together, y = x - q
-displacement of the object, F(q) force while they are being compressed, F_s static and F_d
-dynamic friction, m mass, t_0 time of the break-away.
+Symbols: x travel of the platform, q common compression of foam and object, y = x - q
+displacement of the object, F(q) force during loading, F_s static and F_d
+dynamic friction, m mass, t_0 time of the breakaway.
 
-At rest q grows by exactly the travel (:mod:`.at_rest`). From t_0 on Newton's law holds,
+At rest q grows by exactly the travel (:mod:`.at_rest`). From t_0 on the equation of motion is
 
     m y'' = F(x - y) - F_d,    y = y' = 0 at t_0,    F_s = F(q(t_0)),
 
-with F known from the same push and F_d from its phase (b), at most F_s: what broke away below the mean friction of its
-path slid on at once. (With F_d above F_s it would not move until F passes F_d, and every t_0 until then would explain
-its rest.) Two unknowns, t_0 and m, are left for the displacements y of the few frames before the platform has been caught up;
-a wide prior for the mass comes from F_d (coefficients of friction are 0.2 to 0.8), and
-the posterior on a grid gives F_s and how well the frames determine it. The force of the
-frame with the largest deflection instead holds the overshoot, m y'' > 0.
+with F known from the same push and F_d from its phase (b), at most F_s: an object that broke away below the mean friction
+along its path slid on at once. (With F_d above F_s it would not move until F exceeds F_d, and every earlier t_0 would
+explain the data equally well.) The unknowns t_0 and m are estimated from the displacements y of the few frames until the object
+is as fast as the platform. The prior of the mass follows from F_d (coefficients of friction are 0.2 to 0.8), and
+the posterior on a grid gives F_s and its standard deviation. The force of the
+frame with the largest deflection would be too large by the inertial force, m y'' > 0.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ from .push_record import PushRecord
 
 __all__ = ["breakaway_force", "mixture_moments", "static_friction"]
 
-#: Steps of the grids and of the integration between two frames.
+#: Numbers of grid points of time and mass, and of integration steps between two frames.
 TIMES, MASSES, STEPS = 48, 40, 40
-#: Prior of the mass, by the dynamic friction: what slides has a coefficient of 0.4, 0.2 and 0.8 are at two deviations of
-#: its logarithm; one thing in five rolls, with 0.02 to 0.2.
+#: Prior of the mass from the dynamic friction: the coefficient of a sliding object is 0.4, with 0.2 and 0.8 at two standard
+#: deviations of its logarithm; one object in five rolls, with a coefficient of 0.02 to 0.2.
 FRICTION, LOG_SIGMA, ROLLING, LOG_ROLLING_SIGMA, ROLLS = 0.4, 0.35, 0.06, 0.6, 0.2
-#: Foam that is released is stiffer than foam that is compressed, by about this factor.
+#: Ratio of the stiffness of foam during unloading to that during loading.
 RELEASED = 1.5
-#: Error of the modelled displacement, by that displacement: foam that recovers, frictions that change with speed.
+#: Relative error of the modelled displacement: recovery of the foam, dependence of friction on speed.
 DISPLACEMENT_ERROR = 0.1
-#: Error of the method itself, by the force: the Stribeck part of the friction, turning bodies.
+#: Relative error of the method: Stribeck effect of the friction, rotation of the object.
 METHOD_ERROR = 0.02
-#: Prior of a motion that is none of a break-away: frames are missing, or something else gave way.
+#: Prior probability that the motion is not a breakaway: frames are missing, or something else moved.
 OTHERWISE = 0.1
-#: Frames after the last one at rest that are looked at.
+#: Number of frames after the last one at rest that are used.
 FRAMES = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Start:
-    """The frames around the break-away; indices count from the first frame of the contact."""
+    """The frames around the breakaway; indices count from the first frame of the contact."""
 
     t: Float[np.ndarray, "n"]
     x: Float[np.ndarray, "n"]
-    rest: int  #: last frame in which the object is seen to rest
-    at_rest_m: float  #: squeeze in that frame
-    chosen: Int[np.ndarray, "F"]  #: frames whose positions are explained
+    rest: int  #: last frame in which the object rests
+    at_rest_m: float  #: compression of foam and object in that frame [m]
+    chosen: Int[np.ndarray, "F"]  #: frames whose displacements are modelled
     y: Float[np.ndarray, "F"]  #: displacement of the object in them [m]
     sigma_m: Float[np.ndarray, "F"]
     springs: FoamCurve  #: foam and object in series
@@ -65,18 +65,19 @@ class _Start:
 def static_friction(
     record: PushRecord, rests: Sequence[Rest], dynamic_N: float
 ) -> tuple[Estimate, list[float]]:
-    """Force at which the object broke away in this push, and how probable each way of resting is after its motion.
+    """Static friction of this push, and the posterior weight of each rest hypothesis given the motion after it.
 
-    The text takes the largest force of phase (a). But after the break-away the force goes on rising until the object
-    is as fast as the platform (its inertia), so the break-away itself is looked for in the object's motion, see
-    :func:`breakaway_force`. When it shows none, it lies between the last frame at rest and the largest force.
+    The dissertation takes the largest force of phase (a). But the force still rises after the breakaway, until the object
+    is as fast as the platform (inertia), so the breakaway is estimated from the motion of the object, see
+    :func:`breakaway_force`. If the motion is not that of a breakaway, the static friction lies between the force of the last
+    frame at rest and the largest force.
 
     Parameters
     ----------
     record
         The push.
     rests
-        The object before it moves, in several ways.
+        Hypotheses of the rest phase.
     dynamic_N
         Dynamic friction [N].
     """
@@ -107,7 +108,7 @@ def mixture_moments(weight: Sequence[float], found: Sequence[tuple[float, float]
     Parameters
     ----------
     weight, found
-        Weights, up to a common factor, and means with standard deviations.
+        Unnormalised weights, and (mean, standard deviation) of each component.
     """
     fraction = np.array(weight) / np.sum(weight)
     mean, sigma = np.array(found).T
@@ -116,20 +117,20 @@ def mixture_moments(weight: Sequence[float], found: Sequence[tuple[float, float]
 
 
 def breakaway_force(record: PushRecord, rest: Rest, dynamic_N: float) -> tuple[float, float, float] | None:
-    """Static friction and its standard deviation from the motion alone [N].
+    """Static friction and its standard deviation from the motion of the object alone [N].
 
     Parameters
     ----------
     record
         The push.
     rest
-        The object before it moves.
+        Hypothesis of the rest phase.
     dynamic_N
-        Dynamic friction [N]; 0 when it is not known.
+        Dynamic friction [N]; 0 if unknown.
 
     Returns
     -------
-    Value and standard deviation [N], and the logarithm of the Bayes factor against an object that follows the platform
+    Value and standard deviation [N], and the log Bayes factor against an object that follows the platform
     in any other way; None for too few frames.
     """
     start = _start(record, rest)
@@ -137,10 +138,10 @@ def breakaway_force(record: PushRecord, rest: Rest, dynamic_N: float) -> tuple[f
         return None
     t, x, before, springs = start.t, start.x, start.rest, start.springs
     times = np.linspace(t[max(before - 1, 0)], t[min(before + 1, len(t) - 1)], TIMES)
-    # Coefficients from that of a trolley to that of rubber.
+    # Coefficients of friction from a trolley to rubber.
     coefficients = np.geomspace(0.015, 1.0, MASSES)
     masses = max(dynamic_N, 0.1 * float(springs.force_N[-1])) / (coefficients * GRAVITY_M_S2)
-    at_rest = start.at_rest_m + np.interp(times, t, x) - x[before]  # squeeze at t_0
+    at_rest = start.at_rest_m + np.interp(times, t, x) - x[before]  # compression at t_0
     static = springs.force_at(at_rest)
     model = _displacements(times, masses, at_rest, start, np.minimum(dynamic_N, static))
     sigma = np.hypot(start.sigma_m, DISPLACEMENT_ERROR * np.abs(start.y))
@@ -169,13 +170,13 @@ def breakaway_force(record: PushRecord, rest: Rest, dynamic_N: float) -> tuple[f
 
 
 def _start(record: PushRecord, rest: Rest) -> _Start | None:
-    """The frames around the break-away; None when too few show it."""
+    """Select the frames around the breakaway; None if there are too few."""
     part = slice(rest.first, min(rest.last + 2 + FRAMES, len(record.t_s)))
     t, x, d = record.t_s[part], record.travel_m[part], record.deflection_m[part]
     force = np.where(np.isfinite(record.force_N[part]), record.force_N[part], rest.foam.force_at(d))
     last, deepest = rest.last - rest.first, rest.deepest - rest.first
     squeeze = rest.squeeze_m(d, force)
-    # Past the frame of the largest deflection the foam is recovering and shows less.
+    # At most one frame after that of the largest deflection: later the foam recovers and underestimates the compression.
     chosen = np.arange(max(last - 1, 0), min(len(t), max(deepest, last + 1) + 2))
     chosen = chosen[np.isfinite(squeeze[chosen])]
     if len(chosen) < 2 or chosen[-1] <= last:
@@ -189,9 +190,10 @@ def _start(record: PushRecord, rest: Rest) -> _Start | None:
 
 
 def _between_m(t: Float[np.ndarray, "n"], x: Float[np.ndarray, "n"], rest: int) -> float:
-    """How far the platform may have been from the straight line between the frames of the break-away [m].
+    """Maximum deviation of the platform from linear interpolation between the frames of the breakaway [m].
 
-    A change of speed at an unknown time of a span makes a kink of a quarter of the span, at most.
+    A change of speed at an unknown time within an interval deviates from the line by at most a quarter of
+    the interval times the change.
     """
     speed = np.diff(x) / np.diff(t)
     span = slice(max(rest - 1, 0), rest + 2)
@@ -199,12 +201,12 @@ def _between_m(t: Float[np.ndarray, "n"], x: Float[np.ndarray, "n"], rest: int) 
 
 
 def _log_normal(value: Float[np.ndarray, "M"], median: float, sigma: float) -> Float[np.ndarray, "M"]:
-    """Density of the logarithm."""
+    """Density of the logarithm of ``value``, up to a constant factor."""
     return np.exp(-0.5 * (np.log(value / median) / sigma) ** 2) / sigma
 
 
 def _moments(values: Float[np.ndarray, "T"], weight: Float[np.ndarray, "T"]) -> tuple[float, float]:
-    """Mean and standard deviation under weights that add up to 1."""
+    """Mean and standard deviation for normalised weights."""
     mean = float(weight @ values)
     return mean, float(np.sqrt(weight @ (values - mean) ** 2))
 
@@ -216,7 +218,7 @@ def _displacements(
     start: _Start,
     slides_N: Float[np.ndarray, "T"],
 ) -> Float[np.ndarray, "T M F"]:
-    """Displacement of the object at the frames for every break-away and mass (semi-implicit Euler)."""
+    """Displacement of the object at the frames for every breakaway time and mass [m] (semi-implicit Euler)."""
     frames, springs = start.t[start.chosen], start.springs
     end = float(frames[-1] - times[0])
     dt = end / (STEPS * len(frames))
@@ -224,7 +226,7 @@ def _displacements(
     v, deepest = np.zeros_like(y), np.repeat(depth0[:, None], len(masses), axis=1)
     after = np.arange(1, STEPS * len(frames) + 1) * dt
     course = [np.zeros_like(y)]
-    began_m = np.interp(times, start.t, start.x)  # the platform may slow down meanwhile
+    began_m = np.interp(times, start.t, start.x)  # the platform may decelerate meanwhile
     for tau in after:
         depth = (depth0 + np.interp(times + tau, start.t, start.x) - began_m)[:, None] - y
         deepest = np.maximum(deepest, depth)

@@ -1,4 +1,4 @@
-"""Circle through noisy points without iteration. Symbols: K points (x, y), centre (a, b), radius R."""
+"""Non-iterative circle fit. Symbols: K points (x, y), centre (a, b), radius R."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ __all__ = ["fit_circle_algebraic"]
 
 
 def fit_circle_algebraic(points_m: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, "3"]:
-    """Taubin's fit: minimises sum (z - 2ax - 2by + c)² under the mean squared gradient.
+    """Taubin's circle fit: minimises sum (z - 2ax - 2by + c)², z = x² + y², normalised by the mean squared gradient.
 
     Almost unbiased for short arcs, where the plain algebraic fit (Kåsa)
-    shrinks the radius. Solved by a singular value decomposition of the
-    centred data, which stays exact for nearly straight arcs.
+    underestimates the radius. Solved by a singular value decomposition of the
+    centred data, which is accurate also for nearly straight arcs.
 
     Parameters
     ----------
     points_m
-        At least three points, not all on one line.
+        At least three points (K, 2) [m], not all collinear.
 
     Returns
     -------
@@ -29,7 +29,7 @@ def fit_circle_algebraic(points_m: Float[np.ndarray, "K 2"]) -> Float[np.ndarray
     Raises
     ------
     InputError
-        Fewer than three points, or exactly collinear ones.
+        Fewer than three points, or exactly collinear or coincident ones.
 
     Notes
     -----

@@ -1,16 +1,16 @@
-"""What a foam contour looks like when a simple outline is pressed into it, and the fit of that image.
+"""Model of a foam contour with a simple outline pressed into it, and its fit to a measured contour.
 
-The foam's front does not end where the object ends: lateral tension lets it
-run out in smooth flanks that do not lie on the object (Alt 2016, Sec. 3.2 and
+The deformed front of the foam extends beyond the object: lateral tension creates
+smooth flanks that are not in contact with it (Alt 2016, Sec. 3.2 and
 the remark on fits "at the boundaries of the deformation region", 3.6.2). A
-fit that takes flank points for object points gets the wrong shape. Here the
-flanks are part of the model, so that the data decide where the contact ends.
+fit that takes flank points for contact points gets the wrong shape. Here the
+flanks are part of the model, so that the ends of the contact are estimated.
 
 Symbols: u along the strip, v towards the base, delta = v - rest(u) >= 0 the
-deflection; the flank obeys T delta'' = c delta^n (a Pasternak foundation with
+deflection. The flank satisfies T delta'' = c delta^n (a Pasternak foundation with
 a power law), whose first integral is a slope S(delta) = S_0 (delta/scale)^((n+1)/2)
-and whose solution is closed. An object touches as long as it falls away less
-steeply than S.
+and whose solution is closed-form. An object is in contact as long as it recedes
+less steeply than S.
 """
 
 from __future__ import annotations
@@ -26,33 +26,33 @@ from .outline_hypotheses import Hypothesis, Impression
 __all__ = ["FlankPrior", "OutlineFit", "fit_outline", "integrate_drop"]
 
 
-#: Drops over which a tip is integrated, in standard deviations of the prior, and steps of the descent at each.
+#: Drops over which a tip is marginalised, in standard deviations of the prior, and iterations of the descent at each.
 _DROPS, _DROP_STEPS = (-2.0, -1.0, 0.0, 1.0, 2.0), 12
-#: Foam bulges beyond its flanks: their law departs by its error of this part of the depth where they end.
+#: Relative error of the flank law where the flanks end, because foam bulges there, in units of the largest deflection.
 _BULGE = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class FlankPrior:
-    """What is known of the foam's flanks before a contact is seen."""
+    """Prior of the flanks of the foam."""
 
-    length_m: float = 0.007  #: deflection by slope where the flank begins
+    length_m: float = 0.007  #: ratio of deflection to slope at the start of the flank [m]
     log_length_sigma: float = 0.5  #: standard deviation of its logarithm
     exponent: float = 0.9  #: n of the power law: 0 plateau, 1 linear
     exponent_sigma: float = 0.4
-    #: by how much the foam drops at a tip, by the deflection: 0.35 sharp, 0.5 at a radius of 3 mm; the mean and the
-    #: standard deviation of what is uniform between both
+    #: relative drop of the foam at a tip: 0.35 for a sharp edge, 0.5 for a radius of 3 mm; mean and
+    #: standard deviation of the uniform distribution between both
     drop: float = 0.425
     drop_sigma: float = 0.043
-    #: of a tip, by its edge: in a continuum foam the fit ends further in by half of the radius; uniform up to 2 mm
+    #: position error of a tip [m]: in a continuum foam the fit is short by half of the edge radius, uniform up to 2 mm
     edge_sigma_m: float = 0.0003
-    asymmetry_sigma: float = 0.08  #: left against right, of the logarithm
-    error: float = 0.02  #: how far a real flank departs from the power law, by deflection
-    contact_error: float = 0.001  #: how far the touched foam departs from the object, by deflection
-    min_segment_m: float = 0.01  #: a face shorter than this counts as a tip
-    min_radius_m: float = 0.012  #: a round object smaller than this counts as a tip
-    max_radius_m: float = 0.6  #: a round object larger than this counts as flat
-    parsimony: float = 2.0  #: added to log K: what a further parameter has to earn
+    asymmetry_sigma: float = 0.08  #: standard deviation of the log ratio of left to right flank
+    error: float = 0.02  #: relative error of the power law of a flank, by deflection
+    contact_error: float = 0.001  #: relative distance of the touching foam from the object, by deflection
+    min_segment_m: float = 0.01  #: a shorter face counts as a tip [m]
+    min_radius_m: float = 0.012  #: a round object with a smaller radius counts as a tip [m]
+    max_radius_m: float = 0.6  #: a round object with a larger radius counts as flat [m]
+    parsimony: float = 2.0  #: cost of a free parameter in addition to log K
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,16 +62,16 @@ class OutlineFit:
     hypothesis: Hypothesis
     theta: Float[np.ndarray, "p"]  #: shape and flank parameters, as in the kernels
     covariance: Float[np.ndarray, "p p"]  #: zero rows for parameters that were not free
-    model_m: Float[np.ndarray, "K"]  #: deflection of the model
-    touched: Bool[np.ndarray, "K"]  #: points on the object
-    ends_m: tuple[float, float]  #: where the contact begins and ends (u)
-    deviance: float  #: -2 log likelihood, with the flank prior
-    criterion: float  #: deviance + free parameters x log K: Bayesian information criterion
+    model_m: Float[np.ndarray, "K"]  #: deflection of the model [m]
+    touched: Bool[np.ndarray, "K"]  #: points in contact with the object
+    ends_m: tuple[float, float]  #: ends of the contact along u [m]
+    deviance: float  #: -2 log likelihood, including the flank prior
+    criterion: float  #: Bayesian information criterion: deviance + free parameters x (log K + parsimony)
     chi2: float  #: weighted squared residuals of the touched points
 
     @property
     def widening(self) -> float:
-        """Residuals larger than declared (a rough object) widen the covariance; smaller ones never narrow it."""
+        """Factor on the covariance: residuals above the declared noise (a rough object) widen it, smaller ones never narrow it."""
         return max(1.0, self.chi2 / max(int(self.touched.sum()) - len(self.hypothesis.free), 1))
 
 
@@ -82,7 +82,7 @@ class _Problem:
         self.impression, self.hypothesis, self.prior = impression, hypothesis, prior
         self.shape_count = {STRAIGHT: 5, ROUND: 3, BENT: 4}[hypothesis.family]
         self.count = self.shape_count + 3
-        #: A straight outline with a tip, beside which the foam drops.
+        #: Whether a straight outline has a tip, at which the foam drops.
         self.tipped = hypothesis.family == STRAIGHT and len(hypothesis.free) > 2
         drop = (4,) if self.tipped else ()
         self.free = np.array([*hypothesis.free, *drop, *range(self.shape_count, self.count)])
@@ -111,7 +111,7 @@ class _Problem:
         return np.array([*shape, *drop, self.log_slope, self.log_slope, self.prior.exponent])
 
     def project(self, theta: np.ndarray) -> np.ndarray:
-        """Keep the parameters where the kernel is defined."""
+        """Clip the parameters to the domain of the kernel."""
         theta = theta.copy()
         theta[-1] = np.clip(theta[-1], -0.6, 2.0)
         theta[-3:-1] = np.clip(theta[-3:-1], self.log_slope - 4, self.log_slope + 4)
@@ -148,7 +148,7 @@ class _Problem:
         w = 1.0 / p.log_length_sigma
         mean = 0.5 * (theta[left] + theta[right])
         add({left: 0.5 * w, right: 0.5 * w}, w * (mean - self.log_slope))
-        # A free end lifts the flank next to it.
+        # A free end of the strip lifts the flank next to it.
         w = 1.0 / (0.3 if any(self.impression.cut) else p.asymmetry_sigma)
         add({left: w, right: -w}, w * (theta[left] - theta[right]))
         w = 1.0 / p.exponent_sigma
@@ -172,7 +172,7 @@ class _Problem:
             self.hypothesis.family, theta, self.steps, data.rest, data.scale_m,
             self.low, self.high, data.u_m, self.delta, self.touched, self.jacobian, self.ends,
         )  # fmt: skip
-        # The error of the flank law is taken from the data, so that no model earns slack by being wrong.
+        # The error of the flank law scales with the data, not the model, so that a wrong model does not gain tolerance.
         pressed = np.maximum(data.delta_m, 0.0)
         flank = self.prior.error * (pressed + _BULGE * data.scale_m)
         sigma = np.hypot(data.sigma_m, np.where(self.touched, self.prior.contact_error * pressed, flank))
@@ -183,9 +183,9 @@ class _Problem:
         return np.concatenate([residual, value]), np.vstack([jacobian, rows])[:, self.free], deviance
 
     def covariance(self, jacobian: np.ndarray) -> np.ndarray:
-        """Of all parameters, by the curvature; zero rows for those that are not free."""
+        """Covariance of all parameters from the curvature; zero rows for parameters that are not free."""
         normal = jacobian.T @ jacobian
-        # A direction that the data leave open (a face that is not touched) gets a large, finite variance.
+        # A direction that the data do not determine (an untouched face) gets a large, finite variance.
         small = np.linalg.pinv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)), hermitian=True)
         covariance = np.zeros((self.count, self.count))
         covariance[np.ix_(self.free, self.free)] = small
@@ -219,7 +219,7 @@ def _descend(problem: _Problem, theta: np.ndarray, iterations: int) -> tuple[np.
 def fit_outline(
     impression: Impression, hypothesis: Hypothesis, prior: FlankPrior, *, iterations: int = 40
 ) -> OutlineFit:
-    """Fit one hypothesis by Levenberg-Marquardt from each of its starts; the best end wins.
+    """Fit one hypothesis by Levenberg-Marquardt from each of its starts; returns the best result.
 
     Parameters
     ----------
@@ -228,9 +228,9 @@ def fit_outline(
     hypothesis
         Family of the outline, its free parameters and starts.
     prior
-        What is known of the foam's flanks.
+        Prior of the flanks of the foam.
     iterations
-        At most, for each start.
+        Maximum number of iterations for each start.
     """
     problem = _Problem(impression, hypothesis, prior)
     found = [_descend(problem, problem.start(shape), iterations) for shape in hypothesis.starts]
@@ -253,11 +253,12 @@ def fit_outline(
 
 
 def integrate_drop(fit: OutlineFit, impression: Impression, prior: FlankPrior) -> OutlineFit:
-    """Mean and covariance of an outline over the drop beside its tips; without a tip the fit itself.
+    """Mean and covariance of an outline, marginalised over the drop at its tips; a fit without tips is returned unchanged.
 
-    Along an exponential flank a tip farther out and a larger drop look the same, so that the likelihood of a tip is
-    flat, but for steps where it passes a point of the strip: its maximum is one of several, and its curvature says
-    nothing. So the drop is held at each of some values, all else follows, and the posterior weights what is found.
+    Along an exponential flank a tip farther out is equivalent to a larger drop, so the likelihood of a tip is
+    flat except for steps where the tip passes a point of the strip: its maximum is not unique, and its curvature is
+    meaningless. Therefore all other parameters are fitted for each of several fixed drops, and the results are averaged with
+    their posterior weights.
 
     Parameters
     ----------
@@ -266,7 +267,7 @@ def integrate_drop(fit: OutlineFit, impression: Impression, prior: FlankPrior) -
     impression
         The measured contour.
     prior
-        What is known of the foam's flanks.
+        Prior of the flanks of the foam.
     """
     problem = _Problem(impression, fit.hypothesis, prior)
     if not problem.tipped:
@@ -279,7 +280,7 @@ def integrate_drop(fit: OutlineFit, impression: Impression, prior: FlankPrior) -
         held[4] = drop
         moved = held.copy()
         length = impression.scale_m * np.exp(-np.mean(held[-3:-1]))
-        for index, sign in tips:  # so that the flank stays where it is
+        for index, sign in tips:  # keeps the flank in place
             moved[index] += sign * length * np.log((1.0 - fit.theta[4]) / (1.0 - drop))
         starts = [held, moved]
         found.append(min((_descend(problem, start, _DROP_STEPS) for start in starts), key=lambda end: end[1]))

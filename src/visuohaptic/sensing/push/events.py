@@ -1,16 +1,16 @@
 """Events of a contact: contact, motion, release (Alt 2016, Sec. 3.6.2 and 4.1).
 
-*Contact*: the deflection rises beyond its noise. *Motion*: the deflection
-stays or falls while the platform goes on: the object gives way. *Release*:
-the contact is lost. *Fall* and *slip* come from the scene's tracking and are
+*Contact*: the deflection rises above its noise. *Motion*: the deflection
+is constant or falls while the platform continues: the object moves. *Release*:
+the contact is lost. *Fall* and *slip* are detected by the scene tracker and
 passed through.
 
-With the default settings a contact needs five sigma in two frames in a row:
-for 85 points of white noise that is a false alarm in about 10^11 frames, and
-the event is raised one frame late. Points err together, too: a strip is touched
-where its force is five sigma from none, with all errors that are common. Motion
-is raised when the platform has moved 2 mm (at least four frames) on a deflection
-that no longer follows; its time stamp is the moment at which the plateau began.
+With the default settings a contact needs five sigma in two consecutive frames:
+for 85 points of white noise that is one false alarm in about 10^11 frames, and
+the event is raised one frame late. Errors of the points are also correlated: a contact
+needs a force of five sigma including all common errors. Motion is raised when the platform
+has moved 2 mm (at least four frames) without a corresponding rise of the deflection;
+its time stamp is the start of the plateau.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ...core.measurement import Event, EventKind, ForceProfile, Reason
 
 __all__ = ["ContactEvents", "DeflectionEvents", "EventSettings"]
 
-#: Frames whose force is not to be trusted but whose contour was seen.
+#: Reasons for which the force is invalid but the contour is valid, and ``OK``.
 _CONTOUR_SEEN = frozenset({Reason.OK, Reason.UNLOADING, Reason.SATURATED})
 
 
@@ -33,32 +33,31 @@ _CONTOUR_SEEN = frozenset({Reason.OK, Reason.UNLOADING, Reason.SATURATED})
 class EventSettings:
     """Thresholds of the state machine."""
 
-    contact_sigmas: float = 5.0  #: deflection above this many sigma begins a contact
-    contact_m: float = 1e-4  #: and above this [m]
+    contact_sigmas: float = 5.0  #: minimum deflection of a contact, in standard deviations
+    contact_m: float = 1e-4  #: minimum deflection of a contact [m]; both have to be exceeded
     release_fraction: float = 0.5  #: hysteresis: released below this fraction of the contact threshold
-    confirm_frames: int = 2  #: frames in a row for contact and release
-    motion_slope: float = (
-        0.3  #: deflection by travel, as a fraction of its rise, below which the object moves
-    )
-    motion_sigmas: float = 2.0  #: confidence of the slope
-    motion_travel_m: float = 0.002  #: travel over which the slope is measured
+    confirm_frames: int = 2  #: consecutive frames for contact and release
+    #: the object moves if the ratio of deflection to travel falls below this fraction of its value during the rise
+    motion_slope: float = 0.3
+    motion_sigmas: float = 2.0  #: standard deviations by which the slope has to be below that value
+    motion_travel_m: float = 0.002  #: travel over which the slope is measured [m]
     motion_frames: int = 4
-    region_gap_m: float = 0.01  #: regions closer than this are one
+    region_gap_m: float = 0.01  #: regions closer than this are merged [m]
 
 
 class DeflectionEvents:
-    """State machine of one contact on its deflection [m] and the platform's travel [m].
+    """Event state machine of one contact, from its deflection [m] and the travel of the platform [m].
 
-    Call :meth:`update` once per frame in order of time; a frame that shows
-    nothing is simply not passed. Without travel the platform is taken to go
-    on as fast as the deflection rose when it rose fastest.
+    Call :meth:`update` once per frame in order of time; omit frames without a
+    measurement. Without travel the platform is assumed to move at the
+    highest rate at which the deflection rose.
 
     Parameters
     ----------
     settings
-        Thresholds of the events; the defaults without.
+        Thresholds of the events; defaults if omitted.
     s_m
-        Where along the strip the contact is [m].
+        Position of the contact along the strip [m].
     """
 
     def __init__(self, settings: EventSettings | None = None, s_m: float = float("nan")) -> None:
@@ -70,13 +69,13 @@ class DeflectionEvents:
         self._below = 0
         self._last_t = -np.inf
         self._first = (0.0, 0.0)  # time and deflection of the first frame above the threshold
-        self._rate = 0.0  # fastest rise so far, stands in for the platform's speed [m/s]
+        self._rate = 0.0  # highest rate of the rise so far, used as the speed of the platform [m/s]
         self._history: list[tuple[float, float, float, float]] = []
 
     def update(
         self, t_s: float, deflection_m: float, sigma_m: float, travel_m: float | None = None
     ) -> tuple[Event, ...]:
-        """Take in one frame.
+        """Process one frame.
 
         Parameters
         ----------
@@ -87,12 +86,12 @@ class DeflectionEvents:
         sigma_m
             Its standard deviation [m].
         travel_m
-            Distance that the platform has driven [m]; None: not known.
+            Distance driven by the platform [m]; None: unknown.
 
         Returns
         -------
         tuple of Event
-            Events that this frame decides.
+            Events detected in this frame.
         """
         if not (t_s > self._last_t and np.isfinite(deflection_m)):
             return ()  # late, repeated or empty
@@ -119,7 +118,7 @@ class DeflectionEvents:
             if self._below >= c.confirm_frames:
                 lost: tuple[Event, ...] = (Event(EventKind.RELEASE, self._first[0], self.s_m),)
                 peak = max(self._history, key=lambda row: row[1])
-                # The platform went on and yet the contact was lost: the object ran ahead of it.
+                # The platform continued and yet the contact was lost: the object ran ahead of it.
                 ran_ahead = not self.moving and travel_m is not None and travel_m > peak[3]
                 if ran_ahead:
                     lost = (Event(EventKind.MOTION, peak[0], self.s_m), *lost)
@@ -143,7 +142,7 @@ class DeflectionEvents:
         self._history.append((t_s, deflection_m, sigma_m, travel_m))
 
     def _motion_onset(self) -> float | None:
-        """Time at which the deflection stopped to follow, if it did within the last window."""
+        """Time at which the deflection stopped following the travel, if within the last window [s]."""
         c, history = self.settings, np.array(self._history)
         t, deflection, sigma, travel = history.T
         inside = np.flatnonzero(travel < travel[-1] - c.motion_travel_m)
@@ -156,10 +155,10 @@ class DeflectionEvents:
         centred = x - x.mean()
         power = float(centred @ centred)
         slope = float(centred @ d) / power
-        # The plateau began when the deflection first came within its noise of the later level.
+        # The plateau starts when the deflection first comes within its noise of the later level.
         level = min(float(np.median(d[-max(2, len(d) // 2) :])), float(d.max()))
         reached = int(np.flatnonzero(deflection >= level - 2.0 * s)[0])
-        # A soft object lets the foam follow only in part: the rise so far is the measure.
+        # With a soft object the foam deflects by a fraction of the travel: compare with the slope of the rise so far.
         way = float(travel[reached] - travel[0])
         rise = min(1.0, level / way) if way > 0 else 1.0
         if slope + c.motion_sigmas * s / np.sqrt(power) >= c.motion_slope * rise:
@@ -178,14 +177,14 @@ class _Region:
 class ContactEvents:
     """One state machine per contact region of a foam strip.
 
-    Frames without a contour (occluded, lost, stale, camera moved) change
-    nothing; frames that are invalid only as a force (unloading, saturated)
-    still show where the object is.
+    Frames without a contour (occluded, lost, stale, camera moved) are ignored;
+    frames in which only the force is invalid (unloading, saturated) still
+    give the position of the object.
 
     Parameters
     ----------
     settings
-        Thresholds of the events; the defaults without.
+        Thresholds of the events; defaults if omitted.
     """
 
     def __init__(self, settings: EventSettings | None = None) -> None:
@@ -201,7 +200,7 @@ class ContactEvents:
 
     @property
     def moving(self) -> bool:
-        """Whether an object that is touched gives way."""
+        """Whether a touched object moves."""
         return any(region.machine.moving for region in self._regions)
 
     def update(
@@ -212,22 +211,22 @@ class ContactEvents:
         speed_m_s: float | None = None,
         external: Iterable[Event] = (),
     ) -> tuple[Event, ...]:
-        """Take one frame.
+        """Process one frame.
 
         Parameters
         ----------
         profile
             The frame's measurement.
         travel_m
-            Distance that the platform has driven, from odometry [m].
+            Distance driven by the platform, from odometry [m].
         speed_m_s
-            Used instead, integrated over time, when ``travel_m`` is absent.
+            Speed of the platform [m/s], integrated over time if ``travel_m`` is None.
         external
-            Falls and slips from the scene's tracking, passed through.
+            Falls and slips from the scene tracker, passed through.
 
         Returns
         -------
-        Events decided by this frame, in order of time.
+        Events detected in this frame, in order of time.
         """
         passed = tuple(external)
         for event in passed:
@@ -249,22 +248,22 @@ class ContactEvents:
         return tuple(sorted((*events, *passed), key=lambda event: event.t_s))
 
     def _matched(self, profile: ForceProfile) -> list[_Region]:
-        """Regions of this frame: those that are known, moved to where they are now, and new ones."""
+        """Regions of this frame: known ones, moved to their present positions, and new ones."""
         gap = self.settings.region_gap_m
         for region in self._regions:
             region.seen = False
-        # The deepest first: a region goes on with what presses, not with a ripple that has come up beside it.
+        # Deepest first: a region is continued by the main contact, not by a ripple next to it.
         for contact in sorted(profile.contacts, key=lambda one: -float(np.max(one.delta_m, initial=0.0))):
             low, high = contact.s_start_m, contact.s_end_m
             known = [r for r in self._regions if low <= r.high_m + gap and high >= r.low_m - gap]
             if not known:
                 if contact.force_N <= self.settings.contact_sigmas * contact.force_sigma_N:
-                    continue  # all its points may be off together, by the light or the camera
+                    continue  # all its points may share an error of light or camera
                 machine = DeflectionEvents(self.settings, contact.centre_m)
                 self._regions.append(_Region(low, high, machine, True))
                 continue
-            # Two contacts that have grown together go on as the older one; two that
-            # split up go on as one until the strip between them is free again.
+            # Merged contacts continue as the older region; split contacts continue as one region
+            # until the strip between them is free again.
             region = known[0]
             region.low_m = min(low, region.low_m) if region.seen else low
             region.high_m = max(high, region.high_m) if region.seen else high
@@ -277,7 +276,7 @@ class ContactEvents:
         if not inside.any():
             return ()
         delta, sigma = profile.delta_m[inside], profile.delta_sigma_m[inside]
-        # The three deepest points: less noise than one, still the tip of a thin object.
+        # Mean of the three deepest points: less noise than one point, still at the tip of a thin object.
         deepest = np.argsort(delta)[-3:]
         deflection = float(delta[deepest].mean())
         return region.machine.update(profile.t_s, deflection, float(sigma[deepest].mean()), travel_m)

@@ -1,4 +1,4 @@
-"""Outlines that may have left an impression in the foam, and where to start to fit them.
+"""Hypotheses of outlines for an impression in the foam, and start values of their fits.
 
 Symbols: u along the strip, v towards the base, delta = v - rest(u) >= 0 the deflection.
 """
@@ -15,18 +15,18 @@ from .circle_fit import fit_circle_algebraic
 
 __all__ = ["Hypothesis", "Impression", "hypotheses"]
 
-#: "No tip here" in the kernels' parameters [m].
+#: Position of an absent tip in the parameters of the kernels [m].
 FAR_M = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Impression:
-    """The contour that an object leaves in the foam, in coordinates of the strip; K points."""
+    """Contour of the foam under contact, in coordinates of the strip; K points."""
 
-    u_m: Float[np.ndarray, "K"]  #: increasing
+    u_m: Float[np.ndarray, "K"]  #: positions along the strip, increasing [m]
     delta_m: Float[np.ndarray, "K"]
     sigma_m: Float[np.ndarray, "K"]
-    rest: Float[np.ndarray, "3"]  #: rest(u) = r0 + r1 u + r2 u² [m], v of the unpressed front
+    rest: Float[np.ndarray, "3"]  #: rest(u) = r0 + r1 u + r2 u² [m], v of the undeformed front
     spacing_m: float
 
     @property
@@ -36,28 +36,29 @@ class Impression:
 
     @property
     def cut(self) -> tuple[bool, bool]:
-        """Whether the strip ends (left, right) before the foam is back at rest."""
+        """Whether the strip ends (left, right) before the foam is undeformed again."""
         limit = np.maximum(0.1 * self.scale_m, 10 * self.sigma_m)
         return bool(self.delta_m[0] > limit[0]), bool(self.delta_m[-1] > limit[-1])
 
     @property
     def v_m(self) -> Float[np.ndarray, "K"]:
-        """Depth of the points [m]."""
+        """Position of the points towards the base, v [m]."""
         return self.delta_m + self.rest[0] + (self.rest[1] + self.rest[2] * self.u_m) * self.u_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """One outline that may have touched the foam."""
+    """An outline that may have touched the foam."""
 
     name: str
     family: int
-    free: tuple[int, ...]  #: shape parameters that are fitted
-    starts: tuple[Float[np.ndarray, "p"], ...]  #: full shape parameters, without the flank's
+    free: tuple[int, ...]  #: indices of the shape parameters that are fitted
+    #: start values of all shape parameters, without those of the flanks
+    starts: tuple[Float[np.ndarray, "p"], ...]
 
 
 def hypotheses(impression: Impression) -> list[Hypothesis]:
-    """All outlines worth a try, with their starts from simple fits to the deepest points.
+    """All plausible outlines, with start values from simple fits to the deepest points.
 
     Parameters
     ----------
@@ -94,12 +95,12 @@ def hypotheses(impression: Impression) -> list[Hypothesis]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Peak:
-    """The deepest point of an impression, and lines through the points that are nearly as deep."""
+    """The deepest point of an impression, and lines through the deepest points."""
 
     u: float
     v: float
-    lines: list[tuple[float, float]]  #: depth at u = 0 and slope, of the deepest 15 %, 40 % and 70 %
-    spans: list[tuple[float, float]]  #: first and last u of the same points
+    lines: list[tuple[float, float]]  #: v at u = 0 [m] and slope, for the deepest 15 %, 40 % and 70 %
+    spans: list[tuple[float, float]]  #: first and last u of the same points [m]
 
     @classmethod
     def of(cls, impression: Impression) -> _Peak:
@@ -118,7 +119,7 @@ class _Peak:
         return 0.5 * (self.spans[0][0] + self.spans[0][1])
 
     def tips(self, half: float, *, left: bool = False, right: bool = False) -> tuple[np.ndarray, ...]:
-        """Starts of a straight outline with or without tips half a spacing beyond the core."""
+        """Start values of a straight outline with or without tips half a spacing beyond the core."""
         return tuple(
             np.array([a, m, low - half if left else -FAR_M, high + half if right else FAR_M])
             for (a, m), (low, high) in zip(self.lines, self.spans, strict=True)
@@ -126,7 +127,7 @@ class _Peak:
 
 
 def _line(impression: Impression, keep: Bool[np.ndarray, "K"]) -> tuple[float, float]:
-    """Weighted line v = level + slope u through some points."""
+    """Weighted least-squares line v = level + slope u through the points in ``keep``."""
     u, v, w = impression.u_m[keep], impression.v_m[keep], 1.0 / impression.sigma_m[keep]
     if len(u) < 2:
         return float(impression.v_m.max()), 0.0
@@ -135,7 +136,7 @@ def _line(impression: Impression, keep: Bool[np.ndarray, "K"]) -> tuple[float, f
 
 
 def _faces(impression: Impression, peak: _Peak) -> list[tuple[float, float]]:
-    """Lines of the faces that begin at the deepest point, from the points on their own side."""
+    """Lines of the two faces that meet at the deepest point, each from the points on its side."""
     faces = []
     for side in (-1, 1):
         own = side * (impression.u_m - peak.u) >= 0
@@ -145,7 +146,7 @@ def _faces(impression: Impression, peak: _Peak) -> list[tuple[float, float]]:
 
 
 def _bends(impression: Impression, peak: _Peak) -> list[tuple[float, float, float]]:
-    """Lines to both sides of the sharpest bend away from the object, and its u: a tip wherever the peak is."""
+    """Lines on both sides of the sharpest convex bend, and its u: a tip that need not be the deepest point."""
     u, v = impression.u_m, impression.v_m
     bend = v[2:] - 2 * v[1:-1] + v[:-2]
     kink = float(u[1 + int(np.argmin(bend))]) if len(u) >= 5 else peak.u
@@ -153,7 +154,7 @@ def _bends(impression: Impression, peak: _Peak) -> list[tuple[float, float, floa
 
 
 def _circles(impression: Impression, peak: _Peak) -> tuple[Float[np.ndarray, "3"], ...]:
-    """Circles through the deepest points, and two of usual size that touch the deepest one."""
+    """Circles through the deepest points, and two of typical size that touch the deepest one."""
     u, v = impression.u_m, impression.v_m
     rounds = []
     for fraction in (0.8, 0.5, 0.3):
@@ -164,7 +165,7 @@ def _circles(impression: Impression, peak: _Peak) -> tuple[Float[np.ndarray, "3"
             a, b, radius = fit_circle_algebraic(np.column_stack([u[core], v[core]]))
         except ValueError:
             continue
-        below = b < v[core].mean()  # the object's body lies at smaller v than its tip
+        below = b < v[core].mean()  # the object's body is at smaller v than its tip
         radius = float(np.clip(radius if below else 0.3, 0.006, 0.5))
         rounds.append(np.array([a if below else peak.u, b + radius if below else peak.v, np.log(radius)]))
     return (*rounds, *(np.array([peak.u, peak.v, np.log(radius)]) for radius in (0.012, 0.05)))

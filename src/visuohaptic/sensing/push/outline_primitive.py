@@ -1,4 +1,4 @@
-"""From a fitted outline to the primitive that it is: kind, parameters, covariance (Alt 2016, Sec. 3.3.3)."""
+"""Conversion of a fitted outline to a contact primitive: kind, parameters, covariance (Alt 2016, Sec. 3.3.3)."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from .outline_hypotheses import Impression
 
 __all__ = ["outline_kind", "outline_primitive"]
 
-#: Standard deviation of a segment's end that lies beyond the strip [m].
+#: Standard deviation of the end of a segment that is beyond the strip [m].
 UNSEEN_END_SIGMA_M = 0.1
-#: Standard deviation of a corner's edge that does not touch: uniform over what may hide there [rad].
+#: Standard deviation of the direction of an untouched edge of a corner: uniform over the possible directions [rad].
 UNSEEN_EDGE_SIGMA_RAD = 0.4
 
 
 def outline_kind(fit: OutlineFit, impression: Impression) -> tuple[PrimitiveKind, tuple[bool, bool]]:
-    """Kind of a hypothesis, and which of its two ends or edges the data show.
+    """Kind of a fitted outline, and which of its two ends or edges are observed.
 
-    A face with one tip is the segment of a box if it runs out over the strip's
-    end; if the foam leaves it before, it is one edge of a corner.
+    A face with one tip is the segment of a box if it extends beyond the end of
+    the strip; if the foam detaches from it before, it is one edge of a corner.
 
     Parameters
     ----------
     fit
-        The outline that was fitted.
+        Fitted outline.
     impression
-        The contour to which it was fitted.
+        Measured contour.
 
     Returns
     -------
     kind : PrimitiveKind
     observed : tuple of bool
-        Segment: left and right end seen; corner: left and right edge touched.
+        Segment: left and right end observed; corner: left and right edge touched.
     """
     name = fit.hypothesis.name
     cut_left, cut_right = impression.cut
@@ -63,18 +63,18 @@ def outline_kind(fit: OutlineFit, impression: Impression) -> tuple[PrimitiveKind
 def outline_primitive(
     kind: PrimitiveKind, fit: OutlineFit, impression: Impression, frame: Float[np.ndarray, "2 2"]
 ) -> Primitive:
-    """Parameters of the primitive in the frame of the points, with their covariance; its score is 0.
+    """Primitive in the frame of the points, with its covariance; its score is set to 0.
 
     Parameters
     ----------
     kind
         From :func:`outline_kind`.
     fit
-        The outline that was fitted.
+        Fitted outline.
     impression
-        The contour to which it was fitted.
+        Measured contour.
     frame
-        Rows: unit vectors of u and v in the frame of the points.
+        Unit vectors of u and v in the frame of the points, as rows.
     """
     observed = outline_kind(fit, impression)[1]
     build = _builder(kind, fit, impression, _Axes(frame), observed)
@@ -102,7 +102,7 @@ def outline_primitive(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Axes:
-    """Coordinates (u, v) in the frame of the points."""
+    """Conversion of coordinates (u, v) to the frame of the points."""
 
     frame: Float[np.ndarray, "2 2"]
 
@@ -117,7 +117,7 @@ class _Axes:
 def _builder(
     kind: PrimitiveKind, fit: OutlineFit, impression: Impression, axes: _Axes, observed: tuple[bool, bool]
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Parameters of a primitive as a function of those of its outline."""
+    """Function that computes the parameters of a primitive from those of its outline."""
     place, angle = axes.place, axes.angle
     first, last = impression.u_m[0], impression.u_m[-1]
     if kind == PrimitiveKind.LINE:
@@ -142,7 +142,7 @@ def _direction(angle: float) -> np.ndarray:
 def _corner_builder(
     name: str, place: Callable[[float, float], np.ndarray], angle: Callable[[float, float], float]
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Tip and edge directions; an edge that is not touched is taken at a right angle to the other."""
+    """Builder of tip and edge directions of a corner; an untouched edge is assumed perpendicular to the other."""
     if name == "corner":
         return lambda t: np.array([*place(t[0], t[1]), angle(-1.0, -t[2]), angle(1.0, -t[3])])
     if name == "point":

@@ -1,14 +1,14 @@
-"""Geometric primitives from the impression that an object leaves in a foam (Alt 2016, Sec. 3.3.3).
+"""Geometric primitives from the contour of a foam under contact (Alt 2016, Sec. 3.3.3).
 
 A wall is a line, the face of a small box a segment, the edge of a box or a
 table leg a corner, a bin or bottle a circle. Each is fitted together with the
-flanks of the foam (:mod:`.contact_outline`) by maximum likelihood, and the
-data choose between them.
+flanks of the foam (:mod:`.contact_outline`) by maximum likelihood, and one is
+selected.
 
-What differs from the text: the contact interval is estimated and not assumed,
-the residual is taken along the deflection (where the noise is), and the choice
-is by likelihood with a price per parameter (BIC); the score (3.11) remains as
-the test that a primitive is good enough to be reported.
+Differences from the dissertation: the contact interval is estimated, not assumed;
+residuals are taken along the deflection (where the noise is); and the selection
+is by likelihood with a penalty per parameter (BIC). The score (3.11) is still
+the test of whether a primitive is good enough to be reported.
 """
 
 from __future__ import annotations
@@ -39,33 +39,34 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class PrimitiveSettings:
-    """How primitives are fitted and chosen."""
+    """Settings of the fit and the selection of primitives."""
 
     flanks: FlankPrior = field(default_factory=FlankPrior)
     score_sigma_m: float = 0.0005  #: sigma_2 of Eq. (3.11)
     min_score: float = 0.5
-    min_points: int = 5  #: fewer points decide nothing
-    choice: Literal["likelihood", "score"] = "likelihood"  #: "score" is the rule as printed
-    press_direction: tuple[float, float] = (-1.0, 0.0)  #: unit vector of the deflection, frame of the points
+    min_points: int = 5  #: minimum number of points for a selection
+    choice: Literal["likelihood", "score"] = "likelihood"  #: selection criterion; "score" is the printed rule
+    #: unit vector of the deflection in the frame of the points
+    press_direction: tuple[float, float] = (-1.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrimitiveCandidate:
-    """One kind, fitted as well as it can be."""
+    """Best fit of one kind of primitive."""
 
     primitive: Primitive
-    criterion: float  #: Bayesian information criterion, smaller is better; differences count
-    touched: Bool[np.ndarray, "K"]  #: points that lie on the object, in the order of the input
-    observed: tuple[bool, bool]  #: segment: left and right end seen; corner: left and right edge touched
+    criterion: float  #: Bayesian information criterion; smaller is better, only differences are meaningful
+    touched: Bool[np.ndarray, "K"]  #: points in contact with the object, in the order of the input
+    observed: tuple[bool, bool]  #: segment: left and right end observed; corner: left and right edge touched
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrimitiveFit:
     """Result of :func:`fit_primitive`."""
 
-    best: Primitive | None  #: None: nothing fits well enough, or too few points
-    candidates: tuple[PrimitiveCandidate, ...]  #: best first; one per kind
-    margin: float  #: criterion of the second kind less that of the first; above about 6 is decided
+    best: Primitive | None  #: None: no fit is good enough, or there are too few points
+    candidates: tuple[PrimitiveCandidate, ...]  #: one per kind, best first
+    margin: float  #: criterion of the second minus that of the first; above about 6 the selection is reliable
 
     def candidate(self, kind: PrimitiveKind) -> PrimitiveCandidate:
         """The candidate of a kind.
@@ -73,7 +74,7 @@ class PrimitiveFit:
         Parameters
         ----------
         kind
-            Which.
+            Kind of primitive.
         """
         for candidate in self.candidates:
             if candidate.primitive.kind == kind:
@@ -83,14 +84,14 @@ class PrimitiveFit:
 
 
 def primitive_distance_m(primitive: Primitive, points_m: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, "K"]:
-    """Distance of points from the nearest point of a primitive, d_M of Eq. (3.11) [m].
+    """Distance of each point from the nearest point of a primitive, d_M of Eq. (3.11) [m].
 
     Parameters
     ----------
     primitive
         Line, segment, corner or circle.
     points_m
-        Points in its frame [m].
+        Points (K, 2) in its frame [m].
     """
     points = np.asarray(points_m, dtype=float)
     p = primitive.parameters
@@ -115,16 +116,16 @@ def primitive_distance_m(primitive: Primitive, points_m: Float[np.ndarray, "K 2"
 
 
 def score_primitive(primitive: Primitive, points_m: Float[np.ndarray, "N 2"], sigma_2_m: float) -> float:
-    """S_p of Eq. (3.11) over the deformation set; a point is confirmed within three sigma_2.
+    """S_p of Eq. (3.11) over the deformation set; a point within three sigma_2 is confirmed.
 
     Parameters
     ----------
     primitive
         Line, segment, corner or circle.
     points_m
-        Points of the deformation set, in its frame [m].
+        Points (N, 2) of the deformation set, in its frame [m].
     sigma_2_m
-        Spread of a confirmed point [m].
+        Standard deviation of a confirmed point, sigma_2 [m].
     """
     return _score(primitive_distance_m(primitive, points_m), sigma_2_m)
 
@@ -158,29 +159,29 @@ def fit_primitive(
     delta_m: Float[np.ndarray, "K"] | None = None,
     settings: PrimitiveSettings | None = None,
 ) -> PrimitiveFit:
-    """Fit line, segment, corner and circle to a contact, and choose.
+    """Fit line, segment, corner and circle to a contact, and select one.
 
     Parameters
     ----------
     points_m
-        Front contour inside one contact region, flanks included [m].
+        Front contour in one contact region, including the flanks [m].
     sigma_m
         Standard deviation of each point along its deflection [m].
     delta_m
-        Deflection of each point [m]. Without it the strip is taken as
-        straight and at rest where the region ends.
+        Deflection of each point [m]. By default the undeformed strip is assumed
+        straight between the ends of the region.
     settings
-        Foam's flanks, score and choice.
+        Flank prior, score and selection criterion.
 
     Returns
     -------
     PrimitiveFit
-        ``best`` is None when no candidate scores more than ``min_score``.
+        ``best`` is None if no candidate scores more than ``min_score``.
 
     Raises
     ------
     InputError
-        Shapes that do not agree, values that are not finite, sigma <= 0.
+        Shapes do not match, values are not finite, or a sigma is not positive.
 
     Examples
     --------
@@ -209,7 +210,7 @@ def fit_primitive(
         (fit_outline(impression, hypothesis, settings.flanks) for hypothesis in hypotheses(impression)),
         key=lambda fit: fit.criterion,
     )
-    # A tip alone touches between two points: then only the whole contour can confirm a primitive.
+    # A single tip touches between two points: only the whole contour can confirm such a primitive.
     contact = None if fits[0].touched.sum() < 3 else points[used][fits[0].touched]
     candidates: dict[PrimitiveKind, PrimitiveCandidate] = {}
     for fit in fits:
@@ -231,7 +232,7 @@ def fit_primitive(
 
 
 def _checked(points: np.ndarray, sigma_m: np.ndarray, delta_m: np.ndarray | None) -> Float[np.ndarray, "K"]:
-    """Refuse points that cannot be fitted; returns a standard deviation for each of them [m]."""
+    """Validate the points; returns the standard deviation of each [m]."""
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError("points_m", f"found shape {points.shape}, expected (K, 2)")
     k = len(points)
@@ -255,7 +256,7 @@ def _candidate(
     touched: Bool[np.ndarray, "K"],
     score_sigma_m: float,
 ) -> PrimitiveCandidate:
-    """A primitive with its score: over the points that the best fit touches, without these over the contour."""
+    """A primitive with its score over the points in contact in the best fit, or over the contour if there are none."""
     if contact_m is None:
         score = _score(np.abs(fit.model_m - impression.delta_m), score_sigma_m)
     else:
@@ -277,7 +278,7 @@ def _impression(uv: np.ndarray, sigma: np.ndarray, delta: np.ndarray | None) -> 
         rest = np.array([min(v[0], v[-1]), 0.0, 0.0])
         delta = v - rest[0]
     else:
-        # The front at rest: a straight or evenly bent strip.
+        # Undeformed front: a straight or uniformly bent strip.
         at_rest = v - delta
         middle = u.mean()
         order = 2 if len(u) > 5 and np.ptp(at_rest - np.polyval(np.polyfit(u, at_rest, 1), u)) > 1e-6 else 1

@@ -1,4 +1,4 @@
-"""A push as it was recorded, cut into its phases (Alt 2016, Sec. 4.1), and when to stop pushing (3.6.2)."""
+"""Record of a push, its phases (Alt 2016, Sec. 4.1), and its stop conditions (3.6.2)."""
 
 from __future__ import annotations
 
@@ -29,34 +29,32 @@ __all__ = [
 class StopReason(StrEnum):
     """Why the platform has to stop (Alt 2016, Sec. 3.6.2)."""
 
-    DENSIFIED = "densified"  #: (a) the strain leaves the foam's working range: fixed
-    TOO_HEAVY = "too_heavy"  #: (b) the force reaches what the platform can push: fixed
-    PUSHED_FAR = "pushed_far"  #: (c) pushed by more than the sensor's width: movable
-    FELL = "fell"  #: it is seen to fall: nothing more to be felt, and nothing to be pushed on
-    UNREAD = (
-        "unread"  #: force or deflection was not read for too many frames: nothing can be said of the object
-    )
+    DENSIFIED = "densified"  #: (a) the strain exceeds the working range of the foam: fixed
+    TOO_HEAVY = "too_heavy"  #: (b) the force reaches the maximum push force of the platform: fixed
+    PUSHED_FAR = "pushed_far"  #: (c) pushed by more than the width of the sensor: movable
+    FELL = "fell"  #: the object falls: nothing left to measure or push
+    UNREAD = "unread"  #: no deflection or force for too many frames: no statement about the object
 
 
 @dataclass(frozen=True, slots=True)
 class StopLimits:
-    """What foam and platform can bear."""
+    """Limits of foam and platform."""
 
-    deflection_m: float  #: densification limit of the strain x thickness of the foam
-    force_N: float  #: pushing capability of the platform
-    distance_m: float  #: width of the sensor
-    max_unread_frames: int = 15  #: frames in a row without a reading: half a second at 30 Hz
+    deflection_m: float  #: densification limit of the strain times the thickness of the foam [m]
+    force_N: float  #: maximum push force of the platform [N]
+    distance_m: float  #: width of the sensor [m]
+    max_unread_frames: int = 15  #: consecutive frames without a measurement: half a second at 30 Hz
 
 
 def reaches_limit(force_N: float, sigma_N: float, max_force_N: float) -> bool:
-    """Whether a force may have reached the platform's capability; on the safe side, two sigma are added.
+    """Whether a force plus two sigma reaches the maximum push force of the platform.
 
     Parameters
     ----------
     force_N, sigma_N
-        Force and its standard deviation [N]; NaN, a force that was not read, reaches no limit.
+        Force and its standard deviation [N]; NaN (not measured) reaches no limit.
     max_force_N
-        What the platform can push [N].
+        Maximum push force of the platform [N].
     """
     return force_N + 2.0 * sigma_N >= max_force_N
 
@@ -70,26 +68,26 @@ def stop_reason(
     force_sigma_N: float = 0.0,
     unread_frames: int | None = None,
 ) -> StopReason | None:
-    """First stop condition that holds in one frame of a push (Alt 2016, Sec. 3.6.2).
+    """First stop condition that holds in a frame of a push (Alt 2016, Sec. 3.6.2).
 
     Parameters
     ----------
     deflection_m
-        Largest deflection of the foam [m]; NaN when it was not read.
+        Largest deflection of the foam [m]; NaN if not measured.
     force_N, force_sigma_N
-        Force and its standard deviation [N]; NaN when it was not read.
+        Force and its standard deviation [N]; NaN if not measured.
     pushed_m
-        Distance by which the object has been pushed since it moved [m].
+        Distance by which the object has been pushed since its motion started [m].
     limits
-        What foam and platform can bear.
+        Limits of foam and platform.
     unread_frames
-        Frames in a row, this one included, that were not read. A caller that does not count them stops
-        at the first.
+        Number of consecutive frames without a measurement, including this one. If omitted, the first such frame
+        stops the push.
 
     Returns
     -------
     StopReason or None
-        ``None`` while the push may go on.
+        ``None`` while the push may continue.
     """
     if deflection_m >= limits.deflection_m:
         return StopReason.DENSIFIED
@@ -105,21 +103,21 @@ def stop_reason(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PushRecord:
-    """One push, N frames in order of time. NaN where something was not measured."""
+    """One push, N frames in order of time. NaN: not measured."""
 
     t_s: Float[np.ndarray, "N"]
-    force_valid: Bool[np.ndarray, "N"]  #: force may be used (not unloading, occluded, saturated, ...)
+    force_valid: Bool[np.ndarray, "N"]  #: not unloading, occluded, saturated, ...
     force_N: Float[np.ndarray, "N"]
-    force_sigma_N: Float[np.ndarray, "N"]  #: random part, from frame to frame
-    #: common relative error of the forces, calibration and model: one for all or one per frame
+    force_sigma_N: Float[np.ndarray, "N"]  #: standard deviation of the independent error of each frame
+    #: relative standard deviation of the common error of the forces (calibration, model): one value or one per frame
     force_scale_sigma: Float[np.ndarray, "N"] | float
-    deflection_m: Float[np.ndarray, "N"]  #: of the deepest part of the contact
+    deflection_m: Float[np.ndarray, "N"]  #: deflection at the deepest part of the contact
     deflection_sigma_m: Float[np.ndarray, "N"]
-    travel_m: Float[np.ndarray, "N"]  #: distance that the platform has driven along the push
-    lateral_m: Float[np.ndarray, "N"]  #: platform's shift to the left of the push
-    contact_m: Float[np.ndarray, "N"]  #: where the force acts along the strip, to the left
-    angle_rad: Float[np.ndarray, "N"]  #: angle of the object to the world, counter-clockwise
-    deepest_points_m: Float[np.ndarray, "k 2"] | None = None  #: contour at the largest force
+    travel_m: Float[np.ndarray, "N"]  #: distance driven by the platform along the push
+    lateral_m: Float[np.ndarray, "N"]  #: lateral displacement of the platform, left positive
+    contact_m: Float[np.ndarray, "N"]  #: centre of pressure along the strip, left positive
+    angle_rad: Float[np.ndarray, "N"]  #: orientation of the object in the world, counter-clockwise
+    deepest_points_m: Float[np.ndarray, "k 2"] | None = None  #: contour at the largest force [m]
 
     def __post_init__(self) -> None:
         count = len(self.t_s)
@@ -134,7 +132,7 @@ class PushRecord:
                 raise InputError("PushRecord", f"found {found} values, expected {count}", field=name)
 
     def common_sigma(self, frames: np.ndarray) -> float:
-        """Common relative error of the forces of some frames, their median.
+        """Relative standard deviation of the common force error, median over some frames.
 
         Parameters
         ----------
@@ -153,23 +151,19 @@ def record_push(
     lateral_m: Float[np.ndarray, "N"] | None = None,
     angle_rad: Float[np.ndarray, "N"] | None = None,
 ) -> PushRecord:
-    """A push from the foam's measurements and the platform's odometry, frame by frame.
-
-    ``angle_rad`` is the object's rotation, from its tracked features or from
-    the fitted line plus the platform's heading; without it the rotation stays
-    unobserved.
+    """Create the record of a push from the measurements of the foam and the odometry of the platform.
 
     Parameters
     ----------
     profiles
         Measurements of the foam, in order of time.
     travel_m
-        Distance that the platform has driven along the push [m].
+        Distance driven by the platform along the push [m].
     lateral_m
-        Shift of the platform to the left of the push [m]; 0 without.
+        Lateral displacement of the platform, left positive [m]; 0 by default.
     angle_rad
-        Rotation of the object in the world [rad], from its tracked features or from the fitted line plus the
-        platform's heading; not observed without.
+        Orientation of the object in the world [rad], from its tracked features or from the fitted line plus the
+        heading of the platform; unobserved by default.
     """
     count = len(profiles)
     if len(travel_m) != count:
@@ -217,7 +211,7 @@ def record_push(
 
 
 def _load_centre_m(profile: ForceProfile, contact: Contact) -> float:
-    """Where the force of a contact acts along the strip [m]; where no pressure was read, the centre of its deflection."""
+    """Centre of pressure of a contact along the strip [m]; without pressures the centre of its deflection."""
     load = np.where(
         (profile.s_m >= contact.s_start_m) & (profile.s_m <= contact.s_end_m), profile.pressure_Pa, 0.0
     )
@@ -227,7 +221,7 @@ def _load_centre_m(profile: ForceProfile, contact: Contact) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Phases:
-    """Times of a push [s]; NaN for what did not happen."""
+    """Times of the phase boundaries of a push [s]; NaN for events that did not occur."""
 
     contact_s: float
     motion_s: float
@@ -235,7 +229,7 @@ class Phases:
     release_s: float
 
     def rising(self, t_s: np.ndarray) -> np.ndarray:
-        """Phase (a): contact until motion, or until the stop when nothing moved.
+        """Mask of phase (a): contact until motion, or until the stop without motion.
 
         Parameters
         ----------
@@ -247,7 +241,7 @@ class Phases:
         return (t_s >= self.contact_s) & (t_s <= end)
 
     def pushing(self, t_s: np.ndarray) -> np.ndarray:
-        """Phase (b): motion until the platform stops or the contact is lost.
+        """Mask of phase (b): motion until the platform stops or the contact is lost.
 
         Parameters
         ----------
@@ -258,7 +252,7 @@ class Phases:
         return (t_s > self.motion_s) & (t_s <= min(ends, default=np.inf))
 
     def stopped(self, t_s: np.ndarray) -> np.ndarray:
-        """Phase (c): after the platform has stopped.
+        """Mask of phase (c): after the platform has stopped.
 
         Parameters
         ----------
@@ -271,9 +265,9 @@ class Phases:
 def find_phases(
     record: PushRecord, *, settings: EventSettings | None = None, events: Sequence[Event] | None = None
 ) -> Phases:
-    """Cut a push at its events; those given win over those found in the deflection.
+    """Divide a push into phases; given events take precedence over events detected in the deflection.
 
-    The platform has stopped when its travel no longer grows.
+    The platform has stopped when its travel no longer increases.
 
     Parameters
     ----------
@@ -282,7 +276,7 @@ def find_phases(
     settings
         Thresholds of the events.
     events
-        Events that are known already; without them those of the deflection are used.
+        Known events; if omitted, events are detected in the deflection.
     """
     machine, found = DeflectionEvents(settings), list(events or ())
     if events is None:
@@ -299,7 +293,7 @@ def find_phases(
     contact = first(EventKind.CONTACT)
     stop = float("nan")
     if travelled[-1] > 0:
-        # A thousandth of the way is the noise of odometry, not a movement.
+        # A thousandth of the travel is odometry noise, not motion.
         arrived = np.flatnonzero(travelled >= travelled[-1] - 1e-3 * (travelled[-1] - travelled[0]))
         if arrived[0] < len(record.t_s) - 1:
             stop = float(record.t_s[int(arrived[0])])

@@ -1,22 +1,23 @@
-"""The haptic tag of a push: how an object answers (Alt 2016, Sec. 4.1).
+"""The haptic tag of a push: friction, compliance and motion of the object (Alt 2016, Sec. 4.1).
 
 Phase (a), contact until motion: static friction and deformability. Phase (b),
 motion until the platform stops: dynamic friction, drift, rotation. Phase (c):
-deceleration. What a phase did not show stays None, apart from zero.
+deceleration. Properties that are not observed in a phase are None, not zero.
 
-What an estimate is an estimate of: of *this* push. Static friction is the force at which the object broke away here
-and now, dynamic friction the mean friction of the floor along the path from there until the platform stops, both of a
-straight push (:mod:`.off_centre`); stiffness the one of the object where it is touched, without what its feet shear
-before they slip. ``value`` +- 1.645 ``sigma`` holds that of this push with a probability of 0.9. The next push meets
-another place of the floor, another contact point and another time at rest: :func:`predictive_interval`.
+An estimate refers to *this* push. Static friction is the force at which the object broke away,
+dynamic friction the mean friction along the path from there until the platform stops, both converted to a
+straight push (:mod:`.off_centre`); stiffness is that of the object at the contact, corrected for the shear of its feet
+before they slip. ``value`` +- 1.645 ``sigma`` contains the value of this push with a probability of 0.9. The next push has
+another position on the floor, another contact point and another time at rest: :func:`predictive_interval`.
 
-An object that was not seen to move needs more than the force that it has withstood, F_w. Whether it needs more than
-the platform has, F_max, follows from what things on floors need: static frictions are log-normal, F_s ~ LN(m, s), and
+An object that did not move has a static friction F_s above the largest measured force F_w. Whether it is also above the
+maximum push force of the platform, F_max, depends on the distribution of friction: F_s is log-normal, F_s ~ LN(m, s), and
 a fraction q of the objects is fastened. Then
 
     P(fixed) = P(F_s > F_max | F_s > F_w) = (q + (1 - q) Q(F_max)) / (q + (1 - q) Q(F_w)),  Q the tail of LN.
 
-Foam that is full at an edge has felt a few newtons only: that bounds the friction, and says little of "fixed".
+Foam that saturates at an edge has measured a few newtons only: that is a lower bound of the friction, and weak evidence for
+"fixed".
 """
 
 from __future__ import annotations
@@ -38,27 +39,27 @@ from .push_record import Phases, PushRecord, StopReason, find_phases
 
 __all__ = ["TagSettings", "fixed_probability", "predictive_interval", "tag_from_push"]
 
-#: Prior of what stands on floors: median [N] and logarithmic deviation of the static friction, and the fraction that is
-#: fastened. Of the nine objects of Table 4.1 eight slid, at 8.1, 1.5, 6.5, 15.9, 2.8, 0.6, 0.9 and 1.3 N, and one did
+#: Prior of objects on floors: median [N] and logarithmic standard deviation of the static friction, and fraction of fastened
+#: objects. Of the nine objects of Table 4.1 eight slid, at 8.1, 1.5, 6.5, 15.9, 2.8, 0.6, 0.9 and 1.3 N, and one did
 #: not: (1 + 1/2) / (9 + 1) by Jeffreys' prior.
 FRICTION_MEDIAN_N, FRICTION_LOG_SIGMA, FASTENED = 2.65, 1.1, 0.15
-#: Feet shear against the floor by anything up to this before they slip [m].
+#: Maximum shear displacement of the feet before they slip; uniform prior [m].
 SHEAR_M = 1e-4
-#: A compliance of fewer deviations than this is taken for none.
+#: Minimum compliance that counts as observed, in standard deviations.
 OBSERVED = 4.0
-#: "Fixed" may be wrong one time in ten. The force that was withstood was at least this many deviations below what was
-#: read, and its probability.
+#: Accepted error rate of "fixed". The lower bound of the withstood force is this many standard deviations below the
+#: measured one, with this probability.
 FALSE_FIXED, BOUND_SIGMAS, BOUND_PROBABILITY = 0.1, 2.0, 0.977
 
 
 @dataclass(frozen=True, slots=True)
 class TagSettings:
-    """How a push is evaluated."""
+    """Settings of the evaluation of a push."""
 
     events: EventSettings | None = None
-    min_frames: int = 4  #: fewer frames observe nothing
-    travel_sigma_m: float = 2e-4  #: error of the odometry over a push
-    deceleration_min_s: float = 0.1  #: phase (c) has to last this long to observe anything
+    min_frames: int = 4  #: minimum number of frames of an estimate
+    travel_sigma_m: float = 2e-4  #: standard deviation of the odometry over a push [m]
+    deceleration_min_s: float = 0.1  #: minimum duration of phase (c) for an estimate [s]
 
 
 def tag_from_push(
@@ -72,25 +73,25 @@ def tag_from_push(
     object_centre_m: float | None = None,
     settings: TagSettings | None = None,
 ) -> HapticTag:
-    """Evaluate one push.
+    """Estimate the haptic tag of one push.
 
     Parameters
     ----------
     record
         The push, frame by frame.
     phases
-        When given, the events are not looked for.
+        Phases of the push; by default they are found from the events.
     events
-        Events raised during the push; a fall is only known from here.
+        Events raised during the push; falls are only known from these.
     stopped_by
-        Why the platform stopped: by ``PUSHED_FAR`` the object moved, whatever was felt of it.
+        Why the platform stopped; ``PUSHED_FAR`` implies that the object moved.
     max_force_N
-        What the platform can push; what needs more is fixed for it [N].
+        Maximum push force of the platform [N]; an object that needs more is fixed.
     primitive
-        Shape fitted while the platform stood still, in frame F of that moment; it is kept as it is.
+        Shape fitted while the platform stood still, in frame F at that time; stored unchanged.
     object_centre_m
-        Where along the strip (y of frame F) the object's centre is. The contact offset is the
-        median of the contact's place minus this one over phase (a), positive to the left.
+        Position of the centre of the object along the strip (y of frame F) [m]. The contact offset is the
+        median over phase (a) of the contact position minus this value, positive to the left.
     settings
         Thresholds.
 
@@ -115,8 +116,8 @@ def tag_from_push(
         phases = find_phases(record, settings=settings.events, events=usable)
     moved = bool(np.isfinite(phases.motion_s))
     fell = EventKind.FALL in kinds
-    # Pushed by more than the sensor's width: it moved, even if it ran ahead unfelt (3.6.2, case c);
-    # what falls is not fixed either.
+    # Pushed by more than the width of the sensor: it moved, even if the motion was not felt (3.6.2, case c).
+    # A falling object is not fixed either.
     fixed = False if moved or fell or stopped_by == StopReason.PUSHED_FAR else None
     withstood = _withstood_N(record, phases) if fixed is None else None
     if withstood is not None and fixed_probability(withstood, max_force_N) >= 1.0 - FALSE_FIXED:
@@ -129,7 +130,7 @@ def tag_from_push(
 
     static, dynamic, rests, chances = _frictions(record, phases, settings, straight)
     deformability, stiffness = _deformation(record, rests, chances)
-    # Sideways shift of the contact in the world, and turn of the object, by pushed distance.
+    # Lateral shift of the contact in the world, and rotation of the object, per pushed distance.
     drift = _slope(record, phases, record.contact_m + record.lateral_m, settings) if moved else None
     rotation = _slope(record, phases, record.angle_rad, settings) if moved else None
     return HapticTag(
@@ -157,9 +158,9 @@ def _frictions(
     settings: TagSettings,
     straight: Callable[[Any], tuple[float, float]],
 ) -> tuple[Estimate | None, Estimate | None, Sequence[Rest], list[float]]:
-    """Static and dynamic friction of a straight push, the ways of resting before it, and how probable each is.
+    """Static and dynamic friction of a straight push, the rest hypotheses, and their probabilities.
 
-    ``straight`` is :func:`.off_centre.straight_by_felt` of chosen readings.
+    ``straight`` applies :func:`.off_centre.straight_by_felt` to selected frames.
     """
     moved = bool(np.isfinite(phases.motion_s))
     dynamic = _dynamic_friction(record, phases, phases.motion_s, settings) if moved else None
@@ -168,27 +169,27 @@ def _frictions(
     if rests and moved:
         dynamic = _dynamic_friction(record, phases, float(record.t_s[begin]), settings)
     chances = [rest.probability for rest in rests]
-    # Without a phase (b) the object ran ahead at once (a door): the force was its inertia.
+    # Without a phase (b) the object ran ahead at once (a door): the force was inertial.
     if dynamic is None:
         return None, None, rests, chances
     dynamic = of_straight_push(dynamic, straight(phases.pushing(record.t_s)))
     if not rests:
         return None, dynamic, rests, chances
-    # Between these frames it breaks away, and turns where it is touched beside its centre.
+    # Frames between which the object breaks away; it rotates if the contact is off-centre.
     felt = straight(slice(begin, begin + 2))
     static, chances = static_friction(record, rests, dynamic.value / felt[0])
     return of_straight_push(static, felt), dynamic, rests, chances
 
 
 def fixed_probability(withstood_N: float, max_force_N: float) -> float:
-    """Probability that an object needs more than the platform's largest force, having withstood a smaller one.
+    """Probability that an object needs more than the maximum push force, given that it withstood a smaller force.
 
     Parameters
     ----------
     withstood_N
-        Force that has not moved it [N].
+        Force that did not move the object [N].
     max_force_N
-        What the platform can push [N].
+        Maximum push force of the platform [N].
 
     Examples
     --------
@@ -207,7 +208,7 @@ def fixed_probability(withstood_N: float, max_force_N: float) -> float:
 
 
 def _withstood_N(record: PushRecord, phases: Phases) -> float | None:
-    """The largest force that has surely been felt before the platform backed off [N]; None without any."""
+    """Lower bound of the largest force before the platform retreated [N]; None without a positive one."""
     felt = np.flatnonzero(record.force_valid & (record.t_s >= phases.contact_s))
     if len(felt) == 0:
         return None
@@ -221,10 +222,10 @@ def _withstood_N(record: PushRecord, phases: Phases) -> float | None:
 def _dynamic_friction(
     record: PushRecord, phases: Phases, begin_s: float, settings: TagSettings
 ) -> Estimate | None:
-    """Mean force between break-away and stop; what sets the object in motion is an error of the friction.
+    """Mean force between breakaway and stop; the inertial force of the acceleration is part of the error.
 
-    Frames whose force was not read because the foam unloads have the force of the loading curve less the loss of
-    foams. Neighbouring frames say how much happens between frames.
+    In frames without a force because the foam unloads, the force is that of the loading curve minus the hysteresis loss.
+    The variation between neighbouring frames gives the error of the average.
     """
     t, force = record.t_s, record.force_N.copy()
     end = np.nanmin([phases.stop_s, phases.release_s, np.inf])
@@ -247,7 +248,7 @@ def _dynamic_friction(
 
 
 def _autocorrelation_frames(values: np.ndarray) -> float:
-    """Integrated autocorrelation time in frames, 1 for white noise (initial positive sequence)."""
+    """Integrated autocorrelation time in frames; 1 for white noise (initial positive sequence)."""
     centred = values - values.mean()
     power = float(centred @ centred)
     if power <= 0:
@@ -262,7 +263,7 @@ def _autocorrelation_frames(values: np.ndarray) -> float:
 
 
 def _line_fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope, and its standard deviation from the residuals (correlation counted)."""
+    """Slope and its standard deviation from the residuals, corrected for their autocorrelation."""
     centred = x - x.mean()
     power = float(centred @ centred)
     slope = float(centred @ y) / power
@@ -273,7 +274,7 @@ def _line_fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 def _contact_offset(record: PushRecord, phases: Phases, object_centre_m: float | None) -> Estimate | None:
-    """Where on the object it is touched in phase (a), from its centre to the left."""
+    """Offset of the contact in phase (a) from the centre of the object, left positive [m]."""
     touched = phases.rising(record.t_s) & np.isfinite(record.contact_m)
     if object_centre_m is None or not touched.any():
         return None
@@ -282,7 +283,7 @@ def _contact_offset(record: PushRecord, phases: Phases, object_centre_m: float |
 
 
 def _slope(record: PushRecord, phases: Phases, values: np.ndarray, settings: TagSettings) -> Estimate | None:
-    """Change of a quantity by pushed distance in phase (b)."""
+    """Change of a quantity per pushed distance in phase (b)."""
     chosen = phases.pushing(record.t_s) & np.isfinite(values)
     if chosen.sum() < settings.min_frames or np.ptp(record.travel_m[chosen]) <= settings.travel_sigma_m:
         return None
@@ -293,7 +294,7 @@ def _slope(record: PushRecord, phases: Phases, values: np.ndarray, settings: Tag
 def _deformation(
     record: PushRecord, rests: Sequence[Rest], chances: Sequence[float]
 ) -> tuple[Estimate | None, Estimate | None]:
-    """H_D, by how much less than the travel the foam deflects, and the object's stiffness: while the object rests."""
+    """Deformability H_D (1 - deflection / travel) and stiffness of the object, from the rest phase."""
     if not rests:
         return None, None
     rest = rests[int(np.argmax(chances))]
@@ -301,7 +302,7 @@ def _deformation(
     frames = frames[np.isfinite(record.deflection_m[frames])]
     if len(frames) < 3 or np.ptp(record.travel_m[frames]) <= 0:
         return None, None
-    # Slope over the phase: the unknown place of first touch falls out.
+    # The slope does not depend on the unknown position of the first contact.
     slope, scatter = _line_fit(record.travel_m[frames], record.deflection_m[frames])
     power = float(np.var(record.travel_m[frames])) * len(frames)
     sigma = np.linalg.norm([scatter, rest.noise_m / np.sqrt(power), SCALE * slope])
@@ -312,13 +313,13 @@ def _deformation(
     deviation = float(np.hypot(deviation, SHEAR_M / np.sqrt(12.0) / force))
     compliance -= 0.5 * SHEAR_M / force
     if compliance < OBSERVED * deviation:
-        return deformability, None  # as good as rigid: no stiffness was observed
+        return deformability, None  # rigid within the uncertainty: no stiffness was observed
     relative = np.hypot(deviation / compliance, record.common_sigma(frames))
     return deformability, Estimate(1.0 / compliance, float(relative / compliance))
 
 
 def _deceleration(record: PushRecord, phases: Phases, settings: TagSettings) -> Estimate | None:
-    """How long the object goes on after the platform has stopped; zero when it stays."""
+    """Time for which the object continues to move after the platform has stopped [s]; zero if it does not."""
     chosen = phases.stopped(record.t_s) & np.isfinite(record.deflection_m)
     t, deflection = record.t_s[chosen], record.deflection_m[chosen]
     if not np.isfinite(phases.stop_s) or len(t) < settings.min_frames:
@@ -331,12 +332,12 @@ def _deceleration(record: PushRecord, phases: Phases, settings: TagSettings) -> 
     before = record.deflection_m[max(last - 2, 0) : last + 1]
     at_stop = float(np.nanmedian(before))
     final = float(np.median(deflection[-max(3, len(deflection) // 4) :]))
-    # A relaxing foam and the last millimetre of odometry are no motion of the object.
+    # Relaxation of the foam and odometry noise are not motion of the object.
     if at_stop - final < max(5.0 * noise, 0.1 * at_stop):
         return Estimate(0.0, frame / np.sqrt(12.0))
     arrived = np.flatnonzero(deflection <= final + max(2.0 * noise, 0.05 * (at_stop - final)))
     duration = float(t[int(arrived[0])] - 0.5 * frame - phases.stop_s)
-    # Once the object has left the foam its further way is unseen: the time is a lower bound.
+    # Once the object has left the foam its motion is not observed: the time is a lower bound.
     unseen = duration if final <= 2.0 * noise else 0.0
     return Estimate(duration, float(np.hypot(frame, unseen)))
 
@@ -344,22 +345,22 @@ def _deceleration(record: PushRecord, phases: Phases, settings: TagSettings) -> 
 def predictive_interval(
     estimate: Estimate, level: float = 0.9, *, prior_cv: float = 0.23, prior_samples: float = 5.0
 ) -> tuple[float, float]:
-    """Interval in which the next push, at another contact point, is expected.
+    """Interval of the value in the next push, at another contact point.
 
-    Student's t over the spread of the samples, shrunk towards a prior: the forces of real pushes spread by 17, 19, 19,
-    25 and 32 % in the five logs of Zhou et al. (2016), by 23 % in the mean square, and each log counts as one degree of
-    freedom. A single push must not pretend to know the next.
+    Student's t with the standard deviation of the samples, shrunk towards a prior: the forces of real pushes vary by 17, 19,
+    19, 25 and 32 % in the five logs of Zhou et al. (2016), 23 % root mean square, and each log counts as one degree of
+    freedom. A single push therefore has a wide interval.
 
     Parameters
     ----------
     estimate
-        A property of a tag.
+        Property of a tag.
     level
         Probability of the interval.
     prior_cv
-        Relative spread expected before there are repetitions.
+        Relative standard deviation expected before there are repetitions.
     prior_samples
-        How many samples the prior counts for; 0 trusts the data alone.
+        Weight of the prior in samples; 0: no prior.
     """
     if not 0.0 < level < 1.0:
         raise InputError("level", f"found {level}, expected a probability between 0 and 1")
