@@ -59,8 +59,11 @@ def _closure(packages: Sequence[str]) -> set[str]:
 
 
 @contextlib.contextmanager
-def interrupted(patience_s: float = 10.0) -> Iterator[list[int]]:
-    """Ctrl-C for what needs the core only, finds what it needs and computes; the list tells that it came."""
+def interrupted(patience_s: float = 3.0) -> Iterator[list[int]]:
+    """Ctrl-C for what needs the core only, finds what it needs and computes; the list tells that it came.
+
+    All imports of the same words up to their end are held against what the verb declares in ``test_help_examples.py``.
+    """
     came: list[int] = []
 
     def stop(number: int, frame: FrameType | None) -> None:

@@ -635,6 +635,8 @@ def _classify_train(folder: Path, results: list[Any]) -> None:
     assert "elliptic" in results[1]["classes"]
     assert results[2]["classes"] == ["bottle", "cup"]
     assert results[3]["scheme"] in ("norm", "centre", "point")
+    assert results[4]["states"] == ["open", "closed", "closed, 50 % full"]
+    assert max(results[4]["places"].values()) > 2 / 3  # by chance one of three is right
 
 
 def _classify_run(folder: Path, results: list[Any]) -> None:

@@ -216,12 +216,6 @@ def test_contents_outside_of_the_model_are_not_claimed(tmp_path: Path) -> None:
     assert result.right is None
 
 
-def test_the_probe_completes_what_the_camera_does_not_see(tmp_path: Path) -> None:
-    story = run_mission(tmp_path, part="glass", seed=2, quick=True)
-    assert not story.wrong_claims
-    assert story.chapters[0].done, story.summary()
-
-
 def test_the_beam_reads_known_loads(tmp_path: Path) -> None:
     story = run_mission(tmp_path, part="beam", seed=1, quick=True)
     assert story.complete, story.summary()

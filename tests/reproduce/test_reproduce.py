@@ -232,10 +232,16 @@ def test_numbers_must_be_finite_and_columns_equal(tmp_path: Path) -> None:
         out.table("t", {"a": [1], "b": [1, 2]})
 
 
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as `reproduce all` fills it: training features that several experiments use are computed once."""
+    return tmp_path_factory.mktemp("results")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(WANTED - {f"figure-4.{n}" for n in (1, 2, 3, 6)}))
-def test_quick_mode_runs(name: str, tmp_path: Path) -> None:
-    outcome = reproduce(name, tmp_path, quick=True)
+def test_quick_mode_runs(name: str, results: Path) -> None:
+    outcome = reproduce(name, results, quick=True)
     assert not outcome.problem
     result = read_result(outcome.folder)
     assert result is not None

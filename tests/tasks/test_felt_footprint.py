@@ -12,7 +12,8 @@ import pytest
 from visuohaptic.core import BaseState, HapticTag, Primitive, PrimitiveKind
 from visuohaptic.tasks.mobile import felt_footprint
 
-SEEN = np.array([[2.0, 1.0], [2.02, 1.1], [2.01, 1.2]])
+#: Of each place ten points.
+SEEN = np.repeat([[2.0, 1.0], [2.02, 1.1], [2.01, 1.2]], 10, axis=0)
 
 
 def found(shape: Primitive | None, heading_rad: float = 0.0) -> Any:
@@ -41,3 +42,13 @@ def test_without_a_shape_what_was_seen_is_moved_on() -> None:
     # The foam stands at x = 2.1, 10 cm behind where the face was seen.
     assert outline.min(axis=0) == pytest.approx([2.1, 1.0])
     assert outline.max(axis=0) == pytest.approx([2.3, 1.2])
+
+
+def test_a_stray_point_does_not_widen_what_was_seen() -> None:
+    rng = np.random.default_rng(0)
+    face = np.column_stack([np.full(300, 2.0), rng.uniform(1.0, 1.16, 300)]) + 0.01 * rng.standard_normal(
+        (300, 2)
+    )
+    outline = felt_footprint(found(None), np.vstack([face, [2.0, 1.25]]), front_m=1.1)
+    # The outermost of these points are 3 cm outside of either end, and the stray one 9 cm.
+    assert np.ptp(outline[:, 1]) == pytest.approx(0.16, abs=0.015)

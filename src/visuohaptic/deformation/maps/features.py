@@ -197,15 +197,17 @@ def feature_locations(
     weights = np.zeros((HEIGHTS, len(SIDES), 3))
     centred = mesh.vertices_m - np.array([*container.axis_point_m, 0.0])
     places = ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))
+    corner_z = centred[faces, 2].T
+    bottom, top = np.minimum.reduce(corner_z), np.maximum.reduce(corner_z)
+    at_level = [(bottom <= level) & (top >= level) for level in levels]
     for column, (axis, sign) in enumerate(places):
         flat = np.stack([centred[:, 1 - axis], centred[:, 2]], axis=1)
         reach = sign * centred[:, axis]
         a, b, c = (flat[faces[:, k]] for k in range(3))
+        facing = np.maximum.reduce(reach[faces].T) > 0
         for row, level in enumerate(levels):
             target = np.array([0.0, level])
-            corner_z = flat[faces, 1]
-            there = (corner_z.min(axis=1) <= level) & (corner_z.max(axis=1) >= level)
-            some = np.flatnonzero(there & (reach[faces].max(axis=1) > 0))
+            some = np.flatnonzero(at_level[row] & facing)
             fractions = _shares(a[some], b[some], c[some], target)
             inside = np.asarray((fractions >= -1e-9).all(axis=1))
             if not inside.any():

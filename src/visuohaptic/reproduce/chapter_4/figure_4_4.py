@@ -31,6 +31,8 @@ __all__ = ["run"]
 
 FRICTION, FLOOR, HEIGHT_m, ROUND_m = 0.2, 0.3, 0.03, 0.005
 LENGTH_m = 1.0
+#: Of the simulated drive: friction stops what slides at it within v^2 / (2 mu g) = 0.4 mm; twice it, 1.7 mm.
+SPEED_m_s = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +86,7 @@ def run(out: Output) -> None:
         chosen = _two(found)
         truths = []
         for one in chosen:
-            truth = _driven(model, at, one)
+            truth = _driven(model, at, one, 2 * SPEED_m_s if out.quick else SPEED_m_s)
             truths.append(truth)
             assert one.trace is not None
             away = truth.object_m[-1, :2] - one.trace.object_m[-1, :2]
@@ -138,13 +140,15 @@ def _two(found: list[Candidate]) -> list[Candidate]:
     return chosen
 
 
-def _driven(model: PushModel, at: tuple[float, float, float], one: Candidate) -> Any:
+def _driven(
+    model: PushModel, at: tuple[float, float, float], one: Candidate, speed_m_s: float
+) -> Any:
     thing = FloorBody(
         model.outline_m, model.support_m, model.round_m, mass_kg=2.0, push_height_m=HEIGHT_m,
         floor_friction=FLOOR, contact_friction=FRICTION,
     )  # fmt: skip
     fine = arc_path(one.path_m[0, :2], one.path_m[-1, :2], 0.0, 0.01)
-    return FloorPush(thing, at, fine[0], ROBOT.radius_m).drive(fine)
+    return FloorPush(thing, at, fine[0], ROBOT.radius_m).drive(fine, speed_m_s)
 
 
 def _draw(axes: Any, shown: list[Any]) -> None:

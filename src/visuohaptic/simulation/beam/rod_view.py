@@ -31,6 +31,9 @@ _TABLE_TILE_M = 0.3
 #: Ends of the base along X and across it, in the sensor frame [m].
 _BASE_M = (-0.075, 0.0, 0.02)
 
+#: Rows and columns of the image, fraction of each pixel that a print covers, and its levels times that.
+_Patch = tuple[tuple[slice, slice], np.ndarray, np.ndarray]
+
 
 class RodRenderer:
     """Renders a rod with prints as seen by a camera.
@@ -67,6 +70,9 @@ class RodRenderer:
         self.effects = effects or CameraEffects()
         self.table_m = table_m
         self._coarser: dict[tuple[int, int], np.ndarray] = {}
+        #: What did not move since the last image: table and base under one view, prints at one pose.
+        self._ground: tuple[bytes, np.ndarray] | None = None
+        self._patches: dict[str, tuple[bytes, _Patch | None]] = {}
         slopes = _slopes(camera, np.arange(camera.width), np.arange(camera.height))
         self._slopes = slopes[0].astype(np.float32), slopes[1].astype(np.float32)
 
@@ -106,13 +112,21 @@ class RodRenderer:
             As of :meth:`.RodRig.poses`.
         """
         view = self.rig.T_camera_sensor if T_camera_sensor is None else T_camera_sensor
-        image = self._table(view)
-        low, high, half = _BASE_M
-        base = np.array([[low, -half, 0.0], [high, -half, 0.0], [high, half, 0.0], [low, half, 0.0]])
-        self._fill(image, view.apply(base), _BASE_LEVEL)
+        if self._ground is None or self._ground[0] != _key(view):
+            ground = self._table(view)
+            low, high, half = _BASE_M
+            base = np.array([[low, -half, 0.0], [high, -half, 0.0], [high, half, 0.0], [low, half, 0.0]])
+            self._fill(ground, view.apply(base), _BASE_LEVEL)
+            self._ground = _key(view), ground
+        image = self._ground[1].copy()
         self._fill(image, _ribbon(view.apply(state.points_m), state.rod.diameter_m), _ROD_LEVEL)
         for name, pose in self.rig.poses(state, view).items():
-            self._paint(image, self.prints[name], pose)
+            if name not in self._patches or self._patches[name][0] != _key(pose):
+                self._patches[name] = _key(pose), self._patch(self.prints[name], pose)
+            if patch := self._patches[name][1]:
+                window, fraction, paint = patch
+                image[window] *= 1.0 - fraction
+                image[window] += paint
         return image
 
     def _table(self, view: Pose) -> Float32[np.ndarray, "rows columns"]:
@@ -146,7 +160,8 @@ class RodRenderer:
                 np.float32(level) - image[found.window]
             )
 
-    def _paint(self, image: np.ndarray, drawn: Print, pose: Pose) -> None:
+    def _patch(self, drawn: Print, pose: Pose) -> _Patch | None:
+        """A print in the image; ``None`` where it is not seen."""
         import cv2
 
         rows, columns = drawn.levels.shape
@@ -155,13 +170,13 @@ class RodRenderer:
         seen = self.camera.project(pose.apply(corners))
         sight = pose.rotation[:, 2] @ pose.translation_m
         if not np.isfinite(seen).all() or sight <= 0:  # behind the camera, or seen from the back
-            return
+            return None
         reach = math.ceil(4 * self.effects.blur_px) + 2
-        height, width = image.shape
+        height, width = self.camera.height, self.camera.width
         left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int) - reach, 0)
         right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + reach + 1, [width, height])
         if right - left < 1 or bottom - top < 1:
-            return
+            return None
         offset = (np.arange(_FINE) + 0.5) / _FINE - 0.5
         x = (np.arange(left, right)[:, None] + offset).ravel()
         y = (np.arange(top, bottom)[:, None] + offset).ravel()
@@ -190,9 +205,7 @@ class RodRenderer:
         size = int(right - left), int(bottom - top)
         # Average over whole blocks of rays.
         fraction, paint = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in parts)
-        region = image[top:bottom, left:right]
-        region *= 1.0 - fraction
-        region += paint
+        return (slice(top, bottom), slice(left, right)), fraction, paint
 
     def _shown(self, drawn: Print, block: int) -> Float32[np.ndarray, "r c"]:
         """The print's levels, means of ``block`` x ``block`` pixels."""
@@ -206,6 +219,10 @@ class RodRenderer:
             size = (max(2, round(columns / block)), max(2, round(rows / block)))
             self._coarser[key] = np.asarray(cv2.resize(drawn.levels, size, interpolation=cv2.INTER_AREA))
         return self._coarser[key]
+
+
+def _key(pose: Pose) -> bytes:
+    return pose.rotation.tobytes() + pose.translation_m.tobytes()
 
 
 def _slopes(

@@ -13,6 +13,9 @@ from .explore import ObstacleExploration
 
 __all__ = ["felt_footprint"]
 
+#: Quantiles of laser points that are taken for the ends of an object.
+INNER = (0.04, 0.96)
+
 
 def felt_footprint(
     found: ObstacleExploration,
@@ -48,7 +51,8 @@ def felt_footprint(
         ahead = corners + np.array([front_m, 0.0])
         return ahead @ rotation_2d(state.heading_rad).T + (state.x_m, state.y_m)
     turn = rotation_2d(heading_rad)
-    (x0, y0), (_, y1) = (seen_m @ turn).min(axis=0), (seen_m @ turn).max(axis=0)
+    # Of some hundred points with the noise of a laser, the outermost are centimetres outside.
+    (x0, y0), (_, y1) = np.quantile(seen_m @ turn, INNER, axis=0)
     width = max(float(y1 - y0), 0.05)
     front_x = float(x0)
     if state is not None:

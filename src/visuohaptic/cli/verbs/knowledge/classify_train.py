@@ -12,7 +12,7 @@ example: visuohaptic classify train --objects objects --classes bottle,cup,ellip
          visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json
          visuohaptic classify train squeezes.csv --out mine.json
          visuohaptic classify train --objects objects --tune --out tuned.json
-         visuohaptic classify train --states isana --fill 0.5 --out state.json
+         visuohaptic classify train --states isana --fill 0.5 --places y+4,y+8 --variants 3 --out state.json
 """
 
 from __future__ import annotations
