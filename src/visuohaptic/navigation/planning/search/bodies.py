@@ -17,11 +17,11 @@ from ...pushing.contact_candidates import PushContact, push_contacts
 
 __all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "lower_window", "world_from_grid"]
 
-#: The robot stands off by so much before and after a push [m].
+#: Distance between robot and body before and after a push [m].
 STAND_OFF_M = 0.03
-#: Outlines are looked at in steps of so many cells when they are pushed.
+#: Spacing of the points along an outline that are checked for collisions [cells].
 OUTLINE_STEP = 0.45
-#: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
+#: Distance of these points inside the outline, so that an object may slide along a wall [m].
 OUTLINE_INSET_M = 5e-4
 
 
@@ -100,7 +100,7 @@ class Body:
 
 @lru_cache(maxsize=4096)
 def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, ...]:
-    """Contacts of an outline about its centre of friction; one shape is asked for in every plan."""
+    """Contacts of an outline about its centre of friction, cached by shape."""
     outline = np.frombuffer(shape, dtype=np.float64).reshape(-1, 2)
     return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
 

@@ -1,4 +1,4 @@
-"""From a planning problem to the domain of the search: what never moves, what may be pushed, what opens."""
+"""From a planning problem to the domain of the search: static obstacles, pushable bodies and passages."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .search_domain import SearchDomain, full_speed_clearance
 
 __all__ = ["build_search_domain"]
 
-#: A node of the lattice is a block of cells, about so many to the radius of the robot.
+#: Approximate number of lattice nodes (blocks of cells) per robot radius.
 NODES_PER_RADIUS = 2.0
-#: ... unless the lattice gets larger than this; then one to the radius will do.
+#: Maximum size of the lattice; a larger one is reduced to no less than one node per radius.
 MAX_NODES = 500_000
 
 

@@ -17,7 +17,7 @@ __all__ = ["changed_drives_cost", "drive_cost", "drives_cells", "drives_cost", "
 
 #: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
-#: Corners are cut at most so many times.
+#: Maximum number of rounds in which corners are cut.
 STRING_ROUNDS = 12
 #: Nodes of a path over the lattice that are followed on the map at once.
 PIECE = 60
@@ -51,7 +51,7 @@ def pull_string(
     start, goal
         Grid coordinates [cells].
     deadline
-        From then on corners are left as they are.
+        Corners are not cut after it.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def drives_cost(
         return float("inf")
     if field is not None:
         _over_lattice(domain, ends[-1], field)
-    # On the lattice it costs less: what is too much there need not be looked at on the map.
+    # The cost on the lattice is a lower bound of that on the map.
     if sum(_over_lattice(domain, end)[1] for end in ends) >= most:
         return float("inf")
     total = 0.0
@@ -200,13 +200,13 @@ def _near_path(
     before: Float[np.ndarray, "bodies 2"],
     after: Float[np.ndarray, "bodies 2"],
 ) -> bool:
-    """Whether a body that is at another place afterwards, here or there, has to do with the cost along a path."""
+    """Whether the old or new place of a moved body affects the cost along a path."""
     moved = np.flatnonzero((before != after).any(axis=1))
     low, high = (corners[moved] for corners in domain.extents)
     middle, half = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
     places = np.concatenate([middle + before[moved], middle + after[moved]])
     away = np.hypot(*((nodes[:, None] + 0.5) * block - places).T)
-    # Cells beside the path are looked at, too, in blocks of which two are added on either side.
+    # The corridor includes blocks beside the path: two more on either side.
     return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
@@ -336,7 +336,7 @@ def _without_corners(
     path: Float[np.ndarray, "q 2"],
     deadline: Deadline | None,
 ) -> tuple[Float[np.ndarray, "p 2"], float]:
-    """A path on the map with its corners cut by chords between points along it, while there is time; its cost."""
+    """A path on the map with its corners cut by chords until the deadline, and its cost."""
 
     low = np.maximum(np.floor(path.min(axis=0)).astype(int) - 2, 0)
     clearance = domain.part(domain.clearance, low, np.ceil(path.max(axis=0)).astype(int) + 2, shifts, 1)
@@ -360,7 +360,7 @@ def _without_corners(
 def _cells_along(
     domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> Corridor | None:
-    """Cells of a drive along a path over blocks: what is priced at last is driven."""
+    """Cells of a drive along a path over blocks, cached: the drive that was priced last is executed."""
     key = _key(*drive, nodes, np.array(block))
     if key not in domain.pieces:
         if len(domain.pieces) >= MAX_PIECES:
@@ -374,7 +374,7 @@ def _found_along(
 ) -> Corridor | None:
     shifts, start, goal = drive
     rows, columns = domain.clearance.shape
-    # Chords of a path stay in the box around it; the layer's distances know what is outside.
+    # Chords stay in the bounding box of the path; clearance accounts for obstacles outside.
     low_block = np.maximum(nodes.min(axis=0).astype(int) - 2, 0)
     low = low_block * block
     high = np.minimum((nodes.max(axis=0).astype(int) + 3) * block, (columns, rows))

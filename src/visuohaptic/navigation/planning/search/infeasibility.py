@@ -22,7 +22,7 @@ from .push_states import Deadline, SearchLimits, SearchState
 
 __all__ = ["Infeasibility"]
 
-#: Bodies looked at together, at most.
+#: Maximum number of bodies that are considered together.
 MAX_TOGETHER = 3
 #: Pushes go by steps of this [m].
 STEP_M = 0.05

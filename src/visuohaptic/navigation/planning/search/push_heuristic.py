@@ -1,4 +1,4 @@
-"""Cost-to-go of the search over pushes: an admissible lower bound of what is left to the goal.
+"""Cost-to-go of the search over pushes: an admissible lower bound of the remaining cost.
 
 The bound is the cheapest path to the goal on which crossing the place of a body that may be pushed costs at least its
 shortest push. Where a body alone separates start and goal, crossing its place costs what the cheapest plan costs
@@ -48,7 +48,7 @@ class PushHeuristic:
     oblique
         Whether pushes may be oblique to a face.
     free
-        Another one of the same domain and goal: what does not depend on the bodies is taken from it.
+        Another heuristic of the same domain and goal, with which parts that do not depend on the bodies are shared.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class PushHeuristic:
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
         self._both: Int[np.ndarray, "r c"] | None = None  # from the start and to the goal, bodies charged
-        #: from the start, once it was asked for [units]
+        #: cost from the start, cached [units]
         self.begin: Int32[np.ndarray, "n"] | None = None
         self.limit = self.far  #: cost of a plan that is known [units]: what costs more is not followed
         #: cost-to-go when no body that may be pushed is in the way [units]
@@ -195,7 +195,7 @@ class PushHeuristic:
         return self.domain.seeds(clearance, self.goal)
 
     def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:
-        """Bodies that alone keep the robot from the goal while they are where the map has them.
+        """Bodies that separate the robot from the goal by themselves at their mapped places.
 
         Parameters
         ----------
@@ -236,7 +236,7 @@ class PushHeuristic:
         shifts
             Of the bodies from where the map has them [cells].
         robot
-            Where it is told apart [cells]; what is farther from the goal gets the bound of the farthest settled.
+            The search ends when its cost is known [cells]; farther nodes get the largest known cost.
         """
         key = shifts.tobytes()
         if key not in self._fields:

@@ -1,9 +1,10 @@
-"""Lengths of the pushes of a plan, refined continuously, and what their ends put at risk (Alt 2016, Sec. 4.3.1).
+"""Continuous refinement of push lengths, and the risk of inaccurate push ends (Alt 2016, Sec. 4.3.1).
 
-Lengths are refined by coordinate descent on the cost of the whole plan on the map. The search tries lengths on a ladder. Which bodies are pushed, from where and in which order stays as it was found;
-every candidate is replayed: pushes free of collisions, drives that the map has. Where a pushed object ends, and how
-likely it then closes a later drive, is told by the quasi-static model with sampled contact friction, centre of friction
-and pose of the object; where the object blocks the whole approach it counts as if it stayed where it was.
+The search tries discrete lengths. They are refined by coordinate descent on the cost of the whole plan on the map;
+bodies, contacts and order of the pushes are not changed. Every candidate is checked: pushes must be free of collisions,
+and all drives must exist on the map. The quasi-static model, with sampled contact friction, centre of friction and pose
+of the object, predicts where a pushed object ends, and the probability that it then blocks a later drive. An object that
+blocks the whole approach is assumed to stay where it was.
 """
 
 from __future__ import annotations
@@ -41,24 +42,24 @@ __all__ = [
 SWEEP_STEP = 0.5
 #: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
 TRACKING_M = 0.003
-#: Simulated pushes, and how many of them are used for a price: an ellipsoid in three dimensions needs more than a fraction.
+#: Number of simulated pushes for a covariance in three dimensions, and for the probability of a blocked drive.
 SAMPLES, PRICED = 160, 40
 #: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
 LONG_STEP_M = 2.0 * STEP_M
-#: Pushes are simulated this many times farther than requested, because their lengths are refined.
+#: Pushes are simulated to this multiple of the requested length, because lengths are refined afterwards.
 BEYOND = 1.5
-#: Of the ends that touch a drive, so many are asked whether there is another one: their share is known to 0.18.
+#: Number of ends near a drive for which a detour is searched; the standard error of their fraction is 0.18.
 LOOKED_AT = 8
-#: Steps of the descent [m]: the ladder's, which is doubled while it helps, and what a robot can execute.
+#: Steps of the descent [m]: that of the search, doubled after each success, and the smallest that a robot can execute.
 STEPS_M = (0.05, 0.0125)
 
 
 def refine_lengths(
     heuristic: PushHeuristic, start: Float[np.ndarray, "2"], plan: SearchResult, deadline: Deadline
 ) -> tuple[tuple[PushStep, ...], float]:
-    """Pushes of a plan with the lengths of least expected cost, and what they and the drives cost [cells at full speed].
+    """Pushes of a plan with the lengths of least expected cost, and the cost with drives [cells at full speed].
 
-    Expected is what has to be pushed again where a push ends in the way of a later drive.
+    The expected cost includes pushes that are repeated because an object blocks a later drive.
 
     Parameters
     ----------
@@ -67,15 +68,15 @@ def refine_lengths(
     start
         Where the robot begins [cells].
     plan
-        What was found.
+        Plan of the search.
     deadline
         When to stop.
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
     risk = replanning_units(heuristic, steps, start) * scale
-    refused: set[tuple[float, ...]] = set()  # what was too expensive stays so
-    # Shorter pushes first: what a longer one adds is rarely worth the drive that it saves.
+    refused: set[tuple[float, ...]] = set()  # lengths that were too expensive
+    # Shorter pushes first: a longer push rarely saves more driving than it costs.
     for step_m, index, sign in itertools.product(STEPS_M, range(len(steps)), (-1.0, 1.0)):
         first = longer = sign * step_m / domain.map.resolution_m
         while not deadline.passed:
@@ -186,7 +187,7 @@ def free_length(
     step
         The push, of any length.
     limit
-        As far as it is looked at [cells].
+        Maximum length [cells].
     """
 
     domain: SearchDomain = heuristic.domain
@@ -264,7 +265,7 @@ def end_errors(
     """
     body, resolution_m = domain.bodies[index], domain.map.resolution_m
     ahead = body.push(contact).direction
-    # About the body's centre before the push: the same wherever it stands.
+    # Relative to the body's centre before the push, hence independent of its place.
     begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
     length_m = STAND_OFF_M + length * resolution_m
     key = index, contact
@@ -275,7 +276,7 @@ def end_errors(
     model, reach_m, poses = domain.ends[key]
     if reach_m < length_m or len(poses) < samples:
         known = poses if reach_m >= length_m else poses[:0]
-        # Whole steps: however far it is simulated, the beginning is the same.
+        # Whole steps, so that the beginning does not depend on the simulated length.
         steps = np.ceil((1.0 if len(known) else BEYOND) * length_m / LONG_STEP_M)
         reach_m = float(steps) * LONG_STEP_M
         path_m = line_path(begin, begin + reach_m * ahead, LONG_STEP_M)
@@ -324,7 +325,7 @@ def replanning_units(
     heuristic
         Of the search, for its domain, goal and costs of pushes.
     steps
-        Pushes in order, whose drives were looked for.
+        Pushes in order, whose drives are known.
     start
         Where the robot begins [cells].
     """

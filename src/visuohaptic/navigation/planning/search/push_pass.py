@@ -54,7 +54,7 @@ class _Push:
 
 @dataclass(slots=True)
 class _Queue:
-    """Open entries by their estimated cost; what cannot beat the best plan known is refused."""
+    """Open entries by estimated cost; entries that cannot improve on the best known plan are rejected."""
 
     best: float  #: cost of the best plan known [units]
     entries: list[tuple[float, int, SearchState | _Contact | _Push]] = field(default_factory=list)
@@ -117,9 +117,9 @@ class PushPass:
         first
             Where everything is at the start.
         expansions
-            Configurations looked at, at most.
+            Maximum number of expanded configurations.
         known
-            Cost of the best plan known [units]; what cannot be cheaper is left out.
+            Cost of the best known plan [units]; only cheaper plans are searched.
         gap
             How far the plan may be from the bound, as a fraction of it.
         """
@@ -192,7 +192,7 @@ class PushPass:
         points = heuristic.centres[bodies] + state.shifts[bodies] + self.stands
         approach = reach_costs(clearance, cost, points, domain.radius, domain.slow, domain.block)
         usable = approach < heuristic.far
-        # Interpolated the clearance is never too low: what is nearer than the radius is so.
+        # Interpolated clearance is never too low: a point with less than the radius is certainly too near.
         usable &= clearances_at(domain.clearance, points) >= self.radius
         if (last := state.step) is not None and last.length < heuristic.longest(last.body) - 0.5:
             usable &= (bodies != last.body) | (numbers != last.contact)  # a longer push is the same

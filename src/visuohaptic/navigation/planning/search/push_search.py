@@ -38,9 +38,9 @@ __all__ = ["load_kernels", "search_pushes"]
 
 #: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
-#: Fraction of the time for a first plan that pushes straight at a face get alone: the other half is for oblique ones.
+#: Fraction of the time for a first plan that is spent on perpendicular pushes only; the rest is for oblique ones.
 STRAIGHT = 0.5
-#: Configurations looked at with the first weight, and for the bound of one body alone.
+#: Maximum number of expanded configurations with the first weight, and for the bound of a single body.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
 #: How far a bound of one body alone may be below its cheapest plan.
 ALONE_GAP = 0.02
@@ -133,7 +133,7 @@ class _Search:
             return SearchResult(False, exhausted=True, reason=reason)
         if self._until(1.0).passed:
             return self._late()
-        # Often the cheapest path leaves everything where it is: a plan that pushes costs a push more than none.
+        # Often the cheapest path needs no push: any plan with pushes costs at least one push more.
         seconds, lowest = self.domain.block / free.units, float(free.free_field[self.cells].min())
         pushing = lowest + min((free.shortest_push(k) for k in self.active), default=float("inf"))
         enough = (1.0 + self.limits.gap) * (pushing if self.active else lowest)
@@ -148,7 +148,7 @@ class _Search:
         return self._with_pushes(free, plan)
 
     def _with_pushes(self, free: PushHeuristic, plan: SearchResult) -> SearchResult:
-        """A cheaper plan than that without pushes, where there is one and there is time to look."""
+        """A plan with pushes, if one that is cheaper than the plan without is found within the budget."""
         if plan.found:
             plan = replace(
                 plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units
@@ -261,7 +261,7 @@ class _Search:
         return known
 
     def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
-        """The plan, or a better one, with a bound that is as near as the budget allows."""
+        """The plan or a better one, with the tightest bound found within the budget."""
         units = heuristic.units / self.domain.block
         if self.deadline.passed:
             return replace(plan, bound=min(plan.bound, plan.cost))
@@ -335,7 +335,7 @@ def _bottlenecks(
             found.add(index)
             continue
         body = domain.bodies[index]
-        # Far enough along an axis, every block around the body is free of it: how many pieces there are is seen.
+        # At this distance along an axis the body is clear of every block around it, which shows all components.
         far = 2.0 * (float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block)
         # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
         for others in (everything, still):

@@ -22,7 +22,7 @@ __all__ = [
     "push_sequence",
 ]
 
-#: A search that shares its processor may take so many times its budget on the wall.
+#: Limit of the elapsed time, as a multiple of the budget: a search may share its processor.
 WALL_PER_CPU = 3.0
 
 
@@ -60,7 +60,7 @@ class Deadline:
 
     @property
     def left_s(self) -> float:
-        """What is left of the budget [s]."""
+        """Remaining budget [s]."""
         cpu_s, wall_s = _clocks_s()
         return min(self.cpu_s - cpu_s, (self.wall_s - wall_s) / WALL_PER_CPU)
 
@@ -78,7 +78,7 @@ def _clocks_s() -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
-    """How long to search, and for what."""
+    """Limits of a search."""
 
     budget_s: float = field(
         default=2.0, metadata=POSITIVE
@@ -136,7 +136,7 @@ class SearchState:
 
 @dataclass(slots=True, eq=False)
 class SeenFields:
-    """Travel costs in configurations that were expanded: what costs more than a drive there is not expanded again."""
+    """Travel costs in expanded configurations, to prune states that are reached at a higher cost."""
 
     cells_left: int
     fields: dict[bytes, list[tuple[float, Int32[np.ndarray, "n"]]]] = field(default_factory=dict)

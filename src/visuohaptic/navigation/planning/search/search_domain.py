@@ -61,15 +61,15 @@ class SearchDomain:
     lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: largest clearance in each block [cells]
     immovable_outlines: tuple[Float[np.ndarray, "p 2"], ...]
     passages: tuple[tuple[Passage, Float[np.ndarray, "p 2"], float], ...] = ()  #: outline, seconds
-    #: distances around bodies, kept because most bodies stay where they are
+    #: distances around bodies, cached because most bodies do not move
     patches: dict[tuple[int, int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
         default_factory=dict, repr=False
     )
 
-    #: the lattice with the bodies that stay where they are, by those that do not
+    #: lattice with the bodies that do not move, by the moved ones
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
 
-    #: drives that were looked for, by shifts, start and goal: edge of a block, blocks, cost, cells
+    #: cached drives, by shifts, start and goal: edge of a block, blocks, cost, cells
     drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]] = (
         field(default_factory=dict, repr=False)
     )
@@ -88,12 +88,12 @@ class SearchDomain:
         default_factory=dict, repr=False
     )
 
-    #: least and greatest corner of the bodies, once they were asked for
+    #: least and greatest corner of the bodies, cached
     boxes: list[Float[np.ndarray, "bodies 2"]] = field(default_factory=list, repr=False)
 
     @property
     def reach(self) -> float:
-        """Beyond this clearance nothing is slowed down [cells]."""
+        """Clearance from which on the robot drives at full speed [cells]."""
         return full_speed_clearance(self.radius)
 
     def clearance_with(
@@ -120,7 +120,7 @@ class SearchDomain:
         shifts
             As there.
         """
-        # Most bodies stay where they are: what they leave is kept for every set of those that do not.
+        # Most bodies do not move: the lattice with them is cached by the set of moved bodies.
         moved = tuple(np.flatnonzero(shifts.any(axis=1)).tolist())
         if moved not in self.still:
             if len(self.still) * self.lattice.size > MAX_STILL_NODES:
@@ -218,7 +218,7 @@ class SearchDomain:
         block: int,
     ) -> None:
         """Bring a body into a window of a layer that begins at ``low`` (x, y), in place."""
-        # By cells a patch is the same wherever it is moved by whole cells; a block has its own cells.
+        # A patch of cells can be moved by whole cells; a patch of blocks depends on the cells in each block.
         whole = np.floor(shift + 1e-9) if block == 1 else np.zeros(2)
         patch, row, column = self.patch(index, shift - whole, block)
         lower_window(part, patch, row + int(whole[1] - low[1]), column + int(whole[0] - low[0]))
@@ -273,7 +273,7 @@ class SearchDomain:
         without
             Index of the body left out.
         low, high
-            Corners of the box: what never moves counts anywhere [cells].
+            Corners of the box; static obstacles are included everywhere [cells].
         among
             Which bodies; all by default.
         """
@@ -281,7 +281,7 @@ class SearchDomain:
         near = (lows + shifts <= high).all(axis=1) & (highs + shifts >= low).all(axis=1)
         near = near if among is None else near & among
         outlines = [self.bodies[k].outline + shifts[k] for k in np.flatnonzero(near).tolist() if k != without]
-        # Nothing is pushed into a door.
+        # Objects must not be pushed into doors.
         outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
         return joined_outlines(outlines)
 
@@ -375,7 +375,7 @@ def joined_outlines(
 
 
 def full_speed_clearance(radius: float) -> float:
-    """Clearance from which on nothing is slowed down, with a cell to spare [cells].
+    """Clearance from which on the robot drives at full speed, with a margin of one cell [cells].
 
     Parameters
     ----------
