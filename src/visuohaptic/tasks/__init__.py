@@ -1,4 +1,4 @@
-"""What a robot does with its senses, written against :mod:`visuohaptic.core.robots` only."""
+"""Robot tasks as state machines with safety supervision, based on the interfaces of :mod:`visuohaptic.core.robots` only."""
 
 from ..core.front_door import attach
 

@@ -140,9 +140,7 @@ def _two(found: list[Candidate]) -> list[Candidate]:
     return chosen
 
 
-def _driven(
-    model: PushModel, at: tuple[float, float, float], one: Candidate, speed_m_s: float
-) -> Any:
+def _driven(model: PushModel, at: tuple[float, float, float], one: Candidate, speed_m_s: float) -> Any:
     thing = FloorBody(
         model.outline_m, model.support_m, model.round_m, mass_kg=2.0, push_height_m=HEIGHT_m,
         floor_friction=FLOOR, contact_friction=FRICTION,

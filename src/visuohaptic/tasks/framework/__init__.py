@@ -1,4 +1,4 @@
-"""State machines of a task, and the trace from which a run is replayed."""
+"""Task state machines, their replayable traces, safety supervision, and conformance tests of robot drivers."""
 
 from ...core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""Rules of the contract for what a robot senses: localizer, depth camera, finger sensor."""
+"""Rules of the robot contract for sensors: localizer, depth camera, finger sensor."""
 
 from __future__ import annotations
 
@@ -23,53 +23,53 @@ __all__ = [
     "touch_rules",
 ]
 
-#: What arrives, by what was commanded: a ramp of a quarter of the time takes an eighth of the way.
+#: Accepted ratio of measured to commanded motion: a ramp of a quarter of the time loses an eighth of the distance.
 LEAST, MOST = 0.5, 1.5
-#: A state is measured anew within this time: motion is stopped where it is not [s].
+#: Maximum age of a measurement; motion is stopped after this time without a new one [s].
 FRESH_s = 0.2
-#: Depths and forces beyond these are in another unit: a room [m], a finger that touches nothing [N], [m].
+#: Plausible maxima, beyond which a value has another unit: depth in a room [m], force [N] and position [m] of an unloaded finger.
 MAX_DEPTH_m, MAX_IDLE_N, MAX_SURFACE_m = 50.0, 2.0, 0.5
-#: Images that are looked at.
+#: Number of images that are checked.
 IMAGES = 5
 
 
 class Feeling(Protocol):
-    """A finger's sensor: what it feels of a frame."""
+    """Finger sensor: computes the touch from a frame."""
 
     def __call__(self, frame: Frame) -> FingerTouch:
-        """Of a frame.
+        """Touch in a frame.
 
         Parameters
         ----------
         frame
-            Of the camera that looks at the finger.
+            Frame of the camera that looks at the finger.
         """
 
 
 def rule(promise: str, kept: object, found: str) -> tuple[str, str]:
-    """A rule, and what was found instead where it is broken.
+    """Result of one rule: the rule, and the finding if it is broken (empty if kept).
 
     Parameters
     ----------
     promise
-        What is promised.
+        Text of the rule.
     kept
         Whether it is kept.
     found
-        What was found.
+        What was measured.
     """
     return promise, "" if kept else f"found {found}"
 
 
 def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tuple[str, str]:
-    """Whether what is read is as new as stopping in time needs.
+    """Check that readings are recent enough for stopping in time.
 
     Parameters
     ----------
     time_s
         Reads the time of the newest measurement [s].
     wait
-        Lets seconds pass.
+        Waits for a duration [s].
     """
     steps = []
     for _ in range(5):
@@ -84,16 +84,16 @@ def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tu
 def clock_rules(
     time_s: Callable[[], float], wait: Callable[[float], None], waited_s: float
 ) -> Iterator[tuple[str, str]]:
-    """Unit and freshness of a clock: half to one and a half of what passes, and never an old reading.
+    """Check unit and freshness of a clock: 0.5 to 1.5 of the elapsed time, and no stale readings.
 
     Parameters
     ----------
     time_s
         Reads the time of the newest measurement [s].
     wait
-        Lets seconds pass.
+        Waits for a duration [s].
     waited_s
-        Over which the clock is compared [s].
+        Duration over which the clock is compared [s].
     """
     before = time_s()
     wait(waited_s)
@@ -104,12 +104,12 @@ def clock_rules(
 
 
 def camera_rules(camera: FrameSource) -> Iterator[tuple[str, str]]:
-    """Types, times and sizes of frames.
+    """Check types, times and sizes of frames.
 
     Parameters
     ----------
     camera
-        Tried.
+        Camera under test.
     """
     frames: list[Frame] = []
     for frame in camera:
@@ -141,18 +141,18 @@ def _ascending(times_s: list[float]) -> tuple[str, str]:
 def localizer_rules(
     localizer: Localizer, base: MobileBase | None, wait: Callable[[float], None], motion: bool
 ) -> Iterator[tuple[str, str]]:
-    """Type, units, time, and agreement with the base.
+    """Check type, units, time, and agreement with the base.
 
     Parameters
     ----------
     localizer
-        Tried.
+        Localizer under test.
     base
-        That drives it; without one, only readings are looked at.
+        Base that moves it; without one only readings are checked.
     wait
-        Lets seconds pass.
+        Waits for a duration [s].
     motion
-        Move it.
+        Whether to move the base.
     """
     start = localizer.locate()
     yield rule("locate() is a MapPose", isinstance(start, MapPose), type(start).__name__)
@@ -169,7 +169,7 @@ def localizer_rules(
     end, after = localizer.locate(), base.state()
     way_m = math.hypot(end.x_m - start.x_m, end.y_m - start.y_m)
     driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
-    # Of 10 cm and half a radian: no other unit, axis or sense, whatever odometry and map differ by.
+    # 10 cm and half a radian reveal wrong units, axes or signs, despite differences between odometry and map.
     found = f"{way_m:.4g} m, the base says {driven_m:.4g} m"
     yield rule("it moves with the base, in metres", abs(way_m - driven_m) < 0.05, found)
     turns = [wrap_angle(b.heading_rad - a.heading_rad) for a, b in ((start, end), (before, after))]
@@ -184,14 +184,14 @@ def localizer_rules(
 
 
 def depth_rules(depth: DepthSource, wait: Callable[[float], None]) -> Iterator[tuple[str, str]]:
-    """Shape, units, time.
+    """Check shape, units and time of depth images.
 
     Parameters
     ----------
     depth
-        Tried.
+        Depth camera under test.
     wait
-        Lets seconds pass.
+        Waits for a duration [s].
     """
     images = []
     for _ in range(IMAGES):
@@ -210,14 +210,14 @@ def depth_rules(depth: DepthSource, wait: Callable[[float], None]) -> Iterator[t
 
 
 def touch_rules(feel: Feeling, camera: FrameSource | None) -> Iterator[tuple[str, str]]:
-    """What a finger feels that touches nothing.
+    """Check the readings of an unloaded finger.
 
     Parameters
     ----------
     feel
-        Tried.
+        Finger sensor under test.
     camera
-        Looks at the finger.
+        Camera that looks at the finger.
     """
     yield rule("there is a camera that looks at it", camera is not None, "no part 'camera'")
     assert camera is not None

@@ -1,11 +1,11 @@
-"""The pattern of every task: an explicit state machine whose decisions can be replayed.
+"""Base class of tasks: an explicit state machine whose decisions can be replayed.
 
-A task is a subclass of :class:`Machine`. Its ``decide`` takes one observation
-(a frozen dataclass of numbers) and returns one command (another one), and
-depends on nothing else than these and its own memory: so the same
-observations give the same decisions, whoever made them. What talks to the
-robot is a loop around it that fills the observation and carries out the
-command.
+A task is a subclass of :class:`Machine`. Its ``decide`` maps one observation
+(a frozen dataclass of numbers) to one command (another dataclass), and
+depends only on the observations and its own state: the same observations
+give the same decisions, on a robot, in simulation or from a trace. A loop around
+the machine communicates with the robot: it makes the observations and executes
+the commands.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ __all__ = ["Machine", "Observation", "Rule", "replay"]
 
 
 class Observation(Protocol):
-    """What every observation has."""
+    """Fields common to all observations."""
 
     @property
     def t_s(self) -> float:
-        """When it was made."""
+        """Time of the observation [s]."""
 
 
 StateT = TypeVar("StateT", bound=StrEnum)
@@ -41,26 +41,26 @@ CommandT = TypeVar("CommandT")
 
 @dataclass(frozen=True, slots=True)
 class Rule(Generic[StateT]):
-    """Where a state may lead, and how long it may last."""
+    """Allowed transitions of a state, its time-out, and what follows a failure."""
 
     leads_to: tuple[StateT, ...] = ()
     timeout_s: float = math.inf
-    otherwise: StateT | None = None  #: where a failure leads instead of ending the task
-    attempts: int = 0  #: how often, counted for all states that lead there
+    otherwise: StateT | None = None  #: next state after a failure, instead of ending the task
+    attempts: int = 0  #: maximum number of such transitions, counted over all states that lead there
 
 
 class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
     """A task as states, allowed transitions, time-outs and an ending.
 
-    Subclasses set ``task`` and ``rules`` (the first state is the beginning) and write
+    Subclasses set ``task`` and ``rules`` (the first state is the initial one) and implement
     ``decide`` and ``halt``. In ``decide`` they call :meth:`go` to change the
-    state, :meth:`end` to finish, and :meth:`fail` where another attempt may help:
-    the rule of a state says where a failure leads, and how often.
+    state, :meth:`end` to finish, and :meth:`fail` if another attempt may help:
+    the rule of the state defines the next state and the number of attempts.
 
     Parameters
     ----------
     settings
-        Kept in the trace: a dataclass, or a mapping of numbers, texts and dataclasses.
+        Stored in the trace: a dataclass, or a mapping of numbers, texts and dataclasses.
 
     Examples
     --------
@@ -94,26 +94,24 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
 
     task: ClassVar[str]
     rules: Mapping[Any, Rule[Any]]  #: a class attribute, or set before ``super().__init__``
-    host_clock: Callable[[], float] = staticmethod(
-        time.monotonic
-    )  #: by which a stopped robot clock is noticed
+    host_clock: Callable[[], float] = staticmethod(time.monotonic)  #: detects a robot clock that has stopped
 
     def __init__(self, settings: object = None) -> None:
         self._settings = {} if settings is None else to_dict(settings)
         self.state: StateT = next(iter(self.rules))
-        self.entered_s = math.nan  #: when the present state began
+        self.entered_s = math.nan  #: time at which the present state was entered [s]
         self.ending: Ending | None = None
         self._steps: list[Step] = []
         self._why = ""
-        self._attempts: dict[str, int] = {}  #: by the state that failures have led to
+        self._attempts: dict[str, int] = {}  #: number of attempts, by the state that follows a failure
         self._last_s = -math.inf
-        self._blind = 0  #: readings in a row that cannot be trusted
-        # Who polls may ask often between two observations: only the host's time counts.
+        self._blind = 0  #: number of consecutive invalid readings
+        # Callers may poll faster than observations arrive, so calls are not counted: only the host's time is used.
         self._clock = ClockWatch(max_periods=None, host_clock=lambda: self.host_clock())
 
     @abstractmethod
     def decide(self, seen: ObservationT) -> CommandT:
-        """Command after one observation; subclasses write it.
+        """Compute the command for an observation; implemented by subclasses.
 
         Parameters
         ----------
@@ -123,24 +121,24 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
 
     @abstractmethod
     def halt(self) -> CommandT:
-        """Command at which the robot stands still: given whenever the task ends."""
+        """Command that stops the robot; returned whenever the task has ended."""
 
     def step(self, seen: ObservationT) -> CommandT:
-        """Take one observation.
+        """Process one observation and return the command.
 
-        Observations that are not newer than the last one are ignored: the
-        robot stands still until there is a new one. When none comes for
-        :data:`~visuohaptic.core.clock_watch.MAX_STILL_S` by the host's clock, the task ends.
+        For an observation that is not newer than the last one the stop command
+        is returned. If no newer one arrives for
+        :data:`~visuohaptic.core.clock_watch.MAX_STILL_S` of the host's clock, the task ends.
 
         Parameters
         ----------
         seen
-            Its time has to be newer than the last one's.
+            Observation; its time has to be newer than that of the last one.
 
         Raises
         ------
         InputError
-            The task has ended.
+            The task has already ended.
         """
         if self.ending is not None:
             found = f"has ended ({self.ending.outcome})"
@@ -176,7 +174,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         Raises
         ------
         InputError
-            The rules do not allow it: a mistake in the task.
+            The rules do not allow the transition: an error in the task.
         """
         allowed = self.rules[self.state].leads_to
         if state not in allowed:
@@ -187,34 +185,34 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         self.state, self.entered_s, self._why = state, self._last_s, why
 
     def end(self, success: bool, outcome: str, why: str) -> None:
-        """Finish: what was reached, or why not. The first ending holds.
+        """Finish the task. Only the first call has an effect.
 
         Parameters
         ----------
         success
-            Whether the task has reached its aim.
+            Whether the task has reached its goal.
         outcome
             A value of the task's enumeration of outcomes.
         why
-            One sentence with the numbers that decided it.
+            One sentence with the numbers that led to the decision.
         """
         if self.ending is None:
             self.ending = Ending(bool(success), str(outcome), why)
 
     def fail(self, outcome: str, why: str) -> bool:
-        """Make another attempt where the rule of the present state has one left, else finish.
+        """Start another attempt if the rule of the present state permits one, else finish without success.
 
         Parameters
         ----------
         outcome
-            How the task ends without another attempt: a value of its enumeration of outcomes.
+            Outcome without another attempt: a value of the task's enumeration of outcomes.
         why
-            One sentence with the numbers that decided it; kept in the trace in either case.
+            One sentence with the numbers that led to the decision; stored in the trace in both cases.
 
         Returns
         -------
         bool
-            Whether the task goes on, in the state that the rule names.
+            Whether the task continues, in the state given by the rule.
         """
         rule = self.rules[self.state]
         if rule.otherwise is None or self._attempts.get(rule.otherwise, 0) >= rule.attempts:
@@ -225,7 +223,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         return True
 
     def give_up(self, outcome: str, why: str) -> CommandT:
-        """Finish without success; returns the command at which the robot stands.
+        """Finish without success; returns the stop command.
 
         Parameters
         ----------
@@ -236,16 +234,16 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         return self.halt()
 
     def unread(self, felt: bool, outcome: str, max_frames: int) -> bool:
-        """Count readings in a row that cannot be trusted, and end where they are too many.
+        """Count consecutive invalid readings, and end the task if there are too many.
 
         Parameters
         ----------
         felt
-            Whether the newest can be.
+            Whether the newest reading is valid.
         outcome
-            Of the ending.
+            Outcome of the task in that case.
         max_frames
-            So many frames are too many.
+            Number of consecutive invalid readings that ends the task.
 
         Returns
         -------
@@ -258,7 +256,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         return self._blind >= max_frames
 
     def interrupt(self, outcome: str, why: str) -> None:
-        """Finish from outside, as when the camera delivers no more frames.
+        """Finish from outside, for example if the camera delivers no more frames.
 
         Parameters
         ----------
@@ -271,11 +269,11 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
 
     @property
     def ended(self) -> bool:
-        """Whether there is an ending."""
+        """Whether the task has ended."""
         return self.ending is not None
 
     def since_s(self, t_s: float) -> float:
-        """How long the present state has lasted [s].
+        """Duration of the present state [s].
 
         Parameters
         ----------
@@ -285,33 +283,33 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         return t_s - self.entered_s
 
     def trace(self) -> Trace:
-        """All steps until now."""
+        """Trace of all steps so far."""
         return Trace(self.task, self._settings, tuple(self._steps), self.ending)
 
 
 def replay(
     trace: Trace, machine: Machine[Any, ObservationT, Any], observation: type[ObservationT]
 ) -> Ending | None:
-    """Give the observations of a trace to a fresh machine and check that it decides the same.
+    """Replay the observations of a trace on a new machine and verify that it makes the same decisions.
 
     Parameters
     ----------
     trace
-        Of a run.
+        Trace of a run.
     machine
-        Made with the settings of the trace.
+        Machine created with the settings of the trace.
     observation
-        Its dataclass of observations.
+        Dataclass of its observations.
 
     Returns
     -------
     Ending or None
-        That of the replayed run.
+        Ending of the replayed run.
 
     Raises
     ------
     InputError
-        A step differs; the message says which, and in what.
+        A step differs; the message states which one, and the difference.
     """
     if machine.task != trace.task:
         raise InputError("replay", f"found a trace of {trace.task!r}, expected one of {machine.task!r}")

@@ -1,9 +1,9 @@
-"""Whether a tool that is moved in a straight line comes too near to what was seen: fused surfaces, maps, points.
+"""Clearance of a tool on a straight motion from known obstacles: fused surfaces, maps, points.
 
-The tool is a set of capsules in the frame of the tip. Obstacles are surfaces, kept as points that are dense enough
-that none of the surface is farther than 0.58 ``resolution_m`` from one of them (SciPy's k-d tree finds the nearest). The
-motion is followed by conservative advancement (Mirtich 1996): where the distance is d, no point of the tool
-can touch anything before it has moved by d, so that the next configuration that is looked at may be far ahead.
+The tool is a set of capsules in the frame of the tip. Obstacles are surfaces, sampled so densely that no point of the
+surface is farther than 0.58 ``resolution_m`` from a sample (SciPy's k-d tree finds the nearest one). The
+motion is checked by conservative advancement (Mirtich 1996): at distance d no point of the tool can collide before it
+has moved by d, so the next configuration that is checked is the one after that motion.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """All points within a radius of a segment, in the frame of the tip."""
+    """All points within a radius of a line segment, in the frame of the tip."""
 
     start_m: Point
     end_m: Point
@@ -36,13 +36,13 @@ class Capsule:
 
 @dataclass(frozen=True, slots=True)
 class PathClearance:
-    """How near a motion comes to what is known."""
+    """Smallest clearance of a motion."""
 
-    #: smallest distance of tool and obstacles on the part that was followed; negative: so far inside of the tool
+    #: smallest distance between tool and obstacles on the checked part [m]; negative: depth inside the tool
     clearance_m: float
-    fraction: float  #: of the path, where it is smallest
-    point_m: Point  #: of the obstacles, nearest there
-    free: bool  #: it stays as far away as was asked for, or as it was at the start
+    fraction: float  #: fraction of the path at which the clearance is smallest
+    point_m: Point  #: nearest obstacle point there [m]
+    free: bool  #: whether the clearance stays above the required one, or above that at the start
 
     def __str__(self) -> str:
         where = ", ".join(f"{value:.3f}" for value in self.point_m)
@@ -52,24 +52,24 @@ class PathClearance:
 
 
 class KnownObstacles:
-    """What a tool must not run into, in the base of the arm.
+    """Obstacles of the tool of an arm, in the base frame of the arm.
 
     Parameters
     ----------
     tool
-        Capsules that the arm carries.
+        Capsules of the tool.
     surfaces
         Meshes, or points (n, 3) [m].
     keep_m
-        Distance that is kept [m].
+        Required clearance [m].
     resolution_m
-        Of the surfaces' points and of the tool's axes [m]: what is reported is smaller than the true distance by at
-        most this.
+        Resolution of the surface samples and of the axes of the tool [m]: the reported clearance is less than the true
+        one by at most this.
 
     Raises
     ------
     InputError
-        A distance is not more than 0, or there is no capsule.
+        A distance is not positive, or there is no capsule.
 
     Examples
     --------
@@ -111,19 +111,19 @@ class KnownObstacles:
             self._axes.append((axis, capsule.radius_m))
 
     def along(self, T_base_start: Pose, T_base_end: Pose) -> PathClearance:
-        """Follow the tip from one pose to another, straight and turning evenly.
+        """Check the motion of the tip from one pose to another, with linear position and uniform rotation.
 
         Parameters
         ----------
         T_base_start, T_base_end
-            Of the tip in the base of the arm.
+            Poses of the tip in the base frame of the arm.
         """
         if not len(self._points):
             return PathClearance(math.inf, 0.0, (math.nan,) * 3, True)
         way = T_base_end.translation_m - T_base_start.translation_m
         turn = so3_log(T_base_start.rotation.T @ T_base_end.rotation)
         reach_m = max(float(np.linalg.norm(axis, axis=1).max()) for axis, _ in self._axes)
-        # No point of the tool moves farther than this on the whole path.
+        # Upper bound of the distance that any point of the tool moves on the whole path.
         length_m = float(np.linalg.norm(way)) + float(np.linalg.norm(turn)) * reach_m
         fraction, nearest, first_m = 0.0, PathClearance(math.inf, 0.0, (math.nan,) * 3, True), math.nan
         while True:
@@ -132,22 +132,22 @@ class KnownObstacles:
             distance_m, point = self._distance(pose)
             first_m = distance_m if math.isnan(first_m) else first_m
             if distance_m < nearest.clearance_m:
-                # What it stands at may be left, and not come nearer to.
+                # An obstacle that is near at the start may be left, but not approached.
                 free = distance_m >= min(self.keep_m, first_m - self.resolution_m)
                 nearest = PathClearance(distance_m, fraction, point, free)
             if not nearest.free or fraction >= 1.0:
                 return nearest
-            # Until there nothing can be nearer than what was found, by more than the resolution.
+            # No obstacle can be nearer than the clearance found so far before this step, up to the resolution.
             step_m = distance_m - nearest.clearance_m + self.resolution_m
             fraction = min(1.0, fraction + step_m / max(length_m, 1e-12))
 
     def _distance(self, pose: Pose) -> tuple[float, Point]:
-        """Distance of the tool from the obstacles at a pose, never more than the true one, and the point."""
+        """Distance of the tool from the obstacles at a pose (a lower bound), and the nearest obstacle point."""
         best_m, best = math.inf, 0
         for axis, radius_m in self._axes:
             far, index = self._tree.query(pose.apply(axis))
             at = int(np.argmin(far))
-            # A quarter of the resolution along the axis, and e / sqrt(3) in a triangle whose longest edge is e.
+            # Errors: a quarter of the resolution along the axis, and e / sqrt(3) in a triangle with longest edge e.
             distance_m = float(far[at]) - radius_m - self.resolution_m
             if distance_m < best_m:
                 best_m, best = distance_m, int(index[at])
@@ -156,7 +156,7 @@ class KnownObstacles:
 
 
 def _dense(surface: SurfaceMesh | Float[np.ndarray, "n 3"], resolution_m: float) -> Float[np.ndarray, "m 3"]:
-    """Points of a surface that are a resolution apart."""
+    """Sample a surface with a spacing of the resolution."""
     if not isinstance(surface, SurfaceMesh):
         return np.asarray(surface, dtype=np.float64).reshape(-1, 3)
     corners = surface.vertices_m[surface.faces]

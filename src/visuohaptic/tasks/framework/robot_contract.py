@@ -1,8 +1,8 @@
-"""What the robot protocols promise beyond their signatures, tried on a robot: units, time, limits, stop.
+"""Conformance test of a robot driver: behaviour that the protocols require beyond their signatures.
 
-The robot moves: 10 cm and half a turn of a radian with its base, 2 cm with its arm, 1 cm with its fingers.
-Every rule is one comparison of what was commanded with what the robot says of itself, wide enough for ramps
-and delays (half to one and a half times), and narrow enough that no unit is mistaken for another.
+The robot moves: 10 cm and half a radian with its base, 2 cm with its arm, 1 cm with its fingers.
+Every rule compares a command with the state that the robot reports, with a tolerance wide enough for ramps
+and delays (0.5 to 1.5 times), and narrow enough to detect any wrong unit.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ from ._sensor_rules import (
 
 __all__ = ["ContractRule", "RobotParts", "assert_robot", "check_robot"]
 
-#: Commands of the trial: speeds [m/s], turn rate [rad/s], and for how long they hold [s].
+#: Test commands: speed [m/s], turn rate [rad/s], and their duration [s].
 SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0
-#: Distances that arm and fingers move [m].
+#: Test distances of arm and fingers [m].
 LIFT_m, SQUEEZE_m = 0.02, 0.01
-#: What stands still moves less than this [m], [rad]; a place is reached as well as this.
+#: Maximum motion of a stopped part [m], [rad], and tolerance of a reached position [m].
 STILL_m, STILL_rad, REACHED_m = 0.002, 0.01, 0.002
 
 
 @dataclass(frozen=True, slots=True)
 class RobotParts:
-    """Parts of one robot; those it does not have are ``None``."""
+    """Parts of a robot; missing parts are ``None``."""
 
     base: MobileBase | None = None
     arm: ProbeArm | None = None
@@ -62,43 +62,43 @@ class RobotParts:
     camera: FrameSource | None = None
     localizer: Localizer | None = None
     depth: DepthSource | None = None
-    feel: Feeling | None = None  #: of a finger that the camera looks at
-    contract: str = ROBOT_CONTRACT  #: version of the protocols that it was made for
-    wait: Callable[[float], None] = time.sleep  #: lets seconds pass; a simulation steps here
+    feel: Feeling | None = None  #: sensor of the finger that the camera looks at
+    contract: str = ROBOT_CONTRACT  #: version of the protocols that the driver implements
+    wait: Callable[[float], None] = time.sleep  #: waits for a duration [s]; a simulation steps here
 
 
 @dataclass(frozen=True, slots=True)
 class ContractRule:
-    """One rule, and why it is broken."""
+    """Result of one rule."""
 
     part: str  #: base, arm, gripper, camera, localizer, depth or feel
-    rule: str  #: what is promised
-    problem: str  #: what was found instead; empty when the rule is kept
+    rule: str  #: required behaviour
+    problem: str  #: observed behaviour; empty if the rule is kept
 
 
 def check_robot(
     robot: RobotParts | Mapping[str, Any], *, motion: bool = True, where: str = "robot"
 ) -> list[ContractRule]:
-    """Try the parts of a robot against their protocols; everything is stopped at the end.
+    """Test the parts of a robot against their protocols; all parts are stopped at the end.
 
     Parameters
     ----------
     robot
-        Its parts, or a mapping with the same names.
+        Parts of the robot, or a mapping with the same names.
     motion
-        Move it; without, only signatures, readings and images are looked at.
+        Whether to move the robot; otherwise only signatures, readings and images are checked.
     where
         Name of the robot in messages.
 
     Returns
     -------
     list of ContractRule
-        In the order in which they were tried; after a broken one the rest of a part may be left out.
+        Results in the order of the tests; after a broken rule the remaining ones of a part may be omitted.
 
     Raises
     ------
     InputError
-        No part at all, or a name that is none.
+        There is no part, or an unknown name.
 
     Examples
     --------
@@ -177,12 +177,12 @@ def _parts(robot: RobotParts | Mapping[str, Any], where: str) -> RobotParts:
 
 
 def assert_robot(robot: RobotParts | Mapping[str, Any], *, motion: bool = True, where: str = "robot") -> None:
-    """For a test of one's own: fail with every rule of the contract that a robot breaks.
+    """Assertion for the tests of a driver: fails with every broken rule of the contract.
 
     Parameters
     ----------
     robot, motion, where
-        As :func:`check_robot` takes them.
+        As for :func:`check_robot`.
 
     Raises
     ------
@@ -194,13 +194,13 @@ def assert_robot(robot: RobotParts | Mapping[str, Any], *, motion: bool = True, 
 
 
 def _between(promise: str, found: float, commanded: float, unit: str) -> tuple[str, str]:
-    """Kept when as much arrived as a ramp allows."""
+    """Rule that is kept if the measured motion is within the tolerance of ramps and delays."""
     both = f"{found:.4g} {unit} where {commanded:.4g} {unit} were commanded"
     return rule(promise, LEAST <= found / commanded <= MOST, both)
 
 
 def _refuses(command: str, try_it: Callable[[], object]) -> tuple[str, str]:
-    """A command that makes no sense is an error of this library's kinds, not silence."""
+    """Rule that an invalid command raises an error of this library."""
     try:
         try_it()
     except (VisuohapticError, ValueError):
@@ -214,7 +214,7 @@ def _refuses(command: str, try_it: Callable[[], object]) -> tuple[str, str]:
 def _holds(
     read_m: Callable[[], float | np.ndarray], max_drift_m: float, wait: Callable[[float], None]
 ) -> tuple[str, str]:
-    """What was stopped stands 0.3 s later."""
+    """Rule that a stopped part is still at rest 0.3 s later."""
     wait(0.3)
     held_m = read_m()
     wait(0.5)

@@ -1,4 +1,4 @@
-"""The loop of every task: observe, decide, carry out, until there is an ending; then everything stands."""
+"""Main loop of all tasks: observe, decide, execute until the task has ended; then stop all parts."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ def run_machine(
     refused: str = "device_failed",
     after: Callable[[], None] | None = None,
 ) -> None:
-    """Step a task with observations until it ends; a device that fails is an ending, not an exception.
+    """Step a task with observations until it ends; a device error is an ending, not an exception.
 
     Parameters
     ----------
     task
-        Its ending is set.
+        Task to run; its ending is set.
     observations
-        Made one by one, each after the last command was carried out.
+        Iterable of observations, each made after the previous command was executed.
     carry_out
-        Takes a command that is another one than the last.
+        Executes a command; called only if the command has changed.
     *stops
-        Each stops a part of the robot, at the end in any case.
+        Functions that stop a part of the robot each; always called at the end.
     refused
-        Outcome when a command is refused.
+        Outcome if a command is refused.
     after
-        Called after every step, the last one too.
+        Called after every step, including the last one.
     """
     last: CommandT | None = None
     outcome = "device_failed"
@@ -54,7 +54,7 @@ def run_machine(
         task.interrupt(outcome, str(error))
     finally:
         for stop in stops:
-            # What cannot say where it is cannot be told to stay there; the reason is in the ending.
+            # A device without a pose cannot hold it; the reason is in the ending.
             with contextlib.suppress(DeviceError):
                 stop()
     task.interrupt("source_ended", "the camera delivers no more frames")

@@ -1,4 +1,4 @@
-"""Parts and sensors of a robot as they are seen through a supervisor."""
+"""Wrappers of robot parts and sensors that pass through the safety supervisor."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from .watched_sensors import WatchedFrames, WatchedSenses, WatchedSensor, force_
 __all__ = ["Supervisor"]
 
 ReadingT = TypeVar("ReadingT")
-#: A part that is to move, is farther than this from its target, and stands to the last digit, is frozen or held [m].
+#: Minimum distance from its target of a commanded part whose constant readings mean that they are frozen, or that it is held [m].
 STANDING_M = 1e-3
-#: Motion between two readings that any pose shows [m or rad]: its last digit is 1e-11 m within 10 km.
+#: Minimum motion between two readings that changes any pose [m or rad]: the last digit is 1e-11 m within 10 km.
 ROUNDING_M = 1e-9
 
 
 class Supervisor(SupervisorCore):
-    """Wraps the parts of a robot, so that every command passes the limits; see :mod:`.supervisor`.
+    """Wraps the parts of a robot, so that every command is subject to the limits; see :mod:`.supervisor`.
 
     Examples
     --------
@@ -57,65 +57,65 @@ class Supervisor(SupervisorCore):
     """
 
     def base(self, base: MobileBase) -> MobileBase:
-        """A base under the supervisor.
+        """Wrap a mobile base.
 
         Parameters
         ----------
         base
-            The platform.
+            Mobile base.
         """
         require_members(base, MobileBase, "Supervisor", "base")
         return _SupervisedBase(self, base)
 
     def arm(self, arm: ProbeArm, obstacles: KnownObstacles | None = None) -> ProbeArm:
-        """An arm under the supervisor.
+        """Wrap an arm.
 
         Parameters
         ----------
         arm
-            With its tip.
+            Arm with its tip.
         obstacles
-            What was fused and mapped: motions that are faster than ``max_contact_m_s`` are refused where they come
-            too near to it. Slower ones may touch, under the force limit, and be gone back fast: where the tip has
-            just felt its way nothing stands, whatever was seen there.
+            Fused and mapped obstacles: motions faster than ``max_contact_m_s`` are refused where their clearance is
+            insufficient. Slower motions may make contact, under the force limit, and may be retraced fast: the path
+            that the tip has just followed is free.
         """
         require_members(arm, ProbeArm, "Supervisor", "arm")
         return _SupervisedArm(self, arm, obstacles)
 
     def gripper(self, gripper: Gripper) -> Gripper:
-        """A gripper under the supervisor.
+        """Wrap a gripper.
 
         Parameters
         ----------
         gripper
-            With two fingers.
+            Gripper with two fingers.
         """
         require_members(gripper, Gripper, "Supervisor", "gripper")
         return _SupervisedGripper(self, gripper)
 
     def frames(self, source: FrameSource, name: str = "the camera") -> FrameSource:
-        """Frames whose times and contents are watched.
+        """Wrap a frame source; times and contents of its frames are monitored.
 
         Parameters
         ----------
         source
-            A camera.
+            Camera.
         name
-            For messages.
+            Name in messages.
         """
         return WatchedFrames(self, source, name)
 
     def force(
         self, read: Callable[[Frame], ReadingT], size: Callable[[ReadingT], float] | None = None
     ) -> Callable[[Frame], ReadingT]:
-        """A reader of a force sensor whose readings are held against the limit.
+        """Wrap the reader of a force sensor; its readings are compared with the force limit.
 
         Parameters
         ----------
         read
-            Reading of a frame.
+            Reads a frame.
         size
-            Force of a reading [N]; NaN when it cannot be trusted. :func:`force_of` by default.
+            Force of a reading [N]; NaN if invalid. :func:`force_of` by default.
         """
         measure = size or force_of
 
@@ -127,20 +127,20 @@ class Supervisor(SupervisorCore):
         return watched
 
     def sensor(self, sensor: Any) -> Any:
-        """A sensor with a method ``read(frame)``, as the foam's; the rest of it is passed through.
+        """Wrap a sensor with a method ``read(frame)``; its other attributes are passed through.
 
         Parameters
         ----------
         sensor
-            Of forces.
+            Force sensor.
         """
         return WatchedSensor(sensor, self.force(sensor.read))
 
     def senses(self, senses: Any) -> Any:
-        """What a travel perceives; the rest of it is passed through.
+        """Wrap the senses of a navigation task; other attributes are passed through.
 
-        Its pose and force have no times of their own: what stays the same to the last digit while the odometry
-        goes on counts as frozen.
+        Pose and force have no time stamps of their own: values that are exactly constant while the odometry
+        changes count as frozen.
 
         Parameters
         ----------
@@ -150,12 +150,12 @@ class Supervisor(SupervisorCore):
         return WatchedSenses(self, senses)
 
     def wait(self, wait: Callable[[float], None]) -> Callable[[float], None]:
-        """A function that lets time pass, with a check behind it.
+        """Wrap a waiting function; the readings are checked after each call.
 
         Parameters
         ----------
         wait
-            Called with a time [s].
+            Waits for a duration [s].
         """
 
         def watched(duration_s: float) -> None:
@@ -184,13 +184,13 @@ class _SupervisedBase(MobileBase):
             1.0, abs(speed_m_s) / limits.max_speed_m_s, abs(turn_rate_rad_s) / limits.max_turn_rate_rad_s
         )
         if not math.isfinite(part):
-            self._device.drive(speed_m_s, turn_rate_rad_s)  # whose error says what is wrong with it
+            self._device.drive(speed_m_s, turn_rate_rad_s)  # the device raises an error that states the cause
             return
         self._wanted = (speed_m_s / part, turn_rate_rad_s / part)
         self._guard.request(self)
 
     def stop(self) -> None:
-        """Stand still."""
+        """Stop the base."""
         self._guard.release(self)
 
     def state(self) -> BaseState:
@@ -205,7 +205,7 @@ class _SupervisedBase(MobileBase):
             jumped = _leap(
                 self.name, way_m, state.t_s - last.t_s, self._guard.limits.max_speed_m_s, self._guard
             )
-        # What says that it moves has another pose each time; a speed that has died away says that it stands.
+        # A base that reports a velocity has a new pose each time; a base at rest reports zero velocity.
         rate = max(abs(state.speed_m_s), abs(state.turn_rate_rad_s))
         frozen = same and last is not None and rate * (state.t_s - last.t_s) > ROUNDING_M
         self._guard.note(self.name, state.t_s, frozen=frozen, jumped=jumped)
@@ -223,7 +223,7 @@ class _SupervisedBase(MobileBase):
     def retreats(self, pressing: object) -> bool:
         assert isinstance(pressing, tuple)
         (speed, turn), (pressed, turned) = self._wanted, pressing
-        # On the spot a disc is freed by turning back, and by driving backwards.
+        # Turning on the spot, a disc is freed by turning back, and by driving backwards.
         return speed * pressed < 0.0 if pressed else speed < 0.0 or turn * turned < 0.0
 
 
@@ -232,14 +232,14 @@ def _pose(state: BaseState) -> tuple[float, float, float]:
 
 
 def _apart_m(first: Pose, second: Pose) -> float:
-    """Distance of two poses of the tip [m]."""
+    """Distance between two positions of the tip [m]."""
     return float(np.linalg.norm(first.translation_m - second.translation_m))
 
 
 def _leap(name: str, way_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
-    """What a state says that no motion within the limits can do; empty where it may be so."""
+    """Describe a change of state that no motion within the limits can make; empty if plausible."""
     limits = guard.limits
-    # A clock that jumps is named as that.
+    # Jumps of the clock are reported separately.
     if abs(passed_s) > limits.max_jump_s or way_m <= max_speed_m_s * max(passed_s, 0.0) + limits.max_leap_m:
         return ""
     return f"{name} says that it has moved by {way_m:.2f} m in {passed_s:.2f} s"
@@ -251,7 +251,7 @@ class _SupervisedArm(ProbeArm):
     def __init__(self, guard: SupervisorCore, device: ProbeArm, obstacles: KnownObstacles | None) -> None:
         self._guard, self._device, self._obstacles = guard, device, obstacles
         self._target, self._speed_m_s = Pose.identity(), 0.0
-        self._felt_from: Pose | None = None  #: where the last motion began, if it was slow enough to touch
+        self._felt_from: Pose | None = None  #: start of the last motion, if it was slow enough for contact
         self._tip_m, self._t_s = np.full(3, math.nan), math.nan
         self._frozen = False
         guard.register(self)
@@ -268,13 +268,13 @@ class _SupervisedArm(ProbeArm):
             )
         if self._obstacles is not None:
             self._keep_clear(self._obstacles, T_base_tip, speed_m_s)
-        # Another target is another attempt.
+        # A new target resets the frozen state.
         self._frozen &= bool(np.array_equal(tip, self._target.translation_m))
         self._target, self._speed_m_s = T_base_tip, min(speed_m_s, limits.max_tip_speed_m_s)
         self._guard.request(self)
 
     def _keep_clear(self, obstacles: KnownObstacles, T_base_tip: Pose, speed_m_s: float) -> None:
-        """Refuse a fast motion past what is known, other than back on the straight way that was just felt."""
+        """Refuse a fast motion too near to known obstacles, except back along the straight path just followed."""
         here, felt_from = self._device.pose()[1], self._felt_from
         if speed_m_s <= self._guard.limits.max_contact_m_s:
             if felt_from is None or not np.array_equal(T_base_tip.translation_m, self._target.translation_m):
@@ -311,7 +311,7 @@ class _SupervisedArm(ProbeArm):
         return t_s, pose
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
-        """Smallest and largest distance of the tip from the base."""
+        """Minimum and maximum distance of the tip from the base [m]."""
         return self._device.reach_m()
 
     def carry_out(self) -> None:

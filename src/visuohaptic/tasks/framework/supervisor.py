@@ -1,18 +1,18 @@
-"""An independent layer that every command to a robot passes: limits, force stop, stale and wrong clocks.
+"""Safety supervisor: an independent layer between tasks and robot that enforces limits, force stop and fresh readings.
 
-The supervisor knows nothing of the tasks. It wraps the parts of a robot and what its sensors are read with
+The supervisor is independent of the tasks. It wraps the parts of a robot and its sensor readers
 (:meth:`Supervisor.base`, :meth:`~Supervisor.arm`, :meth:`~Supervisor.gripper`, :meth:`~Supervisor.frames`,
-:meth:`~Supervisor.force`); tasks are given the wrapped parts and notice nothing as long as all is well.
+:meth:`~Supervisor.force`); tasks use the wrapped parts, which behave like the originals unless a limit is reached.
 
-- Speeds are reduced to the limits, both velocities of a base alike; targets out of reach are refused.
-- A force that is at the limit, or will be before the robot stands, stops what moves within the same reading.
-  Then only a retreat passes, until the force is below the limit again.
-- A reading is *fresh* when its own time is newer than before, and what it holds is not a frozen copy. While a part
-  moves, its own state and every sensor in use must be fresh; otherwise the part is held, and goes on when they are.
-- A clock that jumps, and a hold that lasts, are for good: every later reading or command raises
+- Speeds are reduced to the limits, both velocities of a base by the same factor; targets out of reach are refused.
+- A force at the limit, or predicted to reach it before the robot has stopped, stops moving parts within the same reading.
+  Then only a retreat is permitted, until the force is below the limit again.
+- A reading is *fresh* if its own time is newer than before and its content is not a frozen copy. While a part
+  moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are.
+- A clock that jumps, or a hold that lasts too long, is permanent: every later reading or command raises
   :class:`~visuohaptic.core.errors.DeviceError`, which ends a task with its text as the reason.
 
-Time is the supervisor's own: the monotonic clock of the host, or of the host of a simulated robot.
+The supervisor has its own time: the monotonic clock of the host, or of the host of a simulated robot.
 """
 
 from __future__ import annotations
@@ -32,36 +32,33 @@ __all__ = ["SafetyHold", "SafetyLimits", "SupervisedPart", "SupervisorCore"]
 
 RequestT = TypeVar("RequestT")
 Point = tuple[float, float, float]
-#: Checks per second of the supervisor's own thread [Hz].
+#: Rate of the checks by the supervisor's own thread [Hz].
 CHECK_RATE_HZ = 50.0
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """What no command may exceed."""
+    """Safety limits of all commands."""
 
     max_force_N: float = field(default=20.0, metadata=POSITIVE)
-    max_speed_m_s: float = field(default=0.5, metadata=POSITIVE)  #: of the base
+    max_speed_m_s: float = field(default=0.5, metadata=POSITIVE)  #: maximum speed of the base [m/s]
     max_turn_rate_rad_s: float = field(default=1.5, metadata=POSITIVE)
     max_tip_speed_m_s: float = field(default=0.25, metadata=POSITIVE)
-    max_contact_m_s: float = field(
-        default=0.05, metadata=POSITIVE
-    )  #: of a tip that may touch known obstacles
-    max_finger_speed_m_s: float = field(default=0.15, metadata=POSITIVE)  #: rate of the gripper's opening
-    min_tip_m: Point = (
-        -math.inf,
-        -math.inf,
-        -math.inf,
-    )  #: corners of the box that the tip may enter, in the base
+    #: maximum speed of a tip that may touch known obstacles [m/s]
+    max_contact_m_s: float = field(default=0.05, metadata=POSITIVE)
+    #: maximum opening rate of the gripper [m/s]
+    max_finger_speed_m_s: float = field(default=0.15, metadata=POSITIVE)
+    #: corners of the permitted box of the tip in the base frame [m]
+    min_tip_m: Point = (-math.inf, -math.inf, -math.inf)
     max_tip_m: Point = (math.inf, math.inf, math.inf)
-    #: Age of a reading at which motion is held [s]; a check later it is stopped, in less than 0.2 s altogether.
+    #: Age of a reading at which motion is held [s]; a part stops one check later, in less than 0.2 s altogether.
     max_age_s: float = field(default=0.15, metadata=POSITIVE)
-    max_jump_s: float = field(default=0.5, metadata=POSITIVE)  #: of a clock against the supervisor's own
-    max_leap_m: float = field(
-        default=0.05, metadata=POSITIVE
-    )  #: of a state beyond what its speed limit allows
-    max_hold_s: float = field(default=5.0, metadata=POSITIVE)  #: a hold that lasts longer is for good
-    brake_s: float = 0.1  #: from full speed to a stand; the force on the way is foreseen from its rate
+    #: maximum jump of a clock against the supervisor's [s]
+    max_jump_s: float = field(default=0.5, metadata=POSITIVE)
+    #: maximum change of a state beyond its speed limit [m or rad]
+    max_leap_m: float = field(default=0.05, metadata=POSITIVE)
+    max_hold_s: float = field(default=5.0, metadata=POSITIVE)  #: a longer hold is permanent [s]
+    brake_s: float = 0.1  #: braking time from full speed [s]; the force meanwhile is predicted from its rate
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -71,54 +68,56 @@ class SafetyLimits:
 class SafetyHold:
     """One stop by the supervisor."""
 
-    t_s: float  #: by the supervisor's clock
-    part: str  #: that was moving
+    t_s: float  #: time on the supervisor's clock [s]
+    part: str  #: name of the part that was moving
     reason: str
 
 
 @runtime_checkable
 class SupervisedPart(Protocol):
-    """What the supervisor knows of a part of the robot."""
+    """Interface of a wrapped part to the supervisor."""
 
     name: str
 
     def carry_out(self) -> None:
-        """Give the requested command to the device."""
+        """Send the requested command to the device."""
 
     def halt(self) -> None:
         """Stop the device."""
 
     def pressing(self) -> object:
-        """What is remembered of the requested motion when the force reaches the limit."""
+        """Requested motion, stored when the force reaches the limit."""
 
     def retreats(self, pressing: object) -> bool:
-        """Whether the requested motion leaves what it pressed against.
+        """Whether the requested motion retreats from the contact.
 
         Parameters
         ----------
         pressing
-            As :meth:`pressing` has returned it.
+            Value returned by :meth:`pressing`.
         """
 
 
 class _Stream:
-    """Freshness of one sensor or state by the supervisor's clock.
+    """Freshness of one sensor or state on the supervisor's clock.
 
     Parameters
     ----------
     name
-        For messages.
+        Name in messages.
     max_jump_s
-        Of its clock against the supervisor's own [s].
+        Maximum jump of its clock against the supervisor's [s].
     """
 
     def __init__(self, name: str, max_jump_s: float) -> None:
         self.name, self._max_jump_s = name, max_jump_s
-        self.read_s = self.fresh_s = -math.inf  #: when the newest reading came, and the newest fresh one
+        self.read_s = (
+            self.fresh_s
+        ) = -math.inf  #: arrival of the newest reading, and of the newest fresh one [s]
         self._t_s, self._ahead_s = -math.inf, -math.inf
 
     def note(self, now_s: float, t_s: float, frozen: bool) -> str:
-        """Take a reading; returns what is wrong with its clock."""
+        """Record a reading; returns a description of a clock error, or an empty string."""
         self.read_s = now_s
         if not math.isfinite(t_s):
             return ""
@@ -136,39 +135,39 @@ class _Stream:
 
 @dataclass(slots=True)
 class _Motion:
-    """What a part is doing."""
+    """Motion state of a part."""
 
     part: SupervisedPart
-    moving: bool = False  #: a motion is requested
-    held: str = ""  #: why it is not carried out
-    since_s: float = -math.inf  #: when the motion was requested
+    moving: bool = False  #: whether a motion is requested
+    held: str = ""  #: why it is not executed; empty if it is
+    since_s: float = -math.inf  #: time of the request [s]
     held_since_s: float = math.nan
-    pressing: object = None  #: the motion at which the force reached the limit
+    pressing: object = None  #: motion at which the force reached the limit
 
 
 class SupervisorCore(Closing):
-    """Decides which motion is carried out; :class:`~.supervised_parts.Supervisor` wraps the parts around it.
+    """Decides which motions are executed; :class:`~.supervised_parts.Supervisor` wraps the parts around it.
 
     Parameters
     ----------
     limits
-        What no command may exceed.
+        Safety limits of all commands.
     clock
-        Monotonic time [s] that does not depend on the robot. With another clock than the host's, as that of a
-        simulated world, no thread checks: :meth:`check` is called as that time passes.
+        Monotonic time [s], independent of the robot. With a clock other than the host's, as that of a simulated
+        world, no thread is started: call :meth:`check` as that time passes.
     """
 
     def __init__(
         self, limits: SafetyLimits | None = None, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.limits = limits or SafetyLimits()
-        self.holds: list[SafetyHold] = []  #: every stop, in order
-        self.odometry = 0  #: how often the base's pose was another one than before
-        self.fault = ""  #: why the robot is stopped for good
+        self.holds: list[SafetyHold] = []  #: all stops, in order
+        self.odometry = 0  #: number of changes of the base's pose
+        self.fault = ""  #: cause of a permanent stop; empty without one
         self._clock, self._lock = clock, threading.RLock()
         self._streams: dict[str, _Stream] = {}
         self._motions: dict[str, _Motion] = {}
-        self._force = (-math.inf, -math.inf)  #: time of the newest reading, and the force [N]
+        self._force = (-math.inf, -math.inf)  #: time of the newest reading [s], and its force [N]
         self._rate_N_s, self._felt_s = 0.0, math.nan
         self._overload = ""
         self._ended = threading.Event()
@@ -178,15 +177,15 @@ class SupervisorCore(Closing):
             self._thread.start()
 
     def now_s(self) -> float:
-        """Time of the supervisor [s]."""
+        """Time on the supervisor's clock [s]."""
         return self._clock()
 
     def check(self) -> None:
-        """Hold every part whose readings are too old; called at least every 50 ms."""
+        """Hold every part whose readings are too old; call at least every 50 ms."""
         with self._lock:
             now_s = self._clock()
             if self._rate_N_s and not self._overload:
-                self._judge_force(now_s - self._felt_s)  # it rises although nobody has read it
+                self._judge_force(now_s - self._felt_s)  # the force may rise between readings
             for motion in self._motions.values():
                 if not motion.moving:
                     continue
@@ -196,7 +195,7 @@ class SupervisorCore(Closing):
                     self._fail(f"{motion.held}, for {now_s - motion.held_since_s:.1f} s")
 
     def close(self) -> None:
-        """Stop every part and the supervisor's thread; harmless when repeated."""
+        """Stop every part and the supervisor's thread; may be called repeatedly."""
         self._ended.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
@@ -206,35 +205,35 @@ class SupervisorCore(Closing):
                     self.release(motion.part)
 
     def carries_out(self, part: SupervisedPart) -> bool:
-        """Whether a requested motion of a part is under way.
+        """Whether a requested motion of a part is being executed.
 
         Parameters
         ----------
         part
-            Of the robot.
+            Part of the robot.
         """
         motion = self._motions[part.name]
         return motion.moving and not motion.held
 
     def register(self, part: SupervisedPart) -> None:
-        """Take a part.
+        """Register a part.
 
         Parameters
         ----------
         part
-            Of the robot; its name, which is that of its own state's readings, is numbered where it is taken.
+            Part of the robot; its name, also that of its state readings, is numbered if already in use.
         """
         number = sum(name.partition(" #")[0] == part.name for name in self._motions)
         part.name += f" #{number + 1}" if number else ""
         self._motions[part.name] = _Motion(part)
 
     def release(self, part: SupervisedPart) -> None:
-        """The part is to stand; always carried out.
+        """Stop a part; always executed.
 
         Parameters
         ----------
         part
-            Of the robot.
+            Part of the robot.
         """
         with self._lock:
             motion = self._motions[part.name]
@@ -242,17 +241,17 @@ class SupervisorCore(Closing):
             part.halt()
 
     def request(self, part: SupervisedPart) -> None:
-        """The part is to move as its request says: carried out, or held.
+        """Execute the requested motion of a part, or hold it.
 
         Parameters
         ----------
         part
-            Of the robot.
+            Part of the robot.
 
         Raises
         ------
         DeviceError
-            The robot is stopped for good.
+            The robot is stopped permanently.
         """
         with self._lock:
             now_s, motion = self._clock(), self._motions[part.name]
@@ -267,23 +266,23 @@ class SupervisorCore(Closing):
                 part.carry_out()
 
     def note(self, name: str, t_s: float, *, frozen: bool = False, jumped: str = "") -> None:
-        """Take a reading of a sensor or of a part's state.
+        """Record a reading of a sensor or of the state of a part.
 
         Parameters
         ----------
         name
-            Of what was read.
+            Name of the sensor or part.
         t_s
-            Its own time [s]; NaN: it was not read.
+            Time stamp of the reading [s]; NaN: no reading.
         frozen
-            It is a copy of the last one although it may not be.
+            Whether it is a copy of the last one although the value should have changed.
         jumped
-            What makes the reading impossible; empty when it is not.
+            Why the reading is implausible; empty if it is not.
 
         Raises
         ------
         DeviceError
-            The robot is stopped for good.
+            The robot is stopped permanently.
         """
         with self._lock:
             now_s = self._clock()
@@ -295,16 +294,16 @@ class SupervisorCore(Closing):
             self._raise()
 
     def note_force(self, t_s: float, force_N: float, *, frozen: bool = False) -> None:
-        """Take a force; what moves is stopped before this returns when the limit is reached.
+        """Record a force; moving parts are stopped before the method returns if the limit is reached.
 
         Parameters
         ----------
         t_s
-            Of the reading [s].
+            Time stamp of the reading [s].
         force_N
-            Its size [N]; NaN: it was not read; infinite: foam is full.
+            Magnitude of the force [N]; NaN: no reading; infinite: the foam is saturated.
         frozen
-            It is a copy of the last one although it may not be.
+            Whether it is a copy of the last one although the value should have changed.
         """
         with self._lock:
             last_s, last_N = self._force
@@ -312,12 +311,12 @@ class SupervisorCore(Closing):
                 rose_N = force_N - last_N if math.isfinite(last_s + last_N) else 0.0
                 self._rate_N_s = max(rose_N / (t_s - last_s), 0.0)
                 self._force, self._felt_s = (t_s, force_N), self._clock()
-                # Until the next reading, which takes as long as this one has.
+                # Predict until the next reading, expected after the same interval as this one.
                 self._judge_force(t_s - last_s if self._rate_N_s else 0.0)
         self.note("the force", math.nan if math.isnan(force_N) else t_s, frozen=frozen)
 
     def _judge_force(self, passed_s: float) -> None:
-        """Stop what presses at the limit, now or in ``passed_s`` and half the time in which it brakes evenly."""
+        """Stop parts that press if the force is at the limit, or predicted after ``passed_s`` plus half the braking time."""
         limit_N, was = self.limits.max_force_N, self._overload
         force_N = self._force[1]
         soon_N = force_N + self._rate_N_s * (passed_s + 0.5 * self.limits.brake_s)
@@ -332,19 +331,19 @@ class SupervisorCore(Closing):
                 self._hold(motion, self._clock(), reason)
 
     def _pressed(self, motion: _Motion) -> str:
-        """Why a motion is held by the force; empty where it may go on."""
+        """Why the force holds a motion; empty if it may continue."""
         if not self._overload or motion.pressing is None or motion.part.retreats(motion.pressing):
             return ""
         return self._overload
 
     def _stale(self, motion: _Motion, now_s: float) -> str:
-        """Which reading of those that a motion depends on is too old; empty when none is."""
+        """Name of a stale reading on which a motion depends; empty if there is none."""
         max_age_s = self.limits.max_age_s
         for stream in self._streams.values():
             own, in_use = stream.name == motion.part.name, stream.read_s >= motion.since_s - max_age_s
             if not own and (not in_use or stream.name in self._motions):
                 continue
-            # What nobody has read may be read soon; what was read and is not fresh says that it fails.
+            # A stream that was not read yet may be read soon; one that was read and is not fresh has failed.
             from_s = (
                 max(stream.fresh_s, motion.since_s) if stream.read_s == stream.fresh_s else stream.fresh_s
             )
@@ -362,7 +361,7 @@ class SupervisorCore(Closing):
         motion.part.halt()
 
     def _resume(self, now_s: float) -> None:
-        """Carry out what was held, where nothing is in its way any more."""
+        """Execute held motions that are permitted again."""
         for motion in self._motions.values():
             if (
                 motion.held

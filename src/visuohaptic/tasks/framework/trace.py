@@ -1,4 +1,4 @@
-"""What a task observed, commanded and decided, step by step, as JSON lines that can be read and replayed."""
+"""Trace of a task: observation, command and state transition of every step, as JSON lines."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from ...core.ranges import FINITE, check_ranges
 
 __all__ = ["Ending", "Step", "Trace"]
 
-#: Traces larger than this are refused before they are parsed (bytes): about a million steps.
+#: Maximum size of a trace file (bytes), about a million steps; checked before parsing.
 MAX_TRACE_BYTES = 512 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One observation and what followed from it."""
+    """One observation with the resulting command and state."""
 
-    t_s: float = field(metadata=FINITE)  #: time of the observation
-    state: str  #: in which it was made
-    observation: Mapping[str, Any]  #: in JSON's types
-    command: Mapping[str, Any]  #: to the robot, in JSON's types
-    next_state: str  #: the same when nothing changed
-    why: str  #: reason of the change; empty when nothing changed
+    t_s: float = field(metadata=FINITE)  #: time of the observation [s]
+    state: str  #: state before the step
+    observation: Mapping[str, Any]  #: as JSON types
+    command: Mapping[str, Any]  #: to the robot, as JSON types
+    next_state: str  #: state after the step
+    why: str  #: reason of the transition; empty without one
 
     check_read = check_ranges
 
@@ -39,7 +39,7 @@ class Ending:
 
     success: bool
     outcome: str  #: a value of the task's enumeration of outcomes
-    why: str  #: one sentence with the numbers that decided it
+    why: str  #: one sentence with the numbers that led to the decision
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +55,12 @@ class Trace:
     """
 
     task: str
-    settings: Mapping[str, Any]  #: of the run, in JSON's types
+    settings: Mapping[str, Any]  #: settings of the run, as JSON types
     steps: tuple[Step, ...]
-    ending: Ending | None  #: ``None``: it was interrupted
+    ending: Ending | None  #: ``None``: the run was interrupted
 
     def states(self) -> tuple[str, ...]:
-        """The states that were gone through, in order."""
+        """The states that were visited, in order."""
         names = [self.steps[0].state] if self.steps else []
         for step in self.steps:
             if step.next_state != names[-1]:
@@ -68,7 +68,7 @@ class Trace:
         return tuple(names)
 
     def story(self) -> tuple[str, ...]:
-        """One line for every change of state, to print."""
+        """One line per state transition, for printing."""
         lines = [
             f"{step.t_s:8.2f} s  {step.state} -> {step.next_state}: {step.why}"
             for step in self.steps
@@ -87,23 +87,23 @@ class Trace:
         return tuple(json.dumps(row, ensure_ascii=False, allow_nan=False) for row in rows)
 
     def save(self, path: Path | str) -> None:
-        """Write the JSON lines, whole or not at all.
+        """Write the JSON lines atomically.
 
         Parameters
         ----------
         path
-            Of the JSON lines.
+            File to write.
         """
         write_text(path, "\n".join(self.lines()) + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> Trace:
-        """Read what :meth:`save` has written.
+        """Read a file written by :meth:`save`.
 
         Parameters
         ----------
         path
-            Of the JSON lines.
+            File of JSON lines.
 
         Raises
         ------
@@ -121,12 +121,12 @@ class Trace:
 
     @classmethod
     def from_lines(cls, lines: Iterable[str], where: object = "trace") -> Trace:
-        """Read JSON lines.
+        """Parse JSON lines.
 
         Parameters
         ----------
         lines
-            Of the file.
+            Lines of the file.
         where
             Name of the source in errors.
 

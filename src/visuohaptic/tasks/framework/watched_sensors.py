@@ -1,4 +1,4 @@
-"""Sensors of a robot as they are seen through a supervisor."""
+"""Wrappers of sensors that report every reading to the safety supervisor."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__ = ["WatchedFrames", "WatchedSenses", "WatchedSensor", "force_of"]
 
 
 def force_of(reading: Any) -> float:
-    """Size of the force in a reading [N]; NaN where it is not valid, infinite where foam is full.
+    """Magnitude of the force in a reading [N]; NaN if invalid, infinite if the foam is saturated without a force.
 
     Parameters
     ----------
     reading
-        With ``force_N``, a number or a vector; what is not ``valid`` counts where it is only saturated: that is a
-        force of at least as much, and of any size where it was not read.
+        Reading with ``force_N``, a number or a vector. Unloading and saturated readings count although not ``valid``;
+        a saturated one is a lower bound, infinite without a number.
     """
     force = float(np.linalg.norm(np.atleast_1d(np.asarray(reading.force_N, dtype=float))))
     reason = str(getattr(reading, "reason", ""))
@@ -35,16 +35,16 @@ def force_of(reading: Any) -> float:
 
 
 class WatchedFrames(Closing):
-    """Frames whose times and contents are watched.
+    """Frame source whose times and contents are monitored.
 
     Parameters
     ----------
     guard
-        Takes every reading.
+        Supervisor that records every reading.
     source
-        A camera.
+        Camera.
     name
-        For messages.
+        Name in messages.
     """
 
     def __init__(self, guard: SupervisorCore, source: FrameSource, name: str) -> None:
@@ -52,18 +52,18 @@ class WatchedFrames(Closing):
 
     @property
     def camera(self) -> Camera | None:
-        """Of the source."""
+        """Camera model of the source."""
         return self._source.camera
 
     @property
     def frame_count(self) -> int | None:
-        """Of the source."""
+        """Number of frames of the source."""
         return self._source.frame_count
 
     def __iter__(self) -> Iterator[Frame]:
         last = -1
         for frame in self._source:
-            # A sensor's noise makes every row another one; what is drawn in a single grey says nothing.
+            # Sensor noise makes images differ; a uniform synthetic image is no evidence of a frozen camera.
             rows = np.ascontiguousarray(frame.image[:: 1 + len(frame.image) // 200])
             newest = zlib.crc32(rows.data)
             frozen = newest == last and bool(rows.min() != rows.max())
@@ -77,14 +77,14 @@ class WatchedFrames(Closing):
 
 
 class WatchedSensor:
-    """A sensor whose method ``read`` is another one; see :meth:`.Supervisor.sensor`.
+    """A sensor whose method ``read`` is replaced; see :meth:`.Supervisor.sensor`.
 
     Parameters
     ----------
     sensor
-        Of forces.
+        Force sensor.
     read
-        Its reader, with every force held against the limit.
+        Replacement that reports every force to the supervisor.
     """
 
     def __init__(self, sensor: Any, read: Callable[[Frame], Any]) -> None:
@@ -95,14 +95,14 @@ class WatchedSensor:
 
 
 class WatchedSenses:
-    """Pose and force of a travel; see :meth:`.Supervisor.senses`.
+    """Pose and force of a navigation task; see :meth:`.Supervisor.senses`.
 
     Parameters
     ----------
     guard
-        Takes every reading.
+        Supervisor that records every reading.
     senses
-        Of the robot.
+        Senses of the robot.
     """
 
     def __init__(self, guard: SupervisorCore, senses: Any) -> None:
@@ -111,7 +111,7 @@ class WatchedSenses:
         self._touch: tuple[object, int] = (None, 0)
 
     def pose(self) -> tuple[float, float, float]:
-        """Where the robot is in the map: x, y [m], heading [rad]."""
+        """Pose of the robot in the map: x, y [m], heading [rad]."""
         pose: tuple[float, float, float] = self._senses.pose()
         self._pose = self._since(pose, self._pose)
         now_s = self._guard.now_s() if all(map(math.isfinite, pose)) else math.nan
@@ -119,7 +119,7 @@ class WatchedSenses:
         return pose
 
     def touch(self) -> tuple[float, tuple[float, float] | None]:
-        """Force on the rim [N], and where it acts in the map [m]."""
+        """Force on the rim [N], and its point of application in the map [m]."""
         force_N, point_m = self._senses.touch()
         self._touch = self._since(force_N, self._touch)
         frozen = force_N != 0.0 and self._touch[1] != self._guard.odometry
@@ -127,7 +127,7 @@ class WatchedSenses:
         return force_N, point_m
 
     def _since(self, value: object, before: tuple[object, int]) -> tuple[object, int]:
-        """A value, and the count of the odometry when it was another one."""
+        """The value, with the odometry count at its last change."""
         return before if value == before[0] else (value, self._guard.odometry)
 
     def __getattr__(self, name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Where to squeeze next by expected information, and what squeezes tell of a stiffness map (Alt 2016, Sec. 6.3)."""
+"""Selection of squeezes by expected information gain, and correction of a stiffness map by squeezes (Alt 2016, Sec. 6.3)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .squeeze_task import SqueezeCurve
 
 __all__ = ["BayesSqueezer", "correct_by_squeezes", "curve_fit"]
 
-#: Standard deviation of the mean of a level's readings: the finger's force [N] and surface [m].
+#: Standard deviation of the mean of the readings at one force level: force [N] and surface position [m] of the finger.
 NOISE = TouchNoise(0.05, 5e-5)
-#: Levels at either end of an object that are not asked for: an error of its height matters most there.
+#: Number of levels at both ends of an object that are not squeezed: an error of the object's height has most effect there.
 END_LEVELS = 3
-#: A stiffness is never known better than this [fraction].
+#: Minimum relative standard deviation of a stiffness.
 MIN_STIFFNESS_SIGMA = 0.05
 
 
@@ -35,18 +35,18 @@ class BayesSqueezer:
     Parameters
     ----------
     model
-        Distribution of the classes' features by level.
+        Distribution of the features of each class by level.
     height_m
-        Of the object [m].
+        Height of the object [m].
     levels
-        Into which the model divides a height.
+        Number of levels into which the model divides a height.
     rng
-        For the samples of the expected gain.
+        Random generator for the samples of the expected gain.
     samples
-        Of the posterior by which a touch is valued.
+        Number of posterior samples for the gain of a touch.
     odds
-        Factors of classes' probabilities before the first squeeze, as of an object that was recognised; 1 where
-        a class is not named.
+        Prior odds factors of the classes, as from visual recognition; 1 for a class that is
+        not listed.
     """
 
     model: HapticModel
@@ -59,7 +59,7 @@ class BayesSqueezer:
     _asked: tuple[int, str] = (0, "x")
 
     def next_place(self) -> Place | None:
-        """The touch with the largest expected information gain for its time; ``None`` when none is left."""
+        """The squeeze with the largest expected information gain per time; ``None`` if none is left."""
         gains = touch_gains(self.model, tuple(self.readings), samples=self.samples, rng=self.rng)
         gains = {
             touch: value
@@ -73,7 +73,7 @@ class BayesSqueezer:
         return Place((level - 0.5) / self.levels * self.height_m, 0.0 if axis == "x" else 0.5 * math.pi)
 
     def update(self, curve: SqueezeCurve) -> None:
-        """Take the squeeze at the place that was asked for; both sides of a pinch are one reading.
+        """Update the posterior with the squeeze at the requested place; both sides of a pinch are one reading.
 
         Parameters
         ----------
@@ -101,12 +101,12 @@ class BayesSqueezer:
 
 
 def curve_fit(curve: SqueezeCurve) -> CurveCoefficients:
-    """Coefficients of force against deformation with the noise of the finger.
+    """Coefficients of force over deformation, with the noise of the finger.
 
     Parameters
     ----------
     curve
-        A squeeze at several levels.
+        Squeeze at several force levels.
     """
     return fit_curve(np.maximum(curve.deformation_m, 0.0), curve.force_N, NOISE)
 
@@ -118,18 +118,18 @@ def correct_by_squeezes(
     *,
     scale: float = 1.0,
 ) -> StiffnessMap:
-    """A class's stiffness map corrected by what was felt on one object of the class.
+    """Correct the stiffness map of a class by squeezes of one object of the class.
 
     Parameters
     ----------
     surface
         Map of the class.
     curves
-        Squeezes; those without a positive stiffness are left out.
+        Squeezes; those without a positive stiffness are ignored.
     outline_m
-        Radius and height of the object [m], upwards.
+        Radius and height of the object [m], ascending.
     scale
-        Height on the map by height on the object.
+        Ratio of the height on the map to the height on the object.
     """
     points, measured, sigma = [], [], []
     for curve in curves:

@@ -1,4 +1,4 @@
-"""Find out what an object is, and in which state, by squeezing where it tells most (Alt 2016, Sec. 6.3)."""
+"""Classify an object and its state by squeezing at the most informative places (Alt 2016, Sec. 6.3)."""
 
 from __future__ import annotations
 
@@ -23,41 +23,43 @@ __all__ = [
 
 
 class SqueezeClassifier(Protocol):
-    """What a classifier with an exploration plan has to offer."""
+    """Interface of a classifier with an exploration plan."""
 
     def next_place(self) -> Place | None:
-        """Where to squeeze next; ``None`` when no place would tell more."""
+        """Next place to squeeze; ``None`` if no place is informative."""
 
     def update(self, curve: SqueezeCurve) -> None:
-        """Take what was felt there.
+        """Update the posterior with a squeeze.
 
         Parameters
         ----------
         curve
-            Force against deformation at the place that was asked for.
+            Force over deformation at the requested place.
         """
 
     def belief(self) -> Mapping[str, float]:
-        """Probability of every class; they sum to 1."""
+        """Posterior probability of every class; the sum is 1."""
 
 
 class ClassifyOutcome(StrEnum):
     """How it ended."""
 
     RECOGNISED = "recognised"
-    UNDECIDED = "undecided"  #: no class reached the confidence; the most probable one is reported as such
+    UNDECIDED = (
+        "undecided"  #: no class reached the confidence; the most probable one is reported without a claim
+    )
     NOTHING_FELT = "nothing_felt"
     SENSOR_FAILED = "sensor_failed"
 
 
 @dataclass(frozen=True, slots=True)
 class ClassifySettings:
-    """When to stop."""
+    """Stop criteria."""
 
     confidence: float = 0.9
-    min_squeezes: int = 1  #: before any class is accepted, whatever its probability
-    squeezes: int = 8  #: at most
-    misses: int = 2  #: consecutive places without a touch that end it
+    min_squeezes: int = 1  #: minimum number of squeezes before a class is accepted
+    squeezes: int = 8  #: maximum number of squeezes
+    misses: int = 2  #: number of consecutive places without contact that ends the task
     squeeze: SqueezeSettings = field(default_factory=SqueezeSettings)
 
     def __post_init__(self) -> None:
@@ -73,27 +75,27 @@ class Classification:
     """Result of a classification."""
 
     ending: Ending
-    best: str  #: most probable class; empty without any squeeze. Only a claim when ``ending.success``
+    best: str  #: most probable class, only a claim if ``ending.success``; empty without any squeeze
     belief: Mapping[str, float]
     curves: tuple[SqueezeCurve, ...]
-    traces: tuple[Trace, ...]  #: of every squeeze
+    traces: tuple[Trace, ...]  #: trace of every squeeze
 
 
 def classify_by_squeezing(
     hand: Hand, classifier: SqueezeClassifier, settings: ClassifySettings | None = None
 ) -> Classification:
-    """Squeeze place after place, as the classifier asks, until it is sure.
+    """Squeeze at the places requested by a classifier until a class reaches the confidence.
 
-    Each squeeze is a :class:`~visuohaptic.tasks.manipulation.squeeze_task.SqueezeTask`; this loop only asks and stops.
+    Each squeeze is a :class:`~visuohaptic.tasks.manipulation.squeeze_task.SqueezeTask`.
 
     Parameters
     ----------
     hand
         Arm, gripper and sensor.
     classifier
-        Plans the places and keeps the belief.
+        Plans the places and updates the posterior.
     settings
-        When to stop.
+        Stop criteria.
 
     Raises
     ------

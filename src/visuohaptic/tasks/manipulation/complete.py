@@ -1,4 +1,4 @@
-"""Complete an object by touch: plan where it is least known, probe there, refit, until it is known (Alt 2016, Sec. 5.4)."""
+"""Complete an object by touch: plan the least certain place, probe it, refit, until the error bound is met (Alt 2016, Sec. 5.4)."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class CompleteState(StrEnum):
     """What the probe is doing."""
 
     PLAN = "plan"
-    UP = "up"  #: above everything
+    UP = "up"  #: above all obstacles
     ACROSS = "across"
     DOWN = "down"  #: to the start of the line
-    PROBE = "probe"  #: along the line until something is felt
+    PROBE = "probe"  #: along the line until contact
     BACK = "back"
 
 
@@ -54,28 +54,28 @@ class CompleteOutcome(StrEnum):
     """How it ended."""
 
     COMPLETED = "completed"  #: the expected error is below the bound
-    TOUCHES_USED = "touches_used"  #: as many touches as allowed, and the error is still above the bound
-    BLOCKED = "blocked"  #: something was met on the way to a line
+    TOUCHES_USED = "touches_used"  #: maximum number of touches reached with the error above the bound
+    BLOCKED = "blocked"  #: contact on the way to a line
     OUT_OF_REACH = "out_of_reach"
     SENSOR_FAILED = "sensor_failed"
-    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or the supervisor, raised an error
     SOURCE_ENDED = "source_ended"
 
 
 @dataclass(frozen=True, slots=True)
 class CompleteSettings:
-    """How to probe."""
+    """Settings of the probing."""
 
-    bound_m: float = 0.001  #: expected error to stop at
-    touches: int = 20  #: at most
-    touch_N: float = 0.4  #: a contact
-    blocked_N: float = 1.0  #: a contact where none may be
-    above_m: float = 0.05  #: height above the object on the way around it
-    top_m: float = 0.3  #: of the object, in the base
+    bound_m: float = 0.001  #: expected error at which the task is complete [m]
+    touches: int = 20  #: maximum number of touches
+    touch_N: float = 0.4  #: force of a contact on a line [N]
+    blocked_N: float = 1.0  #: force of a collision on the way to a line [N]
+    above_m: float = 0.05  #: height above the object on the way around it [m]
+    top_m: float = 0.3  #: top of the object in the base frame [m]
     travel_m_s: float = 0.15
     probe_m_s: float = 0.03
-    sigma_m: float = 0.0005  #: of a contact: arm, tip and sensor
-    compliance_m_per_N: float = 0.0  #: compliance of the tip
+    sigma_m: float = 0.0005  #: standard deviation of a contact: arm, tip and sensor [m]
+    compliance_m_per_N: float = 0.0  #: compliance of the tip [m/N]
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
@@ -87,17 +87,17 @@ class CompleteSettings:
 
 @dataclass(frozen=True, slots=True)
 class ProbeObservation:
-    """One observation: the arm, the force, and the present plan."""
+    """State of the arm, force, and present plan."""
 
     t_s: float
-    tip_m: Vector  #: in the base
+    tip_m: Vector  #: in the base frame
     felt: bool
-    force_N: float  #: length of the force on the tip
-    start_m: Vector  #: start of the planned line in the base; NaN without a plan
+    force_N: float  #: magnitude of the force on the tip
+    start_m: Vector  #: start of the planned line in the base frame; NaN without a plan
     end_m: Vector
-    touches: int  #: lines that were probed
+    touches: int  #: number of probed lines
     error_m: float  #: expected error of the missing part
-    done: bool  #: the stop rule says that it is known
+    done: bool  #: whether the stop rule is met
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +107,8 @@ class ProbeCommand:
     move: bool = False
     tip_m: Vector = _NOWHERE
     speed_m_s: float = 0.0
-    report: bool = False  #: a line has ended here
-    contact: bool = False  #: on a surface
+    report: bool = False  #: whether a line has ended here
+    contact: bool = False  #: whether it ended at a contact
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,13 +116,13 @@ class CompletionByTouch:
     """Result; the completed surface is ``completion.completed()``."""
 
     ending: Ending
-    touches: tuple[Touch, ...]  #: in the base
-    error_m: float  #: expected, at the end
+    touches: tuple[Touch, ...]  #: in the base frame
+    error_m: float  #: expected error at the end [m]
     trace: Trace
 
 
 class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
-    """Line after line: above, across, down, along the line, and back.
+    """Probe line after line: up, across, down, along the line, and back.
 
     Parameters
     ----------
@@ -146,18 +146,18 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
         super().__init__(self.settings)
 
     def halt(self) -> ProbeCommand:
-        """The tip stands still."""
+        """Command that stops the tip."""
         return ProbeCommand()
 
     def decide(self, seen: ProbeObservation) -> ProbeCommand:
-        """Motion of the probe after one frame."""
+        """Command of the probe after one frame."""
         s = self.settings
         if self.unread(seen.felt, CompleteOutcome.SENSOR_FAILED, s.blind_frames) or not seen.felt:
             return self.halt()
         work = {
             CompleteState.PLAN: self._plan, CompleteState.PROBE: self._probe, CompleteState.BACK: self._back,
         }.get(self.state, self._travel)  # fmt: skip
-        # Coming back the tip may still bear shortly.
+        # Retreating from a contact, the tip may still be loaded for a moment.
         if work == self._travel and seen.force_N > s.blocked_N:
             return self.give_up(CompleteOutcome.BLOCKED, f"{seen.force_N:.1f} N on the way, {self.state}")
         return work(seen)
@@ -204,7 +204,7 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
 
 
 class _Probing:
-    """The line that is probed now, and what came of those before.
+    """The present line, and the results of the previous ones.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ class _Probing:
         self.done = self._completion.done(self._settings.bound_m)
 
     def plan(self) -> None:
-        """The next line, when there is to be one."""
+        """Plan the next line, unless the task is complete."""
         if self._planned or self.done or len(self.touches) >= self._settings.touches:
             return
         line = self._completion.next_touch()
@@ -236,7 +236,7 @@ class _Probing:
         self._planned = True
 
     def report(self, tip_m: np.ndarray, force_N: float, *, contact: bool) -> None:
-        """Add what the line has met, or that it met nothing until ``tip_m``."""
+        """Add the contact of a line, or a free line up to ``tip_m``."""
         start, end, sigma_m = self.start_m, self.end_m, self._settings.sigma_m
         if contact:
             along = (end - start) / np.linalg.norm(end - start)
@@ -259,23 +259,23 @@ def complete_by_touch(
     *,
     T_base_visual: Pose | None = None,
 ) -> CompletionByTouch:
-    """Touch an object where its surface is least known, until the stop rule is met.
+    """Touch an object where its surface is least certain, until the stop rule is met.
 
     Parameters
     ----------
     arm
-        Carries the probe.
+        Arm with the probe.
     source
         Frames of the camera that looks at the sensor.
     feel
-        Wrench on the probe; only the length of its force counts.
+        Computes the wrench on the probe; only the magnitude of the force is used.
     completion
-        The visible surface and its missing region; every touch is added to it. It has to be made
+        The visible surface and its missing region; every touch is added to it. Create it
         with the inverse of ``T_base_visual`` as ``T_visual_haptic``.
     settings
         Stop rule, speeds and limits.
     T_base_visual
-        Frame of the visible surface in the base of the arm; the same by default.
+        Pose of the frame of the visible surface in the base frame of the arm; identity by default.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Find out what a container holds: squeeze firmly where the contents differ most, weigh, and squeeze again."""
+"""Identify the contents of a container: squeeze firmly at the most informative height, weigh, and squeeze again if needed."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from .squeeze_task import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
 
 __all__ = ["ContentsFinding", "identify_contents", "weigh"]
 
-#: A lid is claimed from this probability on; at most this many squeezes, each level read by this many frames.
+#: Minimum probability of a claimed lid state; maximum number of squeezes; number of frames read at each level.
 CONFIDENCE, MAX_SQUEEZES, HOLD_FRAMES = 0.98, 6, 12
-#: Levels of force that a curve of large deformation needs.
+#: Minimum number of force levels of a large-deformation curve.
 MIN_LEVELS = 4
-#: Friction of the fingers' foam on a wall.
+#: Coefficient of friction between the foam of the fingers and a wall.
 FOAM_FRICTION = 0.6
-#: It is weighed a little above the table [m], this many times as firmly as its heaviest contents would need.
+#: Height above the table at which the object is weighed [m], and safety factor of the grasp force for its heaviest contents.
 WEIGH_M, WEIGH_MARGIN = 0.01, 2.0
-#: Slowly up: where the wall narrows, fingers that run ahead of the object lose it [m/s].
+#: Speed of the lift, slow because fingers that run ahead of the object slip where the wall narrows [m/s].
 LIFT_M_S = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContentsFinding:
-    """What squeezes and weight say of the contents."""
+    """Contents estimated from squeezes and weight."""
 
     posterior: ContentsPosterior
-    curves: list[SqueezeCurve]  #: of large deformation
-    mass_kg: tuple[float, float] | None  #: and its standard deviation; ``None``: not lifted
+    curves: list[SqueezeCurve]  #: large-deformation curves
+    mass_kg: tuple[float, float] | None  #: mass and its standard deviation [kg]; ``None``: not lifted
 
     @property
     def belief(self) -> dict[str, float]:
@@ -49,23 +49,23 @@ class ContentsFinding:
 
     @property
     def lid(self) -> str:
-        """The most probable of :attr:`belief`."""
+        """The most probable lid state of :attr:`belief`."""
         belief = self.belief
         return max(belief, key=lambda name: belief[name])
 
     @property
     def fill(self) -> tuple[float, float]:
-        """Mean and standard deviation of the fraction that is filled, given the lid where that is sure."""
+        """Mean and standard deviation of the fill fraction, given the lid state if that is claimed."""
         return self.posterior.fill_of(self.lid if self.sure else None)
 
     @property
     def sure(self) -> bool:
-        """Whether a lid is claimed: an open container feels alike whatever is in it, so never unweighed."""
+        """Whether a lid state is claimed: only after weighing, since an open container feels the same whatever it contains."""
         return self.lid != UNKNOWN and self.mass_kg is not None and self.belief[self.lid] >= CONFIDENCE
 
     @property
     def why(self) -> str:
-        """One clause."""
+        """Reason, as one clause."""
         weight = "could not be weighed" if self.mass_kg is None else f"weighs {1e3 * self.mass_kg[0]:.0f} g"
         found = (
             f"{self.lid} (probability {self.belief[self.lid]:.2f}, "
@@ -79,28 +79,28 @@ class ContentsFinding:
 def identify_contents(
     hand: Hand, model: ContentsModel, object_m: tuple[float, float, float], open_m: float = 0.11
 ) -> ContentsFinding:
-    """Squeeze firmly where the lids differ most, weigh, and squeeze elsewhere while it is not decided.
+    """Squeeze firmly where the lid states differ most, weigh, and squeeze elsewhere while undecided.
 
     Parameters
     ----------
     hand
-        Arm, gripper and sensor; without ``weigh`` nothing is claimed.
+        Arm, gripper and sensor; without ``weigh`` no lid state is claimed.
     model
         Force and mass in every state.
     object_m
-        Middle of the object's bottom in the base of the arm [m].
+        Centre of the bottom of the object in the base frame of the arm [m].
     open_m
         Opening of the gripper on the way to a place [m].
 
     Raises
     ------
     InputError
-        No place gave a curve of large deformation.
+        No place yielded a large-deformation curve.
     """
     settings = SqueezeSettings(
         object_m=object_m, forces_N=FORCES_N, deformation_m=DEEPEST_M, open_m=open_m, hold_frames=HOLD_FRAMES
     )
-    # After the heights the same again from the side: wall and noise are others there.
+    # After all heights, repeat them from the side, where wall and noise differ.
     heights = model.heights_m()
     places = [Place(z, angle) for angle in (0.0, 0.5 * math.pi) for z in heights]
     curves: list[SqueezeCurve] = []
@@ -129,25 +129,25 @@ def weigh(
     object_m: tuple[float, float, float],
     open_m: float = 0.11,
 ) -> tuple[float, float] | None:
-    """Lift an object by a finger's width where it was squeezed, and put it back.
+    """Lift an object a little where it was squeezed, and put it back.
 
     Parameters
     ----------
     hand
         Arm, gripper and sensors.
     model
-        Full of the heaviest filling, it determines the force of the grasp.
+        Model of the contents; the heaviest filling determines the force of the grasp.
     curve
         The squeeze at the place of the grasp.
     object_m
-        Middle of the object's bottom in the base of the arm [m].
+        Centre of the bottom of the object in the base frame of the arm [m].
     open_m
         Opening of the gripper on the way to the place [m].
 
     Returns
     -------
     tuple or None
-        Mass and its standard deviation [kg]; ``None`` when the object was not lifted.
+        Mass and its standard deviation [kg]; ``None`` if the object was not lifted.
     """
     heaviest = max(mass + 3.0 * sigma for mass, sigma in (model.mass_kg(1.0, name) for name in FILLINGS))
     needed = WEIGH_MARGIN * heaviest * GRAVITY_M_S2 / (2.0 * FOAM_FRICTION)
@@ -156,5 +156,5 @@ def weigh(
         lift_m=WEIGH_M, open_m=open_m, arm_m_s=LIFT_M_S, put_back=True,
     )  # fmt: skip
     mass = grasp_and_lift(hand, plan).mass_kg
-    # What is not felt above the noise of the load was not lifted: the fingers have slipped.
+    # A mass below the noise of the load sensor was not lifted: the fingers slipped.
     return None if mass is None or mass[0] < 3.0 * mass[1] else mass

@@ -28,25 +28,25 @@ def open_crown_cap(
     look: Callable[[Frame], CapSighting],
     settings: CapSettings | None = None,
 ) -> CapOpening:
-    """Find, feel and open a crown cap.
+    """Find, touch and open a crown cap.
 
     Parameters
     ----------
     arm
-        Carries sensor, opener and camera; at the start the tool's axes are those of the base but for a turn about z.
+        Arm with sensor, opener and camera; at the start the axes of the tool are those of the base, up to a rotation about z.
     source
         Frames of the camera.
     feel
         Wrench on the tool about its tip in the axes of the tool, see :func:`tool_wrench`.
     look
-        Where the cap is in the tip frame.
+        Detects the cap: position in the tip frame.
     settings
         Distances, forces and limits.
 
     Returns
     -------
     CapOpening
-        With the reason and a trace that :func:`~visuohaptic.tasks.framework.machine.replay` takes.
+        With the reason and a trace for :func:`~visuohaptic.tasks.framework.machine.replay`.
 
     Raises
     ------
@@ -68,14 +68,14 @@ def open_crown_cap(
 
 
 def tool_wrench(wrench: Wrench, rotation_tool_sensor: Float[np.ndarray, "3 3"]) -> Wrench:
-    """A wrench about the tip from the axes of the beam sensor to those of the tool.
+    """Rotate a wrench about the tip from the axes of the beam sensor to those of the tool.
 
     Parameters
     ----------
     wrench
-        About the tip, axes of the sensor.
+        Wrench about the tip, in the axes of the sensor.
     rotation_tool_sensor
-        Maps axes of the sensor to those of the tool.
+        Rotation from the axes of the sensor to those of the tool.
     """
     turn = np.asarray(rotation_tool_sensor, dtype=np.float64)
     both = np.kron(np.eye(2), turn)

@@ -1,16 +1,16 @@
-"""The states of opening a crown cap with an opener on a beam sensor (Alt 2016, Sec. 3.6.5 and Table 3.1, row by row).
+"""State machine for opening a crown cap with an opener on a beam sensor (Alt 2016, Sec. 3.6.5; rows of Table 3.1).
 
 The tool frame has its origin in the middle of the opener's bridge: x across,
-y forward, z up; a hook sits behind and below the bridge. Sight finds the cap
-to about a centimetre; the rest is felt:
+y forward, z up; a hook is behind and below the bridge. The camera locates the cap
+to about a centimetre; the remaining steps use the force sensor:
 
-- **push down** until F_z says that the bridge rests on the cap (the hook on
-  the cap instead shows as M_x: the tool then goes back and tries again),
-- **sideways**: a bridge that bears on one side only shows as M_y; lift, shift,
+- **push down** until F_z shows that the bridge is on the cap (the hook on
+  the cap instead shows as M_x: the tool then moves back and tries again),
+- **sideways**: a bridge loaded on one side only shows as M_y; lift, shift,
   press again until M_y is small,
-- **forward** until F_y says that the hook is under the rim and at the neck,
-- **rotate** about the bridge until M_x has risen and broken down,
-- **check**: M_x is gone and the cap is no longer seen on the bottle.
+- **forward** until F_y shows that the hook is under the rim and at the neck,
+- **rotate** about the bridge until M_x has risen and collapsed,
+- **check**: M_x is zero and the cap is no longer detected on the bottle.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _STOP = CapCommand(False)
 
 
 class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
-    """The decisions of Table 3.1, one observation after the other.
+    """The decisions of Table 3.1, one observation at a time.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         self._waypoint = self._presses = self._misses = 0
         self._sightings: list[Vector] = []
         self._readings: list[tuple[float, ...]] = []
-        self._cap = np.full(3, math.nan)  #: best knowledge of the cap's centre
-        self._aim = np.full(3, math.nan)  #: where the tip is going
-        self._top_m = math.nan  #: height at which the bridge met the cap
+        self._cap = np.full(3, math.nan)  #: best estimate of the centre of the cap
+        self._aim = np.full(3, math.nan)  #: target of the tip
+        self._top_m = math.nan  #: height of the bridge at contact with the cap
         self._start = np.zeros(3)
-        self._upright = np.zeros(3)  #: turn of the tool in which the task began
-        self._turn = np.zeros(3)  #: while it works
+        self._upright = np.zeros(3)  #: rotation of the tool at the start
+        self._turn = np.zeros(3)  #: rotation of the tool at work
         self._side_step, self._last_side = self.settings.side_step_m, 0.0
         self._peak = 0.0
         self._broke = False
@@ -74,11 +74,11 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         self._looks: list[bool] = []
 
     def halt(self) -> CapCommand:
-        """The arm stands still."""
+        """Command that stops the arm."""
         return _STOP
 
     def decide(self, seen: CapObservation) -> CapCommand:
-        """Motion of the arm after one frame."""
+        """Command of the arm after one frame."""
         tip = np.array(seen.tip_m)
         looks = self.state in (CapState.FIND, CapState.TRACK)
         if self.unread(seen.felt or looks, CapOutcome.SENSOR_FAILED, self.settings.blind_frames):
@@ -88,7 +88,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         command: CapCommand = getattr(self, f"_{self.state.value}")(seen, tip)
         return command
 
-    # Sight
+    # Vision
 
     def _find(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
         if self._waypoint == 0:
@@ -101,7 +101,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         if self._waypoint < len(scan) and _near(tip, np.array(scan[self._waypoint])):
             self._waypoint += 1
         if self._waypoint >= len(scan):
-            # The picture of the last place is one frame late.
+            # The image of the previous position is one frame late.
             if self.since_s(seen.t_s) > 0.2:
                 return self.give_up(CapOutcome.NOT_FOUND, f"{len(scan)} places looked at")
             return _STOP
@@ -112,7 +112,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         if there and seen.seen:
             self._sightings.append(seen.cap_m)
         elif seen.seen:
-            # Nearer is surer: the way is corrected while it is gone.
+            # Nearer detections are more accurate: correct the target during the motion.
             self._cap = np.array(seen.cap_m)
             return self._to(self._above(self.settings.look_above_m), self.settings.fast_m_s)
         if len(self._sightings) >= self.settings.look_frames:
@@ -139,7 +139,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             self.go(CapState.PUSH_DOWN, f"{1e3 * hover:.0f} mm above the cap")
             self._start = aim
             return self._down(self._start)
-        # Sideways well above the cap, then down.
+        # Sideways at a safe height above the cap, then down.
         high = max(aim[2], top + s.hover_m)
         if math.hypot(tip[0] - aim[0], tip[1] - aim[1]) > 1e-3:
             above = tip if tip[2] < high - 1e-3 else aim
@@ -147,7 +147,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         return self._to(aim, s.fast_m_s)
 
     def _nearer(self, seen: CapObservation) -> CapCommand:
-        """Look once more from nearby: an error of the camera's angle counts less there."""
+        """Look again from nearby, where the angle error of the camera has less effect."""
         self._sightings.append(seen.cap_m if seen.seen else as_vector(self._cap))
         if len(self._sightings) == self.settings.look_frames:
             self._cap[:2] = np.median(np.array(self._sightings), axis=0)[:2]
@@ -166,21 +166,21 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
                 why = f"nothing met {1e3 * s.depth_m:.0f} mm below its place"
                 return self.give_up(CapOutcome.NO_CONTACT, why)
             return self._again(tip, 0.0, s.ahead_m, "nothing met: ahead")
-        # From the first touch on slowly: a frame's way on a stiff beam is many newtons.
+        # Slow from the first contact on: on a stiff beam the motion of one frame is many newtons.
         touched = z > s.touch_N or math.hypot(x, y) > s.touch_N
         return self._to(np.array([tip[0], tip[1], floor]), s.slow_m_s * (0.15 if touched else 0.5))
 
     def _feel(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
         s = self.settings
         if self.since_s(seen.t_s) < 0.15:
-            return _STOP  # the arm and the frame on its way come to rest
+            return _STOP  # wait until the arm and the frame in transit are at rest
         self._readings.append((*seen.force_N, *seen.moment_Nm[:2]))
         if len(self._readings) < s.hold_frames:
             return _STOP
         aside, along, push, about_x, about_y = np.mean(self._readings, axis=0)
         sideways = math.hypot(aside, along)
         if push < max(s.touch_N, sideways):
-            # The edge slides down the cap's flank, which pushes it away: go where the push comes from.
+            # The edge slides down the flank of the cap, which pushes it away: move against that push.
             back = -s.ahead_m / max(sideways, 1e-3)
             return self._again(tip, back * aside, back * along, f"met the flank, {sideways:.1f} N aside")
         # A force F_z at (x, y) of the tool gives M_x = y F_z and M_y = -x F_z.
@@ -192,14 +192,14 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             if self._last_side * side < 0:
                 self._side_step *= 0.5
             self._last_side = side
-            # At its very end the bridge is far off.
+            # Loaded at its very end, the bridge is far from centred.
             far = self._side_step >= 1e-3 and abs(side) >= 0.9 * s.bridge_half_m
             step = math.copysign(1.5 * self._side_step if far else self._side_step, side)
             why = f"M_y: bears {1e3 * side:+.0f} mm aside, shift {1e3 * step:+.1f} mm"
             return self._again(tip, step, 0.0, why)
         self._cap[:2] = tip[0], tip[1] + s.behind_m
         self._start = tip.copy()
-        # A tool that is not held level feels a part of the push as a force ahead.
+        # A tilted tool measures a component of the push as a forward force.
         self._lean = along / push
         self.go(CapState.FORWARD, f"M_y small: bears {1e3 * side:+.0f} mm aside")
         return self._forward(seen, tip)
@@ -214,11 +214,11 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         return self._to(aim, 3 * self.settings.slow_m_s)
 
     def _again(self, tip: np.ndarray, aside_m: float, ahead_m: float, why: str) -> CapCommand:
-        """Lift, shift, and press once more."""
+        """Lift, shift, and press again."""
         self._presses += 1
         if self._presses > self.settings.presses:
             return self.give_up(CapOutcome.NOT_ALIGNED, f"pressed {self._presses - 1} times, last: {why}")
-        # From where the hook bears beside the cap it has to come up over it.
+        # If the hook is beside the cap it has to be lifted above it.
         up = self.settings.lift_m if ahead_m == 0 else self.settings.hover_m
         self._aim_lift = tip + np.array([aside_m, ahead_m, up])
         if ahead_m != 0 and math.isfinite(self._top_m):
@@ -237,7 +237,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             return self._rotate(seen, tip)
         if gone > s.forward_m:
             return self._again(tip, 0.0, -s.forward_m - s.back_m, "no neck met: back")
-        # Keeps the bridge on the cap; the slope of a millimetre per 4 N is the beam's.
+        # Force control that keeps the bridge on the cap; the compliance of the beam is a millimetre per 4 N.
         down = np.clip(1e-4 * (z - s.press_down_N), -5e-4, 5e-4)
         return self._to(tip + np.array([0.0, 1e-3, down]), s.slow_m_s)
 
@@ -263,7 +263,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         return self._leave(seen, tip)
 
     def _leave(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        """Turn back, come out from under the rim, go up to where the bottle is seen."""
+        """Rotate back, retreat from under the rim, move up until the bottle is visible."""
         s, start = self.settings, self._start
         if not _straight(seen, self._turn) and tip[2] < start[2] + 1e-3:
             return CapCommand(True, as_vector(start), as_vector(self._turn), s.turn_m_s)
@@ -294,8 +294,8 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             if any(self._looks):
                 return self.give_up(CapOutcome.STILL_CLOSED, f"cap still seen after {self.attempts} turns")
             return self.give_up(CapOutcome.NOT_VERIFIED, f"M_x {moment:+.2f} Nm in the air")
-        # Where it was felt is better than where it is seen. A hook that slipped off is held otherwise
-        # the next time: lower, higher, and pressed on harder.
+        # The contact position is more accurate than the detected one. After a hook slipped off, the next
+        # attempt holds it differently: lower, higher, and pressed harder.
         self._turn = np.array(_tilted(self._upright, s.tilts_rad[self.attempts % len(s.tilts_rad)]))
         self.go(CapState.APPROACH, "cap still seen: once more")
         return self._approach(seen, tip)
@@ -326,10 +326,10 @@ def _straight(seen: CapObservation, turn: np.ndarray) -> bool:
 
 
 def _tilted(turn: np.ndarray, angle_rad: float) -> Vector:
-    """The tool's turn with the hook raised by an angle about its own x."""
+    """Rotation of the tool with the hook raised by an angle about its own x axis."""
     return as_vector(so3_log(so3_exp(turn) @ so3_exp(np.array([-angle_rad, 0.0, 0.0]))))
 
 
 def _turned(turn: np.ndarray, now: Vector) -> float:
-    """By how much the hook has been raised [rad]."""
+    """Angle by which the hook has been raised [rad]."""
     return float(-so3_log(so3_exp(turn).T @ so3_exp(np.array(now)))[0])

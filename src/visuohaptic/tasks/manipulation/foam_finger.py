@@ -1,4 +1,4 @@
-"""The foam sensor of a finger as the tasks of the hand read it."""
+"""Adapters from the foam sensor of a finger to the touch readings of hand tasks."""
 
 from __future__ import annotations
 
@@ -25,22 +25,24 @@ class FoamTouch:
     valid: bool
     force_N: float
     force_sigma_N: float
-    surface_m: float  #: from the middle between the fingers to the touched surface; NaN without touch
+    surface_m: (
+        float  #: position of the touched surface from the centre between the fingers; NaN without contact
+    )
 
 
 class FoamFinger:
-    """Reads force and place of the touched surface; to be used as ``Hand.feel``.
+    """Measures force and position of the touched surface; for ``Hand.feel``.
 
-    The surface is where the foam's contour is in the fixed frame: the finger's position from the reference
-    contour, and the deflection on top of it. No reading of the gripper's drive is used.
+    The position is that of the foam contour in the fixed frame: the position of the finger from the reference
+    contour, plus the deflection. The drive of the gripper is not used.
 
     Parameters
     ----------
     sensor
-        With its zero reference taken.
+        Sensor with its zero reference.
     middle_m
-        Coordinate of the middle between the fingers along the closing direction, frame F at position 0 [m]:
-        the undeformed front's coordinate plus half the opening of the gripper there.
+        Coordinate of the centre between the fingers along the closing direction, in frame F at position 0 [m]:
+        that of the undeformed front plus half the opening of the gripper.
 
     Raises
     ------
@@ -69,31 +71,31 @@ class FoamFinger:
         Parameters
         ----------
         frame
-            Of the camera that looks at the finger.
+            Frame of the camera that looks at the finger.
         """
         return self.touch(self.sensor.read_finger(frame))
 
     def touch(self, reading: FingerReading) -> FoamTouch:
-        """Force and place of the surface in a reading.
+        """Force and position of the surface from a reading.
 
         Parameters
         ----------
         reading
-            Of the finger's sensor.
+            Reading of the finger's sensor.
         """
         valid = bool(reading.profile.valid and reading.finger.valid)
         return _touch(reading.profile, valid, self.middle_m - reading.contour_m @ self.closing)
 
 
 class FoamFingerOnDrive:
-    """Reads force and place of the touched surface with a camera that rides on the finger; for ``Hand.feel``.
+    """Measures force and position of the touched surface with a camera mounted on the finger; for ``Hand.feel``.
 
-    The surface is where the gripper's drive has the undeformed front, and as far behind it as the foam is pressed in.
+    The position is that of the undeformed front from the drive of the gripper, plus the deflection of the foam.
 
     Parameters
     ----------
     sensor
-        With its zero reference taken.
+        Sensor with its zero reference.
     gripper
         Its opening is the distance between the undeformed fronts of both fingers.
 
@@ -118,7 +120,7 @@ class FoamFingerOnDrive:
 
 
 def _touch(profile: ForceProfile, valid: bool, surface_m: Float[np.ndarray, "K"]) -> FoamTouch:
-    """The foremost point of the object is where the foam is pressed back most; ``surface_m`` is where its front is."""
+    """Touch with the surface position at the most deflected point; ``surface_m`` is the position of the foam's front."""
     contact, furthest_m = profile.max_contact, math.nan
     if valid and contact is not None:
         inside = (profile.s_m >= contact.s_start_m) & (profile.s_m <= contact.s_end_m)

@@ -1,4 +1,4 @@
-"""Grasp an object as planned, lift it, and see whether it came along (Alt 2016, Sec. 6.4.2)."""
+"""Execute a planned grasp, lift the object, and verify that it was lifted (Alt 2016, Sec. 6.4.2)."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ class GraspState(StrEnum):
     CLOSE = "close"
     LIFT = "lift"
     CHECK = "check"
-    LOWER = "lower"  #: back to where it stood, still held
-    PUT_DOWN = "put_down"  #: down again, before it is grasped otherwise
+    LOWER = "lower"  #: back to the table, still held
+    PUT_DOWN = "put_down"  #: down again, before the next grasp
 
 
 class GraspOutcome(StrEnum):
     """How it ended."""
 
     LIFTED = "lifted"
-    NOTHING_THERE = "nothing_there"  #: closed without a touch
-    TOO_SOFT = "too_soft"  #: deforms more than planned before it holds
-    LOST = "lost"  #: the force went away on the way up
+    NOTHING_THERE = "nothing_there"  #: closed without contact
+    TOO_SOFT = "too_soft"  #: maximum deformation reached before the force
+    LOST = "lost"  #: the force vanished during the lift
     SENSOR_FAILED = "sensor_failed"
 
 
 @dataclass(frozen=True, slots=True)
 class LiftPlan:
-    """Where and how firmly to grasp, and how far to lift."""
+    """Place and force of a grasp, and height of the lift."""
 
     place: Place
     force_N: float = field(metadata=POSITIVE)
-    deformation_m: float = field(default=0.01, metadata=POSITIVE)  #: largest that the object bears
-    object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: middle of its bottom in the base
+    deformation_m: float = field(default=0.01, metadata=POSITIVE)  #: maximum deformation of the object
+    object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: centre of its bottom in the base frame
     lift_m: float = field(default=0.1, metadata=POSITIVE)
     open_m: float = field(default=0.11, metadata=POSITIVE)
     finger_m_s: float = field(default=0.015, metadata=POSITIVE)
     arm_m_s: float = field(default=0.12, metadata=POSITIVE)
     hold_s: float = 0.5
-    put_back: bool = False  #: lower it again, as after weighing
+    put_back: bool = False  #: whether to put it back, as after weighing
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
@@ -65,28 +65,28 @@ class GraspAndLift:
 
     ending: Ending
     trace: Trace
-    force_N: float  #: held at the end, or when it failed
-    deformation_m: float  #: of one side at the grasp; NaN when nothing was touched
-    load_N: float = math.nan  #: weight felt while lifted; NaN when it was not lifted or there is no sensor
+    force_N: float  #: at the end, or at the failure
+    deformation_m: float  #: of one side at the grasp; NaN without contact
+    load_N: float = math.nan  #: measured weight; NaN if not lifted or without a load sensor
     load_sigma_N: float = math.nan
 
     @property
     def mass_kg(self) -> tuple[float, float] | None:
-        """Mass that was lifted, and its standard deviation; ``None``: not known."""
+        """Lifted mass and its standard deviation [kg]; ``None``: unknown."""
         if not (self.ending.success and math.isfinite(self.load_N)):
             return None
         return self.load_N / GRAVITY_M_S2, self.load_sigma_N / GRAVITY_M_S2
 
 
 class GraspAndLiftTask(HandTask[GraspState]):
-    """Open, reach, close to the force, lift, check.
+    """Open, reach, close up to the force, lift, verify.
 
     Parameters
     ----------
     plan
-        Where and how firmly.
+        Place and force.
     *others
-        Grasps that are tried in order when one before has failed.
+        Grasps to try in order after a failure.
     """
 
     task = "grasp"
@@ -107,11 +107,11 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self.force_N, self.deformation_m = 0.0, math.nan
         self._first_m = math.nan
         self._weak = 0
-        self._unloaded_N: list[float] = []  #: on the table
+        self._unloaded_N: list[float] = []  #: load on the table [N]
         self._loaded_N: list[float] = []
 
     def decide(self, seen: HandObservation) -> HandCommand:
-        """Motion of arm and gripper after one frame."""
+        """Command of arm and gripper after one frame."""
         p = self.plan
         if self.unread(seen.felt, GraspOutcome.SENSOR_FAILED, p.blind_frames):
             return self.halt()
@@ -136,7 +136,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self.force_N = seen.force_N
         if self.state is GraspState.CLOSE:
             return self._close(seen)
-        # A force that goes away for a few frames: it has slipped out.
+        # A low force for several frames: the object has slipped out.
         self._weak = self._weak + 1 if seen.force_N < 0.4 * p.force_N else 0
         if self._weak >= 3:
             return self._fail(GraspOutcome.LOST, f"{seen.force_N:.2f} N are left of {p.force_N:.2f} N")
@@ -159,7 +159,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
     def _close(self, seen: HandObservation) -> HandCommand:
         p = self.plan
         self._unloaded_N.append(seen.load_N)
-        # What is felt no more although the fingers have come nearer was no touch.
+        # A contact that is lost although the fingers have closed further was a false one.
         touched_m = seen.surface_m if math.isnan(self._first_m) else self._first_m
         self._first_m = touched_m if math.isfinite(seen.surface_m) else math.nan
         self.deformation_m = self._first_m - seen.surface_m
@@ -174,7 +174,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         return HandCommand(opening_m=0.0, finger_m_s=p.finger_m_s)
 
     def weighs(self, t_s: float) -> bool:
-        """Up in the air, and before that for as long with nothing between the fingers.
+        """Read the load while the object is lifted, and before for as long with nothing between the fingers.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         return tares or self.state is GraspState.CHECK
 
     def load_N(self) -> tuple[float, float]:
-        """Weight felt while lifted beside before, and its standard deviation [N]; NaN where it was not felt."""
+        """Difference of the load while lifted and before, and its standard deviation [N]; NaN if not measured."""
         felt = [np.array([v for v in one if math.isfinite(v)]) for one in (self._unloaded_N, self._loaded_N)]
         if min(len(one) for one in felt) < 2:
             return math.nan, math.nan
@@ -200,7 +200,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         return self.halt()
 
     def go(self, state: GraspState, why: str) -> None:
-        """Change the state; back to the beginning, with the next grasp."""
+        """Change the state; a return to the first state starts the next grasp."""
         super().go(state, why)
         if state is GraspState.OPEN and self._others:
             self.plan = self._others.pop(0)
@@ -209,16 +209,16 @@ class GraspAndLiftTask(HandTask[GraspState]):
 
 
 def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLift:
-    """Carry out a planned grasp, or another one where it fails.
+    """Execute a planned grasp, or alternatives if it fails.
 
     Parameters
     ----------
     hand
         Arm, gripper and sensors.
     plan
-        Where and how firmly.
+        Place and force.
     *others
-        Grasps that are tried in order when one before has failed.
+        Grasps to try in order after a failure.
 
     Examples
     --------

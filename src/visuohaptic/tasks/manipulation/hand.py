@@ -1,4 +1,4 @@
-"""What the tasks of the hand share: arm, gripper and finger sensor, and the observations made with them."""
+"""Common parts of hand tasks: arm, gripper and finger sensor, observations and commands."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ __all__ = ["Hand", "HandCommand", "HandObservation", "HandTask", "Place", "as_ve
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """An arm with a gripper whose finger feels. The tip is the middle between the fingers."""
+    """An arm with a gripper that has a finger sensor. The tip is the centre between the fingers."""
 
     arm: ProbeArm
     gripper: Gripper
     source: FrameSource
     feel: Callable[[Frame], FingerTouch]
-    #: downward load on the fingers at a frame [N], up to a constant; NaN when it was not read. ``None``: no sensor
+    #: downward load on the fingers [N], up to a constant; NaN if not measured. ``None``: no load sensor
     weigh: Callable[[Frame], float] | None = None
-    weigh_scale: float = 0.0  #: relative standard deviation of what that sensor takes for a newton
-    weigh_sigma_N: float = 0.0  #: standard deviation of its zero, which many readings do not make less
+    weigh_scale: float = 0.0  #: relative standard deviation of the scale of the load sensor
+    weigh_sigma_N: float = 0.0  #: standard deviation of its zero, not reduced by averaging [N]
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where to grasp an object that stands upright."""
+    """Grasp position on an upright object."""
 
-    height_m: float  #: above its bottom
-    angle_rad: float = 0.0  #: of the fingers about its axis
+    height_m: float  #: above its bottom [m]
+    angle_rad: float = 0.0  #: of the fingers about its axis [rad]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,36 +46,36 @@ class HandObservation:
     """One observation."""
 
     t_s: float
-    tip_m: tuple[float, float, float]  #: in the base
-    angle_rad: float  #: turn of the tip about z
+    tip_m: tuple[float, float, float]  #: in the base frame
+    angle_rad: float  #: rotation of the tip about z
     opening_m: float
     felt: bool
     force_N: float
     surface_m: float
-    load_N: float = math.nan  #: downward on the fingers, up to a constant
+    load_N: float = math.nan  #: downward load on the fingers, up to a constant
 
 
 @dataclass(frozen=True, slots=True)
 class HandCommand:
-    """One command; both parts hold until the next one that says otherwise."""
+    """One command; both parts hold until a later command changes them."""
 
-    move: bool = False  #: the arm, to ``tip_m`` and ``angle_rad``
+    move: bool = False  #: whether the arm moves to ``tip_m`` and ``angle_rad``
     tip_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     angle_rad: float = 0.0
     speed_m_s: float = 0.0
-    opening_m: float = math.nan  #: of the gripper; NaN: it holds
+    opening_m: float = math.nan  #: target of the gripper; NaN: hold
     finger_m_s: float = 0.0
 
 
 class HandTask(Machine[StateT, HandObservation, HandCommand]):
-    """A task of the hand: arm and fingers hold where nothing else is said."""
+    """Base class of hand tasks; arm and fingers hold by default."""
 
     def halt(self) -> HandCommand:
-        """Arm and fingers hold: what is in the hand stays there."""
+        """Command that holds arm and fingers, so that a grasped object is not dropped."""
         return HandCommand()
 
     def weighs(self, t_s: float) -> bool:
-        """Whether the load is to be read at a time: pictures that nobody asks for are not read.
+        """Whether to read the load at a time; otherwise the sensor is not evaluated.
 
         Parameters
         ----------
@@ -86,25 +86,25 @@ class HandTask(Machine[StateT, HandObservation, HandCommand]):
 
 
 def as_vector(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """Three numbers as a tuple, as traces keep them.
+    """Convert three numbers to a tuple, as stored in traces.
 
     Parameters
     ----------
     values
-        Of any unit.
+        Three values of any unit.
     """
     return float(values[0]), float(values[1]), float(values[2])
 
 
 def run_hand(hand: Hand, task: HandTask[Any]) -> None:
-    """Step a task with every frame until it ends; arm and gripper then hold.
+    """Step a task with every frame until it ends; arm and gripper hold at the end.
 
     Parameters
     ----------
     hand
         Arm, gripper, camera and sensors.
     task
-        A task of the hand; its ending is set.
+        Hand task; its ending is set.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Squeeze an object at several heights: force against deformation at each (Alt 2016, Sec. 3.6.4 and Fig. 3.13)."""
+"""Squeeze an object at several places: force over deformation at each (Alt 2016, Sec. 3.6.4 and Fig. 3.13)."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ class SqueezeState(StrEnum):
     OPEN = "open"
     REACH = "reach"
     CLOSE = "close"
-    HOLD = "hold"  #: at rest at one force
+    HOLD = "hold"  #: hold and read at one force level
 
 
 class SqueezeOutcome(StrEnum):
     """How it ended."""
 
-    SQUEEZED = "squeezed"  #: every place gave a curve
-    SOME_MISSED = "some_missed"  #: at least one place met nothing
+    SQUEEZED = "squeezed"  #: every place yielded a curve
+    SOME_MISSED = "some_missed"  #: no contact at one or more places
     SENSOR_FAILED = "sensor_failed"
 
 
 @dataclass(frozen=True, slots=True)
 class SqueezeSettings:
-    """How to squeeze."""
+    """Settings of a squeeze."""
 
-    object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: middle of the object's bottom in the base
-    forces_N: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)  #: levels at which to hold and read
-    deformation_m: float = field(default=0.008, metadata=POSITIVE)  #: largest; the next place comes then
+    object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: centre of the object's bottom in the base frame
+    forces_N: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)  #: force levels at which readings are taken
+    deformation_m: float = field(default=0.008, metadata=POSITIVE)  #: maximum before the next place
     open_m: float = field(default=0.11, metadata=POSITIVE)
     finger_m_s: float = field(default=0.012, metadata=POSITIVE)
     arm_m_s: float = field(default=0.15, metadata=POSITIVE)
@@ -67,14 +67,14 @@ class SqueezeSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SqueezeCurve:
-    """Force against displacement of the surface, at one place."""
+    """Force over displacement of the surface, at one place."""
 
     place: Place
     force_N: Float[np.ndarray, "k"]
-    deformation_m: Float[np.ndarray, "k"]  #: from the lightest touch that was read, carried back to no force
+    deformation_m: Float[np.ndarray, "k"]  #: relative to the surface extrapolated to zero force
     sigma_m: Float[np.ndarray, "k"]
-    surface_m: float  #: of the untouched wall, from the middle between the fingers
-    why: str = ""  #: why it is short or empty
+    surface_m: float  #: undeformed wall, from the centre between the fingers
+    why: str = ""  #: why the curve is short or empty
 
     @property
     def stiffness_N_per_m(self) -> float:
@@ -102,7 +102,7 @@ class Squeezing:
 
 
 class SqueezeTask(HandTask[SqueezeState]):
-    """Place after place, level after level.
+    """Squeeze at one place after the other, at one force level after the other.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class SqueezeTask(HandTask[SqueezeState]):
         self._points: list[tuple[float, float, float]] = []
 
     def decide(self, seen: HandObservation) -> HandCommand:
-        """Motion of arm and gripper after one frame."""
+        """Command of arm and gripper after one frame."""
         s = self.settings
         if self.unread(seen.felt, SqueezeOutcome.SENSOR_FAILED, s.blind_frames):
             return self.halt()
@@ -175,7 +175,7 @@ class SqueezeTask(HandTask[SqueezeState]):
         force, surface = np.array(self._readings).T
         surface = surface[np.isfinite(surface)]
         if len(surface):
-            # The median: a single force that is wrong is none of the object's.
+            # Median: robust against a single outlier of the force.
             spread = float(np.std(surface)) / math.sqrt(len(surface))
             self._points.append((float(np.median(force)), float(np.mean(surface)), max(spread, 1e-5)))
             if abs(self._points[0][1] - self._points[-1][1]) >= s.deformation_m:
@@ -219,7 +219,7 @@ class SqueezeTask(HandTask[SqueezeState]):
 
 
 def _curve(place: Place, points: list[tuple[float, float, float]], why: str) -> SqueezeCurve:
-    """Deformation from the untouched wall, where the curve's first part meets no force."""
+    """Deformation relative to the undeformed wall: the first part of the curve extrapolated to zero force."""
     if not points:
         return SqueezeCurve(place, np.zeros(0), np.zeros(0), np.zeros(0), math.nan, why)
     force, surface, sigma = np.array(points).T
@@ -230,7 +230,7 @@ def _curve(place: Place, points: list[tuple[float, float, float]], why: str) -> 
 
 
 def squeeze(hand: Hand, places: Sequence[Place], settings: SqueezeSettings | None = None) -> Squeezing:
-    """Squeeze an upright object at some places; the fingers' sensor alone tells force and deformation.
+    """Squeeze an upright object at some places; force and deformation are measured by the finger sensor alone.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tasks of a mobile base: explore an obstacle by pushing it."""
+"""Tasks of a mobile base: explore an obstacle by pushing it, map a room by touch, navigate among movable obstacles."""
 
 from ...core.front_door import attach
 

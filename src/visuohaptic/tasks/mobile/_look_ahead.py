@@ -1,4 +1,4 @@
-"""How fast to drive on what the scene tracking shows ahead of the foam."""
+"""Speed limit of the platform from the free distance that the scene tracker sees ahead of the foam."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ __all__ = ["LookAhead"]
 
 
 class LookAhead:
-    """How fast the platform may drive on what the scene shows ahead of the foam.
+    """Speed limit of the platform from the free distance seen ahead of the foam.
 
     Parameters
     ----------
     sight_m
-        How far ahead of the foam the scene is seen [m].
+        Range of the scene tracker ahead of the foam [m].
     settings
         Speeds, braking and gaps.
     """
@@ -27,33 +27,33 @@ class LookAhead:
         self._valid = False
 
     def update(self, valid: bool, ahead_m: float, travel_m: float, *, at_border: bool = False) -> None:
-        """Take the newest frame.
+        """Process the newest frame.
 
         Parameters
         ----------
         valid
-            Whether its obstacle mask can be trusted.
+            Whether its obstacle mask is valid.
         ahead_m
-            Gap from the foam to the nearest obstacle [m]; infinite: none is seen.
+            Gap from the foam to the nearest obstacle [m]; infinite: no obstacle.
         travel_m
-            Distance driven until then [m].
+            Distance driven so far [m].
         at_border
-            The obstacle meets the border of the image.
+            Whether the obstacle touches the border of the image.
         """
         self._valid = valid
         if not (valid and math.isfinite(ahead_m)) or at_border:
-            return  # at the border it may be nearer than it looks: what was expected before holds
+            return  # at the border it may be nearer than it appears: keep the previous estimate
         if math.isnan(self.seen_m):
             self.seen_m = ahead_m
         expected = travel_m + ahead_m
-        # Obstacles do not go away before they are touched: the nearest that was seen counts.
+        # Obstacles do not disappear before contact: keep the nearest estimate.
         passed = travel_m > self.expected_m + 2.0 * self.settings.near_m
         self.expected_m = (
             expected if passed or math.isnan(self.expected_m) else min(self.expected_m, expected)
         )
 
     def speed_m_s(self, travel_m: float) -> float:
-        """Largest speed [m/s] that can still be braked to the slow one where something may be.
+        """Maximum speed [m/s] from which the platform can brake to the slow speed before a possible obstacle.
 
         Parameters
         ----------
@@ -63,8 +63,8 @@ class LookAhead:
         s = self.settings
         free = self.sight_m
         if travel_m < self.sight_m and s.free_ahead_m < self.sight_m:
-            free = min(free, s.free_ahead_m - travel_m)  # what stood in view at the start is not seen
-        # Where nothing was after all, a few centimetres later, the view is free again.
+            free = min(free, s.free_ahead_m - travel_m)  # what was in view at the start is not seen again
+        # If there is no contact within a few centimetres, the estimate is discarded.
         if travel_m < self.expected_m + 2.0 * s.near_m:
             free = min(free, self.expected_m - travel_m)
         if not self._valid:

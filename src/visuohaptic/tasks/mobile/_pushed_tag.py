@@ -1,4 +1,4 @@
-"""What is recorded of one push, and the shape and haptic tag that follow from it (Alt 2016, Sec. 4.1)."""
+"""Recording of a push, and the shape and haptic tag computed from it (Alt 2016, Sec. 4.1)."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ __all__ = ["PushRecording"]
 
 
 class PushRecording:
-    """Force profiles and odometry of one push, until the platform backs off."""
+    """Force profiles and odometry of one push, until the platform retreats."""
 
     def __init__(self) -> None:
         self.profiles: list[ForceProfile] = []
         self.states: list[BaseState] = []
-        self.angles_rad: list[float] = []  #: of the object in the world, by its texture
+        self.angles_rad: list[float] = []  #: orientation of the object in the world, from its texture
         self._start: BaseState | None = None
         self._halted: list[tuple[ForceProfile, BaseState]] = []
 
     def add(self, profile: ForceProfile, state: BaseState, angle_rad: float) -> None:
-        """Take one frame.
+        """Record one frame.
 
         Parameters
         ----------
         profile
-            Of the foam.
+            Measurement of the foam.
         state
             Odometry at the same time.
         angle_rad
-            Turn of the object by its texture [rad]; NaN where it was not seen.
+            Rotation of the object from its texture [rad]; NaN if not measured.
         """
         self.profiles.append(profile)
         self.states.append(state)
         self.angles_rad.append(angle_rad)
 
     def stood(self, profile: ForceProfile, state: BaseState) -> None:
-        """Take a frame of the halt; one that was made while the platform still rolled does not count.
+        """Record a frame of the halt; frames during which the platform still moves are ignored.
 
         Parameters
         ----------
@@ -56,23 +56,23 @@ class PushRecording:
             self._halted.append((profile, state))
 
     def travel_m(self, state: BaseState) -> float:
-        """Distance along the direction of the start, which is the first state asked for [m].
+        """Distance along the initial heading, since the first state passed to this method [m].
 
         Parameters
         ----------
         state
-            Of the odometry.
+            State of the odometry.
         """
         start = self._start = self._start or state
         dx, dy = state.x_m - start.x_m, state.y_m - start.y_m
         return dx * math.cos(start.heading_rad) + dy * math.sin(start.heading_rad)
 
     def travels_m(self) -> Float[np.ndarray, "N"]:
-        """Distance along the direction of the start at every frame [m]."""
+        """Distance along the initial heading at every frame [m]."""
         return np.array([self.travel_m(state) for state in self.states])
 
     def travel_at(self, t_s: float) -> float:
-        """Distance at a time between frames [m].
+        """Distance at a time, interpolated between frames [m].
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class PushRecording:
         return float(np.interp(t_s, times, self.travels_m()))
 
     def shape(self) -> tuple[PrimitiveFit | None, BaseState | None]:
-        """The primitive, from the largest contact while the platform stood still, or at its deepest."""
+        """Primitive fitted to the largest contact at standstill, or else at the largest deflection."""
         if self._halted:
             profile, state = self._halted[len(self._halted) // 2]
         else:
@@ -102,18 +102,18 @@ class PushRecording:
         stopped_by: StopReason | None,
         max_force_N: float,
     ) -> HapticTag:
-        """Friction, deformability and rotation of what was pushed.
+        """Haptic tag of the pushed object.
 
         Parameters
         ----------
         fit
             Shape of the contact.
         events
-            Of the push.
+            Events of the push.
         stopped_by
             Why the push ended.
         max_force_N
-            What the platform can push [N].
+            Maximum push force of the platform [N].
         """
         best = fit.best if fit is not None else None
         centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
@@ -133,7 +133,7 @@ class PushRecording:
         )
 
     def _laterals_m(self) -> Float[np.ndarray, "N"]:
-        """Shift of the platform to the left of the direction of the start."""
+        """Lateral shift of the platform to the left of the initial heading [m]."""
         first = self.states[0]
         return np.array(
             [
@@ -144,7 +144,7 @@ class PushRecording:
         )
 
     def _turn_rad(self, flat: bool) -> Float[np.ndarray, "N"] | None:
-        """Angle of the object in the world; its texture tells that of a round object, too, a face only of a flat one."""
+        """Orientation of the object in the world [rad], from its texture and, for a flat object, from its face."""
         face = None
         if flat:
             face = np.array(
@@ -161,7 +161,7 @@ class PushRecording:
 
 
 def _joined(texture_rad: np.ndarray, face_rad: np.ndarray) -> np.ndarray:
-    """Mean of two angles that differ by a constant; where one is missing, the other."""
+    """Mean of two angles with a constant offset between them; where one is missing, the other."""
     both = np.isfinite(texture_rad) & np.isfinite(face_rad)
     if not both.any():
         return texture_rad
@@ -171,7 +171,7 @@ def _joined(texture_rad: np.ndarray, face_rad: np.ndarray) -> np.ndarray:
 
 
 def _face_angle(profile: ForceProfile) -> float:
-    """Angle of the flat face that is touched, in frame F [rad]; NaN without enough contact."""
+    """Direction of the touched flat face in frame F [rad]; NaN without sufficient contact."""
     contact = profile.max_contact
     if contact is None:
         return math.nan
@@ -180,5 +180,5 @@ def _face_angle(profile: ForceProfile) -> float:
         return math.nan
     x, y = contact.points_foam_m[pressed].T
     slope = np.polyfit(y, x, 1)[0]
-    # A face along y has angle zero; turning counter-clockwise moves x down as y grows.
+    # A face along y has angle zero; a counter-clockwise rotation decreases x with growing y.
     return float(-math.atan(slope))

@@ -1,4 +1,4 @@
-"""Drive at an obstacle, touch it, push it a bit, and say what it is like (Alt 2016, Sec. 3.6.2 and 4.1)."""
+"""Drive to an obstacle, touch it, push it a little, and compute its haptic tag (Alt 2016, Sec. 3.6.2 and 4.1)."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class ExploreStep:
     profile: ForceProfile
     state: BaseState
     phase: str  #: state of the task after this frame
-    travel_m: float  #: since the start
+    travel_m: float  #: distance since the start
     events: tuple[Event, ...]
-    scene: SceneReading | None = None  #: what else the frame shows
+    scene: SceneReading | None = None  #: measurement of the scene tracker
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,16 +65,16 @@ class ObstacleExploration:
     events: tuple[Event, ...]
     profiles: tuple[ForceProfile, ...]
     states: tuple[BaseState, ...]
-    travel_m: Float[np.ndarray, "N"]  #: along the direction in which the exploration started
-    trace: Trace  #: replayed by :class:`~visuohaptic.tasks.mobile.explore_task.ExploreTask`
-    fit_state: BaseState | None = None  #: where the platform stood when the shape was fitted
+    travel_m: Float[np.ndarray, "N"]  #: along the initial heading
+    trace: Trace  #: can be replayed by :class:`~visuohaptic.tasks.mobile.explore_task.ExploreTask`
+    fit_state: BaseState | None = None  #: odometry at the fit of the shape
     touched: bool = field(default=False)
-    #: how far from the foam the obstacle was when it was first seen; NaN: unseen
+    #: distance from the foam to the obstacle at its first detection; NaN: not detected
     seen_ahead_m: float = math.nan
-    expected_m: float = math.nan  #: travel at which the scene expected the touch, as it was last seen before
-    #: turn of the object in the world since the touch, by its texture; NaN where it was not seen [rad]
+    expected_m: float = math.nan  #: last prediction of the scene tracker of the travel at contact
+    #: rotation of the object in the world since contact, from its texture; NaN where not measured [rad]
     object_angle_rad: Float[np.ndarray, "N"] = field(default_factory=lambda: np.zeros(0))
-    reaction_s: float = math.nan  #: longest time from a touch to the brake, by the age of the readings
+    reaction_s: float = math.nan  #: longest time from contact to braking, from the age of the readings
 
     @property
     def outcome(self) -> ExploreOutcome:
@@ -91,26 +91,26 @@ def explore_obstacle(
     scene: SceneTracker | None = None,
     on_step: Callable[[ExploreStep], None] | None = None,
 ) -> ObstacleExploration:
-    """Drive straight on until something is touched, push it, stand still, back off.
+    """Drive straight on until contact, push the obstacle, stand still, retreat.
 
     The platform stops when the foam reaches densification or the force reaches
-    what it can push (then the obstacle needs more than was felt), when the object has been
-    pushed by ``push_m`` (then it is movable), or when it falls.
+    its maximum push force (then the friction of the obstacle is above the measured force), when the object
+    has been pushed by ``push_m`` (then it is movable), or when it falls.
 
     Parameters
     ----------
     base
-        The platform, which drives along its heading.
+        Platform; it drives along its heading.
     source
         Frames of the camera that looks at the foam.
     sensor
-        With its zero reference taken.
+        Sensor with its zero reference.
     settings
         Speeds, distances and limits.
     scene
-        Looks at the rest of each frame: the platform is then fast where the floor ahead is seen to be
-        free and slow where it is not, falls and slips become events, and the object's turn is
-        that of its texture. Without it the approach is blind and slow.
+        Tracks the rest of each frame: the platform then drives fast where the floor ahead is seen to be
+        free and slowly elsewhere, falls and slips become events, and the rotation of the object is that
+        of its texture. Without it the whole approach is slow.
     on_step
         Called once per frame.
 
@@ -163,14 +163,14 @@ def explore_obstacle(
 
 
 class _Senses:
-    """What the foam, the scene and the odometry say of each frame, and what was recorded of the push.
+    """Observations of each frame from foam, scene and odometry, and the record of the push.
 
     Parameters
     ----------
     sensor
-        Reads the foam.
+        Foam sensor.
     scene
-        Reads the rest of the frame.
+        Scene tracker.
     """
 
     def __init__(self, sensor: FoamSensor, scene: SceneTracker | None) -> None:
@@ -179,18 +179,18 @@ class _Senses:
         self.events: list[Event] = []
         self.recording = PushRecording()
         self.motion_travel_m = math.nan
-        self.newest: ExploreStep  #: of the frame that was read last
+        self.newest: ExploreStep  #: result of the latest frame
 
     def observations(
         self, base: MobileBase, source: FrameSource, task: ExploreTask
     ) -> Iterator[ExploreObservation]:
-        """Frame by frame; a clock of the platform that stands ends the task."""
+        """Yield one observation per frame; a platform clock that has stopped ends the task."""
         clock, newest_s = ClockWatch(), -math.inf
         for frame in source:
             if frame.t_s > newest_s:
                 newest_s = frame.t_s
                 self.newest, seen = self.read(frame, base.state(), task.state)
-            else:  # late, or once more: the task stands still until there is a new one
+            else:  # late or repeated: the task stops the platform until there is a new one
                 seen = replace(seen, t_s=frame.t_s)
             if stopped := clock.update(self.newest.state.t_s):
                 task.interrupt(ExploreOutcome.CLOCK_STOPPED, stopped)
@@ -200,11 +200,11 @@ class _Senses:
     def read(
         self, frame: Frame, state: BaseState, phase: ExploreState
     ) -> tuple[ExploreStep, ExploreObservation]:
-        """One frame, seen while the task is in ``phase``."""
+        """Process one frame while the task is in state ``phase``."""
         profile = self.sensor.read(frame)
         travel_m = self.recording.travel_m(state)
         reading = None if self.scene is None else self.scene.update(frame, profile, state)
-        # What falls or slips before it is touched, or after it was left, is none of this push.
+        # Falls and slips before contact or after the retreat are not events of this push.
         pushing = phase in (ExploreState.PUSH, ExploreState.HALT)
         external = reading.events if reading is not None and pushing else ()
         found = self.detector.update(profile, travel_m=travel_m, external=external)
@@ -245,7 +245,7 @@ class _Senses:
         assert task.ending is not None
         recording = self.recording
         fit, fit_state = recording.shape()
-        # What a robot that fails has said last is no evidence.
+        # The last readings of a failed robot are not used.
         failed = task.ending.outcome == ExploreOutcome.DEVICE_FAILED
         enough = task.touched and not failed and len(recording.profiles) >= 2
         tag = HapticTag()

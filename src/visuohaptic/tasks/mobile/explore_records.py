@@ -25,7 +25,7 @@ class ExploreState(StrEnum):
 
     APPROACH = "approach"
     PUSH = "push"
-    HALT = "halt"  #: standing still against the object: shape and deceleration are read here
+    HALT = "halt"  #: standing still against the object: shape and deceleration are measured here
     BACK_OFF = "back_off"
 
 
@@ -34,10 +34,10 @@ class ExploreOutcome(StrEnum):
 
     TAGGED = "tagged"  #: touched, pushed and tagged
     NOTHING_FOUND = "nothing_found"  #: no contact on the way
-    SENSOR_FAILED = "sensor_failed"  #: too many frames in a row could not be trusted
+    SENSOR_FAILED = "sensor_failed"  #: too many consecutive invalid frames
     TIMED_OUT = "timed_out"
-    CLOCK_STOPPED = "clock_stopped"  #: the platform's clock stands still
-    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
+    CLOCK_STOPPED = "clock_stopped"  #: the platform's clock has stopped
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or the supervisor, raised an error
     SOURCE_ENDED = "source_ended"  #: the camera delivered no more frames
 
 
@@ -45,57 +45,57 @@ class ExploreOutcome(StrEnum):
 class ExploreSettings:
     """Speeds, distances and limits of an exploration."""
 
-    #: where something may be touched at any time; never faster than the foam takes up, see ``stopping_speed_m_s``
+    #: speed where contact is possible at any time; limited by the stopping distance of the foam, see ``stopping_speed_m_s``
     approach_m_s: float = field(default=0.05, metadata=POSITIVE)
-    #: where the floor ahead is seen to be free, only with scene tracking; what looks like the floor is not
-    #: seen: faster than this the foam could not take up such a touch
+    #: speed where the floor ahead is seen to be free, only with scene tracking; an obstacle that looks like the floor is
+    #: not detected: at higher speeds the foam could not absorb such a contact
     cruise_m_s: float = field(default=0.06, metadata=POSITIVE)
-    #: how hard the platform may brake before what it sees
+    #: deceleration before a detected obstacle
     brake_m_s2: float = field(default=0.3, metadata=POSITIVE)
-    #: from a touch to the brake: the frame that first shows it, and the one in which it is read, at 30 Hz; longer
-    #: where readings come later than that, see :class:`.force_guard.ReactionTime`
+    #: time from contact to braking: the first frame that shows it, and the one in which it is processed, at 30 Hz; longer
+    #: if readings arrive later than that, see :class:`.force_guard.ReactionTime`
     reaction_s: float = field(default=2 / 30, metadata=POSITIVE)
-    near_m: float = 0.02  #: gap from foam to obstacle at which it is down to ``approach_m_s``
-    free_ahead_m: float = 0.0  #: floor before the foam that is known to be free at the start
-    expected_m: float | None = None  #: travel to what is known to stand ahead, of a laser or a map
+    near_m: float = 0.02  #: gap from foam to obstacle at which the speed is reduced to ``approach_m_s``
+    free_ahead_m: float = 0.0  #: floor in front of the foam that is known to be free at the start
+    expected_m: float | None = None  #: travel to a known obstacle ahead, from a laser or a map
     push_m_s: float = field(default=0.03, metadata=POSITIVE)
-    #: growth of the deflection from frame to frame until the object moves, and the speed right after the touch: the force
-    #: at which it breaks away then lies within a tenth of itself, a standard deviation of 3 %, also of what is light or wide
+    #: relative growth of the deflection from frame to frame until the object moves, and the speed right after contact: the
+    #: breakaway force is then resolved to a tenth, a standard deviation of 3 %, also for light or wide objects
     rise: float = field(default=0.1, metadata=POSITIVE)
     touch_m_s: float = field(default=0.005, metadata=POSITIVE)
     back_off_m_s: float = field(default=0.08, metadata=POSITIVE)
-    search_m: float = field(default=0.5, metadata=POSITIVE)  #: how far to drive without a contact
-    #: an object that has moved by this much is movable; text: the sensor's width
+    search_m: float = field(default=0.5, metadata=POSITIVE)  #: maximum distance without contact
+    #: an object that has moved by this much is movable; in the dissertation: the width of the sensor
     push_m: float = field(default=0.06, metadata=POSITIVE)
-    max_force_N: float = field(default=20.0, metadata=POSITIVE)  #: what the platform can push
+    max_force_N: float = field(default=20.0, metadata=POSITIVE)  #: maximum push force of the platform
     strain_fraction: float = 0.9  #: fraction of the densification strain at which to stop
-    halt_s: float = 0.7  #: how long to stand still: shape and deceleration are read here
+    halt_s: float = 0.7  #: duration of the halt, in which shape and deceleration are measured
     back_off_m: float = 0.05
-    blind_frames: int = 15  #: consecutive frames without a usable contour that end the push
+    blind_frames: int = 15  #: number of consecutive frames without a valid contour that ends the push
     timeout_s: float = 60.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     def max_deflection_m(self, material: FoamMaterial) -> float:
-        """Deflection at which to stop: beyond it the force is that of solid foam [m].
+        """Deflection at which to stop: beyond it the foam is densified [m].
 
         Parameters
         ----------
         material
-            Of the foam.
+            Material of the foam.
         """
         return self.strain_fraction * material.densification_strain * material.width_m
 
     def stopping_speed_m_s(self, depth_m: DepthT, reaction_s: float) -> DepthT:
-        """Largest speed [m/s] from which the platform stands within a depth of foam: v t + v^2 / (2 a) = depth.
+        """Maximum speed [m/s] from which the platform stops within a foam depth: v t + v^2 / (2 a) = depth.
 
         Parameters
         ----------
         depth_m
-            That the foam may take up, one or several [m].
+            Available foam depth, one or several [m].
         reaction_s
-            From a touch to the brake [s].
+            Time from contact to braking [s].
         """
         t_s, a_m_s2 = reaction_s, self.brake_m_s2
         return a_m_s2 * ((t_s**2 + 2.0 * depth_m / a_m_s2) ** 0.5 - t_s)
@@ -103,24 +103,24 @@ class ExploreSettings:
 
 @dataclass(frozen=True, slots=True)
 class ExploreObservation:
-    """What one frame and the platform's odometry say."""
+    """Observation of one frame and the platform's odometry."""
 
-    t_s: float  #: of the frame
-    base_t_s: float  #: of the odometry, by the platform's clock
-    travel_m: float  #: along the direction in which the exploration started
-    speed_m_s: float  #: of the platform
+    t_s: float  #: time of the frame
+    base_t_s: float  #: time of the odometry on the platform's clock
+    travel_m: float  #: along the initial heading
+    speed_m_s: float  #: speed of the platform
     force_N: float  #: on the foam
-    force_sigma_N: float  #: its standard deviation
-    force_read: bool  #: whether contour and force can be used, also while unloading or saturated
-    deflection_m: float  #: largest of the foam; NaN when no point was seen
-    contact: bool  #: a contact in this frame
-    in_contact: bool  #: the foam touches something, by all frames until now
-    motion_travel_m: float = math.nan  #: travel at which the object began to move; NaN: not yet
-    fell: bool = False  #: the object was seen to fall
-    sight: bool = False  #: the scene ahead of the foam was looked at
-    sight_valid: bool = False  #: and the obstacle mask of the frame can be trusted
-    ahead_m: float = math.inf  #: gap from the foam to the nearest obstacle that is seen
-    at_border: bool = False  #: that obstacle meets the border of the image: it may be nearer
+    force_sigma_N: float  #: standard deviation of the force
+    force_read: bool  #: whether contour and force are usable, also while unloading or saturated
+    deflection_m: float  #: largest deflection of the foam; NaN if no point was measured
+    contact: bool  #: whether this frame shows a contact
+    in_contact: bool  #: whether the foam is in contact, from all frames so far
+    motion_travel_m: float = math.nan  #: travel at which the object started to move; NaN: not yet
+    fell: bool = False  #: whether the object has fallen
+    sight: bool = False  #: whether the scene ahead of the foam was tracked
+    sight_valid: bool = False  #: whether the obstacle mask of the frame is valid
+    ahead_m: float = math.inf  #: gap from the foam to the nearest detected obstacle
+    at_border: bool = False  #: whether that obstacle touches the border of the image: it may be nearer
 
 
 @dataclass(frozen=True, slots=True)

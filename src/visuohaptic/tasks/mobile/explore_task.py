@@ -1,4 +1,4 @@
-"""The states of an exploration by pushing: approach, push, stand still, back off (Alt 2016, Sec. 3.6.2)."""
+"""State machine of an exploration by pushing: approach, push, stand still, retreat (Alt 2016, Sec. 3.6.2)."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ __all__ = ["ExploreTask"]
 
 
 class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
-    """Straight on until something is touched, push it, stand still, back off.
+    """Drive straight on until contact, push the obstacle, stand still, retreat.
 
     Parameters
     ----------
     settings
         Speeds, distances and limits.
     max_deflection_m
-        Deflection at which the foam is dense [m].
+        Deflection at which the foam is densified [m].
     sight_m
-        How far ahead of the foam the scene is seen [m]; 0 without scene tracking.
+        Range of the scene tracker ahead of the foam [m]; 0 without scene tracking.
     """
 
     task = "explore"
@@ -56,22 +56,22 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         self.ahead = LookAhead(sight_m, self.settings)
         self.stopped_by: StopReason | None = None
         self.touched = False
-        # The foam is compliant: its first reading at the limit is enough.
+        # The foam is compliant: a single reading at the limit is reliable.
         self._guard = ForceGuard(
             self.settings.max_force_N, median_of=1, max_unread=self.settings.blind_frames
         )
         self._first: ExploreObservation | None = None
-        self._contact = False  #: in the frame before
+        self._contact = False  #: whether the previous frame showed a contact
         self._halted_s = self._back_travel_m = self._read_s = self._interval_s = math.nan
         self._command = ExploreCommand(self._blind_m_s())
 
     def _blind_m_s(self) -> float:
-        """Speed of the approach: what is touched unseen must not bear more than the foam takes up."""
+        """Approach speed without vision: the foam has to absorb an unexpected contact."""
         s = self.settings
         return min(s.approach_m_s, s.stopping_speed_m_s(self.limits.deflection_m, self.reaction.reaction_s))
 
     def halt(self) -> ExploreCommand:
-        """The platform stands still."""
+        """Command that stops the platform."""
         return ExploreCommand(0.0)
 
     def decide(self, seen: ExploreObservation) -> ExploreCommand:
@@ -88,7 +88,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         if passed_s > self.settings.timeout_s:
             self.end(False, ExploreOutcome.TIMED_OUT, f"after {passed_s:.1f} s")
         elif allowed is GuardState.UNREAD and pressing:
-            # Foam that has been pressed full may stay unread: it need not be read to leave.
+            # Densified foam may remain unreadable: the retreat does not need a reading.
             why = f"{self.settings.blind_frames} frames in a row cannot be trusted"
             self.end(False, ExploreOutcome.SENSOR_FAILED, why)
         elif allowed is GuardState.TOO_HEAVY:
@@ -100,7 +100,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         return self._command
 
     def _follow(self, seen: ExploreObservation) -> None:
-        """Next state by what the present one waits for, and the speed in it."""
+        """Determine the next state from the present one, and the speed in it."""
         s = self.settings
         if self.state is ExploreState.APPROACH:
             if seen.in_contact:
@@ -113,14 +113,14 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
                 slow_m_s = self._blind_m_s()
                 self.ahead.settings = replace(s, approach_m_s=slow_m_s)
                 speed_m_s = self.ahead.speed_m_s(seen.travel_m) if seen.sight else slow_m_s
-                # The first frame with a contact is followed by a small step: the next one says whether it is a touch.
+                # After the first frame with a contact move by a small step: the next frame confirms or rejects it.
                 self._command = (
                     self._push(seen) if seen.contact and not self._contact else ExploreCommand(speed_m_s)
                 )
         elif self.state is ExploreState.PUSH:
             reason = self._must_stop(seen)
             if reason is None and seen.travel_m > s.search_m + s.push_m:
-                # Lost on the way: what was touched went out of reach without ever resisting.
+                # Contact lost during the push: the object moved out of reach without resistance.
                 reason = StopReason.PUSHED_FAR
             if reason is not None:
                 self._stop(reason, seen)
@@ -135,7 +135,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             self.end(True, ExploreOutcome.TAGGED, f"stopped by {self.stopped_by}")
 
     def _push(self, seen: ExploreObservation) -> ExploreCommand:
-        """Slowly until the object moves, and as the foam fills: it stands before the foam is dense."""
+        """Drive slowly until the object moves, and more slowly as the foam fills, to stop before densification."""
         s = self.settings
         depth_m = 0.0 if math.isnan(seen.deflection_m) else seen.deflection_m
         left_m = max(self.limits.deflection_m / s.strain_fraction - depth_m, 0.0)
@@ -145,7 +145,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         return ExploreCommand(speed_m_s)
 
     def _must_stop(self, seen: ExploreObservation) -> StopReason | None:
-        """Stop condition that holds; none when the foam was not seen."""
+        """Stop condition that holds; none if the foam was not measured."""
         if seen.fell:
             return StopReason.FELL
         if math.isnan(seen.deflection_m):

@@ -1,4 +1,4 @@
-"""Footprint of an object after a push, from the shape that the foam has felt."""
+"""Footprint of an object after a push, from the shape measured by the foam."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def felt_footprint(
     front_m: float,
     heading_rad: float = 0.0,
 ) -> Float[np.ndarray, "p 2"]:
-    """Outline on the floor where the object was left.
+    """Footprint of the object where it was left after the push.
 
-    The side behind the touched face was not observed: an object is taken to be as deep as it is wide. Without a
-    shape the outline is the bounding box of what was seen, moved by the length of the push.
+    The side behind the touched face was not observed: the object is assumed to be as deep as it is wide. Without a
+    shape the footprint is the bounding box of the laser points, translated by the length of the push.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def felt_footprint(
     front_m
         Distance from the platform's centre to the origin of the foam's frame F, x ahead [m].
     heading_rad
-        Of the push [rad].
+        Direction of the push [rad].
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The force stop that every loop passes through which may drive against something."""
+"""Force limit common to all control loops that may drive into contact."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from .explore_records import ExploreSettings
 
 __all__ = ["FoamLimit", "ForceGuard", "GuardState", "ReactionTime"]
 
-#: Readings whose median decides whether a force is friction or the blow of a contact that rattles.
+#: Number of readings whose median distinguishes friction from the impacts of a rattling contact.
 MEDIAN_OF = 5
-#: Readings in a row that are not valid before the sensor counts as failed: half a second at 50 Hz.
+#: Maximum number of consecutive invalid readings before the sensor counts as failed: half a second at 50 Hz.
 MAX_UNREAD = 25
-#: The frame in which a touch is read [s], at 30 Hz.
+#: Time to process the frame of a contact [s], at 30 Hz.
 READ_S = 1 / 30
-#: A supervisor stops what has not been read anew at this age, a check later [s]: beyond that no command is needed.
+#: Age of a reading at which the supervisor stops the motion, plus one check [s]: no command is needed beyond that.
 MAX_AGE_S = SafetyLimits().max_age_s + 1 / CHECK_RATE_HZ
 
 
 class GuardState(StrEnum):
-    """What a reading allows."""
+    """What a reading permits."""
 
     GO = "go"
     HOLD = "hold"  #: stand still in this control period
-    TOO_HEAVY = "too heavy"  #: stop for good: the force stays at the limit
-    UNREAD = "force unread"  #: stop for good: the force has not been read for too long
+    TOO_HEAVY = "too heavy"  #: permanent stop: the force remains at the limit
+    UNREAD = "force unread"  #: permanent stop: no valid force for too long
 
 
 class ForceGuard:
-    """Holds a platform back at its force limit.
+    """Holds a platform at its force limit.
 
-    A single reading at the limit, or one that is not valid, makes the platform stand in that same
-    control period. A rigid contact rattles, and its blows are not friction: the stop is for good only once the
-    median of the newest readings under way is at the limit. Readings below it that were made
-    while the platform was held say nothing of the force that motion needs, and do not count.
+    A single reading at the limit, or an invalid one, holds the platform in the same
+    control period. A rigid contact rattles, and its impacts are not friction: the stop is permanent only if the
+    median of the newest readings during motion is at the limit. Readings below the limit that were made
+    while the platform was held do not show the force that motion needs, and do not count.
 
     Parameters
     ----------
     max_force_N
-        What the platform can push [N].
+        Maximum push force of the platform [N].
     median_of
-        Readings in the median, odd; 1 for a compliant sensor, whose first reading is enough.
+        Number of readings in the median, odd; 1 for a compliant sensor, for which a single reading is reliable.
     max_unread
-        Invalid readings in a row that end the task.
+        Number of consecutive invalid readings that ends the task.
     """
 
     def __init__(
@@ -67,16 +67,16 @@ class ForceGuard:
         self._max_unread, self._unread, self._held = max_unread, 0, False
 
     def update(self, force_N: float, sigma_N: float = 0.0, *, pressing: bool = True) -> GuardState:
-        """Judge one reading.
+        """Evaluate one reading.
 
         Parameters
         ----------
         force_N
-            NaN when it was not read [N].
+            Force [N]; NaN if not measured.
         sigma_N
             Its standard deviation [N].
         pressing
-            Whether the platform is about to move against what it touches: a retreat is not held back.
+            Whether the commanded motion presses against the contact; a retreat is not held.
         """
         if math.isnan(force_N):
             self._unread += 1
@@ -97,15 +97,15 @@ class ForceGuard:
 
 
 class ReactionTime:
-    """Longest time from a touch to the brake, by the age that readings have shown.
+    """Longest time from contact to braking, from the observed age of the readings.
 
-    A touch right after one reading shows in the next one: it has waited for an interval between readings, and for as
-    much as that one came later after its own time than the quickest before it.
+    A contact right after one reading appears in the next one: after one interval between readings, plus the
+    delay of that reading relative to the smallest delay so far.
 
     Parameters
     ----------
     reaction_s
-        As long as nothing else is seen [s].
+        Initial value [s].
     """
 
     def __init__(self, reaction_s: float) -> None:
@@ -113,14 +113,14 @@ class ReactionTime:
         self._read_s, self._delay_s = math.nan, math.inf
 
     def update(self, t_s: float, now_s: float) -> None:
-        """Take a reading that is newer than those before.
+        """Process a reading that is newer than the previous ones.
 
         Parameters
         ----------
         t_s
-            Its own time, by the camera's clock [s].
+            Time stamp on the camera's clock [s].
         now_s
-            When it came, by the platform's clock [s].
+            Arrival on the platform's clock [s].
         """
         self._delay_s = min(self._delay_s, now_s - t_s)
         interval_s = 0.0 if math.isnan(self._read_s) else now_s - self._read_s
@@ -130,14 +130,14 @@ class ReactionTime:
 
 
 class FoamLimit:
-    """How fast the foam may go against what it may meet anywhere along its front: as fast as it takes up there.
+    """Speed limit along the front of the foam, from the remaining foam depth at each point.
 
     Parameters
     ----------
     explore
-        For the speed from which the platform stands within a depth, and the reaction until readings come later.
+        Provides the stopping speed within a depth, and the initial reaction time.
     full_m
-        Deflection at which the foam is full [m].
+        Deflection at which the foam is densified [m].
     """
 
     def __init__(self, explore: ExploreSettings, full_m: float) -> None:
@@ -146,7 +146,7 @@ class FoamLimit:
         self._s_m = self._delta_m = np.zeros(1)
 
     def update(self, t_s: float, now_s: float, profile: ForceProfile) -> None:
-        """Take a reading of the foam.
+        """Process a measurement of the foam.
 
         Parameters
         ----------
@@ -156,22 +156,22 @@ class FoamLimit:
             Deflection along the front.
         """
         self.reaction.update(t_s, now_s)
-        # What is not read has not come back either: it is as it was, and at the zero nothing touched the strip.
+        # Points that are not measured keep their last deflection; at the zero reference the strip was free.
         read = np.isfinite(profile.delta_m)
         self._s_m, self._delta_m = profile.s_m, np.where(read, profile.delta_m, self._delta_m)
 
     @property
     def settings(self) -> ExploreSettings:
-        """Of an exploration, with the reaction that readings have shown."""
+        """Settings of an exploration with the observed reaction time."""
         return replace(self._explore, reaction_s=self.reaction.reaction_s)
 
     def limited(self, speed_m_s: float, turn_rate_rad_s: float) -> tuple[float, float]:
-        """Both velocities reduced alike; a turn moves the ends of the front: v - w s at s to the left of its middle.
+        """Reduce both velocities by the same factor; the speed of the front at s to the left of its middle is v - w s.
 
         Parameters
         ----------
         speed_m_s, turn_rate_rad_s
-            As they are wanted.
+            Requested velocities.
         """
         closing = speed_m_s - turn_rate_rad_s * self._s_m
         left_m = np.maximum(self._full_m - self._delta_m, 0.0)

@@ -1,24 +1,26 @@
-"""One straight push, steered so that the object ends where it is to go, not turned (Alt 2016, Sec. 4.3.1).
+"""Steering of one straight push so that the object reaches its goal without rotation (Alt 2016, Sec. 4.3.1).
 
-Symbols: y the object's centre of friction beside the line of the push (to the left), theta its turn, e the contact beside
-that centre, h the centre ahead of the contact, c the largest friction moment by force, w the slope of the force to the
-left of the object's axis, psi the platform's heading to the left of the push, r its radius. By metre of the push, on an
-ellipsoidal limit surface (Lee and Cutkosky 1991), whether the contact sticks or slides,
+Symbols: y lateral offset of the object's centre of friction from the line of the push (left positive), theta its rotation, e
+offset of the contact from that centre, h distance of the centre ahead of the contact, c ratio of the maximum friction moment
+to the maximum friction force, w slope of the force to the left of the object's axis, psi heading of the platform to the left
+of the push, r its radius. Derivatives are per metre of the push, on an ellipsoidal limit surface (Lee and Cutkosky 1991).
+Whether the contact sticks or slides,
 
     y' = theta + w,    theta' = -(e + h w) / c^2.
 
-A rim that sticks goes aside by u = psi - theta + r psi' and rolls along the face as it turns:
+A sticking rim moves sideways by u = psi - theta + r psi' and rolls along the face as the platform turns:
 
     w = (c^2 u - h e) / (c^2 + h^2),    e' = -r psi'.
 
-psi' is the control: the one with the least sum of squares of y and theta at the end by their tolerances, and of w, psi and
-r psi' on the way, each held at its largest over the length c counting as much (linear quadratic control of finite horizon,
-by Riccati's recursion from the end). To keep an object from turning alone, w = -e / h, lets it drift aside by e / h of its way.
+psi' is the control. It minimises the squares of y and theta at the end, relative to their tolerances, plus the squares of w, psi
+and r psi' on the way, weighted so that each at its maximum over the length c costs as much (linear quadratic control with finite
+horizon, Riccati recursion from the end). Suppressing only the rotation, w = -e / h, would make the object drift sideways by
+e / h of its path.
 
-Where a face is oblique by more than friction holds, w stays at the edge of the friction cone. Then theta' is the control,
-of the same squares, and the platform heads so that the contact slides along the face until e = -c^2 theta' - h w.
+Where a face is more oblique than friction permits, w is at the edge of the friction cone. Then theta' is the control, with the
+same cost, and the platform steers so that the contact slides along the face until e = -c^2 theta' - h w.
 
-Where the centre of friction is follows from the same equations: e + h w + c^2 theta' is zero.
+The position of the centre of friction is estimated from the same equations: e + h w + c^2 theta' is zero.
 """
 
 from __future__ import annotations
@@ -39,47 +41,47 @@ from .force_guard import ForceGuard, GuardState
 __all__ = ["PushEnd", "PushSettings", "SteeredPush"]
 
 Pose = Float[np.ndarray, "3"]
-#: Way of an object from which its motion is told [m], and the error of a place that was seen [m].
+#: Minimum motion of an object for an estimate of its centre of friction [m], and position error of a sighting [m].
 EXPLAINED_M, SEEN_M = 0.005, 0.003
-#: Steps of the recursion over what is left of a push: those of a metre are shorter than the lever of a box of 25 cm.
+#: Steps of the recursion over the rest of a push: for a push of a metre each is shorter than the lever of a box of 25 cm.
 STEPS = 10
-#: Readings after the first touch that are the foam's blow, not friction.
+#: Number of readings after contact that are the impact on the foam, not friction.
 FIRST_BLOW = 10
 
 
 class PushEnd(StrEnum):
     """How a push ended."""
 
-    DONE = "done"  #: the object is where it was to go
-    STALLED = "stalled"  #: the platform does not get on
-    TURNED = "turned"  #: the object turns away
-    ASTRAY = "astray"  #: it is farther beside its line than where the plan declares that it ends
-    LOST = "lost"  #: it is not touched any more
-    MISSED = "missed"  #: it was never touched
+    DONE = "done"  #: the object is at its goal
+    STALLED = "stalled"  #: the platform makes no progress
+    TURNED = "turned"  #: the object rotates too far
+    ASTRAY = "astray"  #: its lateral offset exceeds that declared by the plan
+    LOST = "lost"  #: contact lost
+    MISSED = "missed"  #: no contact
     TIMED_OUT = "timed out"
-    TOO_HEAVY = "too heavy"  #: the force stays at the platform's limit
-    UNREAD = "force unread"  #: the force was not read for too long
+    TOO_HEAVY = "too heavy"  #: the force remains at the platform's limit
+    UNREAD = "force unread"  #: no valid force for too long
 
 
 @dataclass(frozen=True, slots=True)
 class PushSettings:
     """Speeds, gains and limits."""
 
-    radius_m: float = field(default=0.17, metadata=POSITIVE)  #: of the platform
+    radius_m: float = field(default=0.17, metadata=POSITIVE)  #: radius of the platform
     speed_m_s: float = field(default=0.05, metadata=POSITIVE)
     approach_m_s: float = field(default=0.08, metadata=POSITIVE)
-    search_m: float = field(default=0.12, metadata=POSITIVE)  #: of the drive without a touch
-    touch_N: float = 1.0  #: force that counts as touch
-    max_force_N: float = field(default=20.0, metadata=POSITIVE)  #: what the platform can push
-    #: of the object at the end of a push, place [m] and turn: what a plan counts on
+    search_m: float = field(default=0.12, metadata=POSITIVE)  #: maximum distance without contact
+    touch_N: float = 1.0  #: minimum force of a contact
+    max_force_N: float = field(default=20.0, metadata=POSITIVE)  #: maximum push force of the platform
+    #: tolerances of the object at the end of a push, position [m] and rotation, as assumed by a plan
     end_m: float = field(default=0.01, metadata=POSITIVE)
     end_rad: float = field(default=0.026, metadata=POSITIVE)
     steer_max_rad: float = 0.35
     heading_gain_per_s: float = 3.0
-    turn_limit_rad: float = 0.5  #: the object has turned away
-    aside_m: float = math.inf  #: of the object beside the line of the push: it will not end as declared
-    lost_m: float = 0.06  #: driven without touch
-    #: time with less than a quarter of the commanded distance: localisation wanders by some
+    turn_limit_rad: float = 0.5  #: maximum rotation of the object
+    aside_m: float = math.inf  #: maximum lateral offset of the object from the line of the push
+    lost_m: float = 0.06  #: distance driven without contact after which it is lost
+    #: time with less than a quarter of the commanded distance, longer than errors of the localisation
     stall_s: float = field(default=3.0, metadata=POSITIVE)
     timeout_s: float = 120.0
 
@@ -88,22 +90,22 @@ class PushSettings:
 
 
 class SteeredPush:
-    """Velocities from poses, one call per period.
+    """Computes velocities from poses, one call per control period.
 
     Parameters
     ----------
     stand_m
-        Where the platform stands before the push.
+        Position of the platform before the push (x, y) [m].
     direction_rad
-        Of the push.
+        Direction of the push [rad].
     length_m
         Displacement of the object [m].
     object_m
-        Where it is (x, y of its centroid, yaw); ``None`` when it cannot be seen: then the push goes straight.
+        Pose of the object (x, y of its centroid, yaw); ``None`` if it cannot be located: then the push is straight.
     offset_m
         Centre of friction from the centroid, in the object's frame.
     lever_m
-        c, largest friction moment by force.
+        c, ratio of the maximum friction moment to the maximum friction force [m].
     settings
         Speeds, gains and limits.
     """
@@ -134,9 +136,11 @@ class SteeredPush:
         self._anchor: tuple[float, Pose] | None = None
         self._stalled = False
         self._forces: list[float] = []
-        self._arm_m2 = self._way_m = 0.0  #: integral of e + h w over the object's way, and that way
-        self._rim = self.settings.radius_m * self._ahead  #: where it is touched, from the platform's centre
-        self._explained: Pose | None = object_m  #: pose of the object until which they go
+        self._arm_m2 = self._way_m = (
+            0.0  #: integral of e + h w over the path of the object, and length of that path
+        )
+        self._rim = self.settings.radius_m * self._ahead  #: contact point relative to the platform's centre
+        self._explained: Pose | None = object_m  #: pose of the object up to which the integral goes
         self.end: PushEnd | None = None
 
     @property
@@ -146,10 +150,10 @@ class SteeredPush:
 
     @property
     def force_N(self) -> tuple[float, float]:
-        """Largest force that lasted a tenth of a second, and the median of the rest; NaN without touch.
+        """Largest force that lasted a tenth of a second, and the median of the remaining forces; NaN without contact.
 
-        The blow of the first touch is left out. What lasted is what four of five readings have at least:
-        a contact that rattles is not stronger for its peaks.
+        The impact of the first contact is excluded. A force lasts if four of five readings are at least as large, so
+        that the peaks of a rattling contact do not count.
         """
         if not self._forces:
             return math.nan, math.nan
@@ -159,14 +163,14 @@ class SteeredPush:
 
     @property
     def turned_rad(self) -> float:
-        """Turn of the object since the push started."""
+        """Rotation of the object since the start of the push [rad]."""
         if self._first is None or self._seen is None:
             return 0.0
         return wrap_angle(float(self._seen[2] - self._first[2]))
 
     @property
     def moved_m(self) -> Float[np.ndarray, "2"]:
-        """Displacement of the object as it was seen: ahead, left [m]; that of the platform where it was not."""
+        """Displacement of the object (ahead, left) [m]; that of the platform where the object was not located."""
         if self._first is not None and self._seen is not None:
             shift = self._seen[:2] - self._first[:2]
         elif self._touch_place is not None and self._last is not None:
@@ -176,11 +180,11 @@ class SteeredPush:
         return np.array([shift @ self._ahead, shift @ self._left])
 
     def centre_beside_m(self) -> float | None:
-        """Centre of friction to the left of where it was estimated, by the motion of the push [m]; ``None`` from a short one."""
+        """Offset of the centre of friction to the left of its prior estimate [m]; ``None`` after a short push."""
         return None if self._way_m < 0.08 else self._beside_m()
 
     def _beside_m(self) -> float:
-        """Posterior mean of the same."""
+        """Posterior mean of that offset [m]."""
         if self._way_m <= 0.0:
             return 0.0
         seen = (self._arm_m2 + self._lever_m**2 * self.turned_rad) / self._way_m
@@ -201,13 +205,13 @@ class SteeredPush:
         Parameters
         ----------
         t_s
-            Time.
+            Time [s].
         pose_m
-            Of the platform, map frame.
+            Pose of the platform in the map frame.
         force_N, contact_m
-            What its rim feels, and where; 0 and ``None`` without touch, a NaN force when it was not read.
+            Force on the rim and contact point; 0 and ``None`` without contact, a NaN force if not measured.
         seen_m
-            Where the object is now; ``None`` when it is not seen now.
+            Present pose of the object; ``None`` if it is not located.
         """
         s = self.settings
         if math.isnan(self._start_t):
@@ -240,7 +244,7 @@ class SteeredPush:
         return speed * math.cos(error), max(-0.6, min(0.6, s.heading_gain_per_s * error))
 
     def _follow(self, t_s: float, pose_m: Pose, force_N: float) -> None:
-        """Touch, progress and stall."""
+        """Update contact, progress and stall detection."""
         assert self._last is not None
         assert self._anchor is not None
         s = self.settings
@@ -280,7 +284,7 @@ class SteeredPush:
         return PushEnd.STALLED if self._stalled else None
 
     def _turn_per_m(self, pose_m: Pose, heading: float, contact_m: tuple[float, float] | None) -> float:
-        """Turn of the platform by metre of the push."""
+        """Rotation of the platform per metre of the push [rad/m]."""
         assert self._seen is not None
         assert self._first is not None
         s, square = self.settings, self._lever_m**2
@@ -293,7 +297,7 @@ class SteeredPush:
         beside = float(axis[1] * off[0] - axis[0] * off[1])
         self._explain(high, beside)
         beside -= self._beside_m()
-        # The normal of a round rim points to where it is touched; what friction is counted on to hold of it does not.
+        # Slope of the normal of the round rim at the contact, less the part that friction holds.
         slope = float(
             (axis[0] * self._rim[1] - axis[1] * self._rim[0]) / max(self._rim @ axis, 0.5 * s.radius_m)
         )
@@ -311,7 +315,7 @@ class SteeredPush:
         return (wanted - heading) * s.heading_gain_per_s / s.speed_m_s
 
     def _sticking(self, state: Float[np.ndarray, "4"], high: float, left_m: float) -> float:
-        """psi' by theta, y, e and psi."""
+        """psi' for a sticking contact, from the state theta, y, e, psi."""
         s, square = self.settings, self._lever_m**2
         aside = np.array([-1.0, 0.0, 0.0, 1.0, s.radius_m])  # u
         beside = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
@@ -333,7 +337,7 @@ class SteeredPush:
         cost: Float[np.ndarray, "m m"],
         left_m: float,
     ) -> float:
-        """Linear quadratic control of a state, theta and y first, by its rates and their cost; the control is the last."""
+        """Linear quadratic control of a state (theta and y first); the last column of rates and cost is the control."""
         count, step = len(state), left_m / STEPS
         move = np.eye(count, count + 1) + step * rates
         cost = cost * (step / self._lever_m)
@@ -346,13 +350,13 @@ class SteeredPush:
         return -float(gain @ state)
 
     def _centre_m(self, object_m: Pose) -> Float[np.ndarray, "2"]:
-        """The estimated centre of friction of an object at a pose."""
+        """Estimated centre of friction for a pose of the object [m]."""
         cos, sin = math.cos(object_m[2]), math.sin(object_m[2])
         x, y = self._offset
         return object_m[:2] + np.array([cos * x - sin * y, sin * x + cos * y])
 
     def _explain(self, high_m: float, beside_m: float) -> None:
-        """Arm of the force about the estimated centre, from the object's last motion."""
+        """Update the estimate of the centre of friction with the last motion of the object."""
         assert self._seen is not None
         assert self._explained is not None
         assert self._first is not None
