@@ -115,7 +115,7 @@ def save_route_graph(
 
 
 def edge_properties(number: int, start: int, end: int, cost_s: float, **metadata: float) -> dict[str, Any]:
-    """What the route server reads of an edge.
+    """Properties of an edge that the route server reads.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ OBSTACLE_FROM = OCCUPIED // 2
 #: Beyond this ratio of the speeds, costs in whole units overflow or lose the fast one.
 MAX_SPEED_RATIO = 1000.0
 
-#: A straight step at full speed costs so many units; fewer where v_min is below v_max / 15.
+#: Cost of a straight step at full speed [units]; less if v_min is below v_max / 15.
 _FAST_STEP = 4096
 #: A robot that touches the border of an obstacle exactly passes: rounding of radius / resolution must not decide.
 _TOUCH = 1.0 - 1e-9

@@ -27,7 +27,7 @@ _MAX_CELLS = 25_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HapticContact:
-    """What one touch has found, in the frame F of the sensor (x away from the robot, y along the strip)."""
+    """Result of one touch, in the frame F of the sensor (x away from the robot, y along the strip)."""
 
     primitive: Primitive  #: in frame F
     points_foam_m: Float[np.ndarray, "k 2"]  #: contact points X_k

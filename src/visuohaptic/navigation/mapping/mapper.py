@@ -49,7 +49,9 @@ class MapperSettings:
     odometry_sigma_rad_per_m: float = 0.05
     odometry_floor: tuple[float, float] = (0.02, 0.02)  #: standard deviation per scan [m, rad]
     match: MatchSettings = field(default_factory=MatchSettings)
-    patience: int = 15  #: after so many scans in a row that do not fit, the map is taken to be wrong here
+    patience: int = (
+        15  #: after this number of consecutive scans that do not fit, the map is considered wrong here
+    )
     warm_up_scans: int = 2  #: are added where the odometry says
     add_every_m: float = 0.15  #: between them scans are matched and not added: each adds its error to the map
     add_every_rad: float = 0.03

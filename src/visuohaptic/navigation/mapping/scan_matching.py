@@ -1,4 +1,4 @@
-"""Where a scan lies in a map: search over shifts and turns, then point to line, with a covariance.
+"""Pose of a scan in a map: search over shifts and turns, then point to line, with a covariance.
 
 The search (Olson 2009, correlative scan matching, here in one resolution)
 finds the right hill even when the odometry is off by decimetres; the

@@ -128,7 +128,7 @@ class _Builder:
         through_s = cost[beside] * self.unit_s + self.regions.potential[window][beside] * self.regions.unit_s
         np.minimum.at(drive_s, which, through_s)
         neighbours = np.searchsorted(self.seeds, names).astype(np.int32)
-        # 7: of driving alone. What the task costs is for the search to weigh, and the figure of the text
+        # 7: drives only. The search accounts for the cost of the task, and the figure of the text
         # shows nodes whose edges no plan would take.
         around_s = costs_between(
             self.visual.edges, self.visual.edge_cost_s, self.visual.nodes, neighbours,

@@ -22,7 +22,7 @@ from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 
 __all__ = ["assemble", "plan_in_domain"]
 
-#: Fraction of the budget for the search; what is left is for the drives of the plan.
+#: Fraction of the budget for the search; the rest is for the drives of the plan.
 SEARCH_FRACTION = 0.9
 #: Clearance interpolated between cells may fall by this along a straight way out [cells].
 ESCAPE_SLACK = 0.02
@@ -48,7 +48,7 @@ def plan_in_domain(
     domain
         From :func:`~visuohaptic.navigation.planning.search.domain_builder.build_search_domain`.
     costs, limits
-        What a push costs; how long to search.
+        Cost parameters; limits of the search.
     active
         Indices of the bodies that may be pushed; all of them by default.
     oblique
@@ -56,7 +56,7 @@ def plan_in_domain(
     name
         Side condition, for the plan's label.
     report_costs
-        What the tasks' seconds are computed with, where ``costs`` weighs something else than time.
+        Costs for the tasks' seconds, if ``costs`` weighs other quantities than time.
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     load_kernels()
@@ -88,17 +88,17 @@ def assemble(
     problem
         Start and goal.
     domain
-        What was searched.
+        The domain that was searched.
     result
         Pushes in order.
     costs
-        What the seconds of the tasks are computed with.
+        Costs for the seconds of the tasks.
     name
         Side condition, for the plan's label.
     begin
         Where the search began, after an escape from a start in collision; the start by default [cells].
     deadline
-        From then on long drives are no more shortened where pieces of them meet.
+        Corners of drives are not cut after it.
     """
     notes = _notes(domain, result)
     if not result.found:
@@ -134,7 +134,7 @@ def assemble(
 
 
 def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:
-    """Where a robot that starts in collision gets away straight, from nothing nearer than it is; else its start.
+    """Place to which a robot that starts in collision can escape straight without approaching an obstacle; else its start.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
 
 
 def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
-    """Why a robot cannot leave where it starts."""
+    """Reason why a robot cannot leave its start."""
 
     outlines = [(body.obj.id, body.outline) for body in domain.bodies]
     outlines += [

@@ -22,11 +22,11 @@ from .sideward_plan import via_sideward
 
 __all__ = ["alternatives", "make_plan", "via_exploration", "without_pushing"]
 
-#: How much reliability is worth to the most reliable plan [s per -log(1 - p)].
+#: Weight of reliability in the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
 #: Fraction of the budget for a plan that explores nothing, where objects are unknown.
 KNOWN_FRACTION = 0.5
-#: Of the unknown objects on the map, so many nearest ones are considered for the most informative plan.
+#: Maximum number of unknown objects, the nearest ones, that are considered for the most informative plan.
 MAX_UNKNOWN = 5
 
 
@@ -44,7 +44,7 @@ def make_plan(
     problem
         Map, objects, robot, start and goal.
     costs, limits
-        What the text leaves open; how long to search.
+        Cost parameters that the text leaves open; limits of the search.
 
     Examples
     --------

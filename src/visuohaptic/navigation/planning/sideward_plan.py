@@ -95,7 +95,7 @@ def via_sideward(
 def _past(
     domain: SearchDomain, index: int, path: Float[np.ndarray, "k 2"]
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
-    """Where a path comes near to a body and goes on past it, about its centre [m]; none where it keeps clear of it."""
+    """Part of a path that passes near a body, relative to its centre [m]; none if the path keeps clear of it."""
     import shapely
 
     body, resolution_m = domain.bodies[index], domain.map.resolution_m

@@ -224,7 +224,7 @@ def _sampled(
 ) -> SidewardPush:
     """A push with the fraction of simulated drives that neither release the object nor pass it, and where they end."""
     failed, errors = 0, []
-    # An object that stands nearer than believed is met before the start.
+    # An object that is nearer than estimated is touched before the start.
     heading = push.path_m[0, 2]
     back = push.path_m[:1] - BACK_M * np.array([np.cos(heading), np.sin(heading), 0.0])
     drive = np.concatenate([back, push.path_m])

@@ -17,13 +17,13 @@ from .robot_model import RobotModel
 
 __all__ = ["Passage", "PassageCost", "PassageKind", "is_door_wing"]
 
-#: What is expected of a passage that was never waited for, from the trigger on [s].
+#: Expected opening time of a passage without observations, from the trigger on [s].
 SLIDING_S = Estimate(4.0, spread=2.0)
-#: People that come by at random, one a minute: the wait is exponential, its deviation its mean.
+#: Wait for a person who operates it, one a minute at random: exponential, so that deviation and mean are equal.
 ARRIVALS_S = Estimate(60.0, spread=60.0)
-#: A sliding door of so many does not open.
+#: Probability that a sliding door does not open.
 SLIDING_FAILURE = 0.05
-#: An elevator is given up after so long [s].
+#: Maximum waiting time for an elevator [s].
 PATIENCE_S = 300.0
 #: The rotation of a wing, and so the time to push it open, varies by at most this fraction.
 WING_SPREAD = 0.35

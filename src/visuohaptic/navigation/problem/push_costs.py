@@ -34,7 +34,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class PushCosts:
-    """What the text leaves open, with its defaults."""
+    """Parameters that the text leaves open, with their defaults."""
 
     drift_limit_m: float = 0.10  #: the contact may wander so far sideways over one push
     rotation_limit_rad: float = 1.05  #: the object may turn so far over one push

@@ -1,4 +1,4 @@
-"""Where simulated pushes end that do not know friction, load, centre of friction and pose for certain."""
+"""Distribution of the ends of pushes, simulated with uncertain friction, load, centre of friction and pose."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .push_model import PushModel
 
 __all__ = ["PushUncertainty", "covariance_of_ends", "sampled_pushes"]
 
-#: A platform that would begin in the object begins so much earlier (m): up to 4 sigma of place and turn.
+#: A platform that would begin inside the object begins this distance earlier (m): up to 4 sigma of place and turn.
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
-#: So deep the rim may begin in the outline (m).
+#: Maximum depth of the rim in the outline at the beginning (m).
 INSIDE_M = 1e-3
 #: Largest factor of the load's distance from its centre: the bottom of a disc stands on its rim.
 RIM = math.sqrt(2.0)
@@ -28,9 +28,9 @@ CENTRE_FRACTION, CENTRE_NUMBERS = 0.05, 6
 
 @dataclass(frozen=True, slots=True)
 class PushUncertainty:
-    """What a simulated push does not know; standard deviations but for the friction.
+    """Uncertain parameters of a simulated push; standard deviations except for the friction.
 
-    How the load spreads is not known either: from evenly over a flat bottom to all on its rim, or on feet there.
+    The distribution of the load is uncertain, too: from uniform over a flat bottom to all on its rim, or on feet there.
     """
 
     #: Half range of the contact's friction, all of which is as likely. By default from none to twice
@@ -122,7 +122,7 @@ def sampled_pushes(
     samples
         Number of samples.
     skip
-        The first ones that are not simulated, as their poses are known.
+        Number of first samples that are not simulated, because their poses are known.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def covariance_of_ends(errors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3
     from scipy.special import chdtri
 
     moments: Float[np.ndarray, "3 3"] = errors.T @ errors / len(errors)
-    # What never differs has no part in it.
+    # Components without any deviation are left out.
     if not (rank := int(np.linalg.matrix_rank(moments, hermitian=True))):
         return moments
     squares = np.einsum("ni,ij,nj->n", errors, np.linalg.pinv(moments, hermitian=True), errors)

@@ -17,7 +17,7 @@ __all__ = ["PushModel", "load_of_feet", "patch_points"]
 CONTACT_FRICTION = 0.25
 #: Points of a flat bottom: enough for 1 % of its limit surface.
 PATCH_POINTS = 24
-#: A regular polygon of so many corners stands for a disc: its edges leave the circle by less than 2 % of the radius
+#: A regular polygon of at least this number of corners represents a disc: its edges leave the circle by less than 2 % of the radius
 #: on either side, the centimetre to which outlines are drawn.
 DISC_CORNERS = 12
 

@@ -31,7 +31,7 @@ ASIDE_M = (0.0, 0.04, -0.04, 0.08, -0.08, 0.12, -0.12, 0.17, -0.17, 0.22, -0.22,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PushEstimate:
-    """What the motion of the contact along the rim implies so far."""
+    """Estimates from the motion of the contact along the rim so far."""
 
     model: PushModel
     object_m: Float[np.ndarray, "3"]  #: where the object is now

@@ -1,4 +1,4 @@
-"""Where an object goes when a round platform drives against it: quasi-static, with friction at the contact.
+"""Motion of an object that a round platform pushes: quasi-static, with friction at the contact.
 
 The object stands still unless it is touched and stops at once when it is
 left: at 0.05 m/s its momentum carries it a third of a millimetre. Its motion

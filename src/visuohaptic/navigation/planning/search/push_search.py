@@ -283,18 +283,16 @@ class _Search:
     def _bound_crossings(self, heuristic: PushHeuristic) -> str:
         """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
         domain, limits, deadline = self.domain, self.limits, self._until(ALONE)
-        still = [k for k in range(len(domain.bodies)) if k not in self.active]
-        lattice = domain.lowered(domain.lattice, self.first.shifts, still, domain.block)
         # A path without pushes, or one that crosses few bodies, needs no other bounds.
         for index in heuristic.separating(self.cells, heuristic.crossed(self.cells)):
             if deadline.passed:
                 break
             body, first = (domain.bodies[index],), SearchState(0.0, self.start, np.zeros((1, 2)))
             alone = replace(
-                domain, bodies=body, lattice=lattice, patches={}, still={}, drives={}, pieces={}, paths={}, ends={}, boxes=[],
+                domain, bodies=body, lattice=heuristic.base, patches={}, still={}, drives={}, pieces={}, paths={}, ends={}, boxes=[],
             )  # fmt: skip
-            cells, _ = domain.seeds(lattice, self.start)
-            part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
+            cells, _ = domain.seeds(heuristic.base, self.start)
+            part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique, free=heuristic)
             most = min(ALONE_EXPANSIONS, limits.expansions)
             found = PushPass(part, 1.0, limits, deadline, on_map=False).run(first, most, gap=ALONE_GAP)
             if not found.found:
