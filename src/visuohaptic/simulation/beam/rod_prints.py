@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -72,6 +73,7 @@ def print_of_image(image: UInt8[np.ndarray, "R C"], width_m: float) -> Print:
     return Print(cv2.resize(levels, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC), width_m)
 
 
+@lru_cache(maxsize=16)
 def collage(seed: int) -> UInt8[np.ndarray, "side side"]:
     """An image of 320 x 320 pixels with many shapes and grey levels, different for every seed; it tracks like a photo.
 
@@ -101,4 +103,6 @@ def collage(seed: int) -> UInt8[np.ndarray, "side side"]:
         canvas += fraction * mask * (level - canvas)
     canvas += 10 * fractal_noise(rng, size, 0.3, shortest_texels=4)
     small = cv2.resize(cv2.GaussianBlur(canvas, (0, 0), 0.8), (320, 320), interpolation=cv2.INTER_AREA)
-    return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+    image = np.clip(np.rint(small), 0, 255).astype(np.uint8)
+    image.flags.writeable = False  # shared by all callers through the cache
+    return image
