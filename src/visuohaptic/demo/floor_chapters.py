@@ -21,6 +21,7 @@ from ..navigation.problem.planning_problem import MovableObject, PlanningProblem
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.houses.led_platform import LedPlatform
 from ..simulation.mobile.obstacles import SimulatedObstacle
+from ..tasks.mobile.doorway_objects import heading_across, join_sides, near_side
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from .judge import Claim
 from .memory import RememberedMap
@@ -38,13 +39,6 @@ MIN_FIT = 0.94
 BESIDE_M = 2 * ROBOT.radius_m + 0.2
 #: Distance of the observation point from the first obstacle, and of the views to either side [m].
 LOOK_M, ASIDE_M = 0.9, 0.45
-#: Two standard deviations of laser and map between scans of the same side [m].
-LINK_M = 0.03
-#: Depth of an object by its width, two deviations above one: a factor of 1.4 is one deviation.
-MAX_DEPTH = 2.0
-#: Standard deviation of one laser point, and width of the strips whose points are averaged: at the middle of a round
-#: bin the sides of a strip are half a millimetre farther away than its middle [m].
-LASER_SIGMA_M, STRIP_M = 0.01, 0.02
 #: Standard deviation of a position measured by the laser, from the errors of map and laser [m].
 SEEN_SIGMA_M = 0.03
 
@@ -201,8 +195,8 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     blocked = without_pushing(_problem(mission, known.map_now))
     if blocked.reachable:
         return done(f"nothing new is in the way, {len(groups)} new beside it")
-    known.ahead_rad = _across(near, path)
-    near = _whole(near, known.ahead_rad)
+    known.ahead_rad = heading_across(near, path, grid)
+    near = join_sides(near, known.ahead_rad)
     known.obstacle_points_m = tuple(near)
     for one in near:
         (x, y), wide = near_side(one, known.ahead_rad)
@@ -258,33 +252,6 @@ def _distance(group: Float[np.ndarray, "k 2"], path: Float[np.ndarray, "n 3"]) -
     return float(np.hypot(*(group[:, None] - path[None, :, :2]).transpose(2, 0, 1)).min())
 
 
-def _across(groups: Sequence[Float[np.ndarray, "k 2"]], path: Float[np.ndarray, "n 3"]) -> float:
-    """Heading perpendicular to a row of objects, or that of the path for a single one [rad]."""
-    middles = np.array([one.mean(axis=0) for one in groups])
-    nearest = np.hypot(*(path[:, None, :2] - middles[None]).transpose(2, 0, 1)).min(axis=1).argmin()
-    heading = float(path[nearest, 2])
-    if len(middles) < 2:
-        return heading
-    _, _, axes = np.linalg.svd(middles - middles.mean(axis=0))
-    normal = axes[1] * np.sign(axes[1] @ (math.cos(heading), math.sin(heading)))
-    return math.atan2(normal[1], normal[0])
-
-
-def _whole(groups: Sequence[Float[np.ndarray, "k 2"]], heading_rad: float) -> list[Float[np.ndarray, "k 2"]]:
-    """Objects: points behind a near side belong to it, up to the depth that an object of its width may have."""
-    turn, whole = rotation_2d(heading_rad), list[Float[np.ndarray, "k 2"]]()
-    for one in sorted(groups, key=lambda group: -float(np.ptp(group @ turn[:, 1]))):
-        for number, wider in enumerate(whole):
-            low, high = (wider @ turn).min(axis=0) - LINK_M, (wider @ turn).max(axis=0) + LINK_M
-            high[0] = max(high[0], low[0] + MAX_DEPTH * (high[1] - low[1]))
-            if ((one @ turn > low) & (one @ turn < high)).all():
-                whole[number] = np.concatenate([wider, one])
-                break
-        else:
-            whole.append(one)
-    return sorted(whole, key=lambda group: float(group[:, 1].mean()))
-
-
 def _place_claim(mission: Mission, group: Float[np.ndarray, "k 2"]) -> Claim:
     """Centre of an object from its laser points, compared with the nearest true one."""
     true = nearest_obstacle(mission, group.mean(axis=0))
@@ -295,29 +262,6 @@ def _place_claim(mission: Mission, group: Float[np.ndarray, "k 2"]) -> Claim:
     value = front + 0.5 * width * rotation_2d(mission.known.ahead_rad)[:, 0]
     sigma = math.hypot(SEEN_SIGMA_M, 0.5 * width / math.sqrt(12.0) / math.sqrt(2.0))
     return Claim("place", true.name, (float(value[0]), float(value[1])), (x, y), sigma=sigma)
-
-
-def near_side(group: Float[np.ndarray, "k 2"], heading_rad: float) -> tuple[Float[np.ndarray, "2"], float]:
-    """Centre of the near side of an object [m], and its width [m].
-
-    Parameters
-    ----------
-    group
-        Laser points of the object [m].
-    heading_rad
-        Direction of approach [rad].
-    """
-    turn = rotation_2d(heading_rad)
-    ahead, beside = (group @ turn).T
-    strip = np.floor((beside - beside.min()) / STRIP_M).astype(int)
-    count = np.bincount(strip)
-    used = count > 0
-    mean = np.bincount(strip, weights=ahead)[used] / count[used]
-    # The smallest of a few hundred points is three deviations nearer than the side, the mean of a strip is not; the
-    # strip is chosen by an upper bound of two standard errors, for those at the ends have few points.
-    nearest = mean[np.argmin(mean + 2.0 * LASER_SIGMA_M / np.sqrt(count[used]))]
-    width = float(np.ptp(beside))
-    return turn @ np.array([nearest, beside.min() + 0.5 * width]), width
 
 
 def nearest_obstacle(mission: Mission, point_m: Float[np.ndarray, "2"]) -> SimulatedObstacle:
@@ -404,4 +348,4 @@ def default_door(mission: Mission) -> None:
     path = _path(house.grid, [house.start[:2], house.table_m], ROBOT.radius_m)
     outlines = [outline_m(mission, one) for one in house.obstacles]
     near = [one for one in outlines if _distance(one, path) < BESIDE_M]
-    known.obstacle_points_m, known.ahead_rad = tuple(near), _across(near, path)
+    known.obstacle_points_m, known.ahead_rad = tuple(near), heading_across(near, path, house.grid)

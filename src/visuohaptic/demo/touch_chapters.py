@@ -19,8 +19,9 @@ from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
+from ..tasks.mobile.doorway_objects import near_side
 from ..tasks.mobile.felt_footprint import felt_footprint
-from .floor_chapters import ROBOT, default_door, near_side, nearest_obstacle, outline_m
+from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
 from .judge import Claim
 from .memory import MOVED_M, recognise
 from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo

@@ -1,3 +1,6 @@
+from .doorway_objects import heading_across as heading_across
+from .doorway_objects import join_sides as join_sides
+from .doorway_objects import near_side as near_side
 from .explore import ExploreStep as ExploreStep
 from .explore import ObstacleExploration as ObstacleExploration
 from .explore import explore_obstacle as explore_obstacle
