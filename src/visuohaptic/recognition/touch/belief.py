@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from ..data.places import HEIGHTS
 from ..data.readings import TouchReading
-from .haptic_model import HapticModel
+from .haptic_model import NUISANCES, HapticModel
 from .unknown_class import FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = [
@@ -255,7 +255,7 @@ def doubted(model: HapticModel, readings: Sequence[TouchReading]) -> str:
     effect = model.nuisance[best][:, place]
     # Posterior means of nuisances that are standard normal beforehand; of the height by the scale of a good pose.
     sigmas = effect @ np.linalg.solve(seen, value - model.mean[best, place])
-    sigmas *= np.array([1.0, float(model.pose[best]), 1.0, 1.0])
+    sigmas *= np.where(np.array(NUISANCES) == "height", model.pose[best], 1.0)
     worst = int(np.argmax(np.abs(sigmas)))
     settings, much = model.settings, float(sigmas[worst])
     name = model.answers[model.answer_of[best]]
@@ -266,6 +266,7 @@ def doubted(model: HapticModel, readings: Sequence[TouchReading]) -> str:
             f"pressed {abs(height):.1f} mm {'higher' if height > 0 else 'lower'}",
             f"with a zero of the force that is {settings.zero_N * much:+.2f} N wrong",
             f"with a contact that is {1e3 * settings.zero_m * much:+.2f} mm wrong",
+            f"with a mouth that is {100 * np.expm1(settings.mouth * much):+.0f} % stiffer",
         )[worst]
         return f"the readings fit {name} {said}"
     if model.spread[best] > 1:

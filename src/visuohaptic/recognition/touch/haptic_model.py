@@ -1,22 +1,20 @@
-"""What the planner knows of its candidates: Gaussians over all that one exploration could read.
+"""Gaussian model of the features of each candidate class, for an exploration by touch.
 
 Symbols: g answers, k trained classes (a group has several), c Gaussians, m nuisances, p = 97 features: logarithms of 64
 stiffnesses (height * 4 + side), of 32 widths (height * 2 + axis) and of the height of the object.
 
-An exploration of an object of class k reads, at the places that it touches,
+An exploration of an object of class k reads, at the places that are touched,
 
     y = mu_k + l w + s e + J theta + d,    w ~ N(0, W_k),  e ~ N(0, P_k),  theta ~ N(0, 1),  d ~ N(0, D)
 
-w is what objects of a class differ by, e what a wrong pose of the gripper does to all touches, J theta the gain and the
-zeros of its sensors and Young's modulus, which all touches share, too, and d what simulation gets wrong, place by place.
-All of them are integrated out, since everything is Gaussian given l and s: l is 1 for an object inside the trained ranges
-and :data:`OUTSIDE` for one that leaves them, s is 1 for a pose as good as it should be and :data:`CARELESS` for a poor one.
-Each combination is a Gaussian of its own, equally probable beforehand, so that residuals have the heavy tails of their
-mixture. W_k is shrunk to the average of all classes, by as much as makes objects of k that are left out most probable.
-"Unknown" is an answer like the others, with Gaussians of its own (:mod:`.unknown_class`).
-
-Stiffness is read in series with the resolution c0 of a touch, k / (1 + c0 k): what hardly moves is as stiff as can be seen,
-and the logarithm of what is read keeps a Gaussian error.
+w is the variation within the class, e the effect of a pose error of the gripper, J theta the effects of force gain, sensor
+zeros, Young's modulus and the closure of the mouth, and d the error of the simulation at each place. All but d are shared by
+the touches of one exploration. All are integrated out in closed form, since everything is Gaussian given l and s: l is 1 for
+an object inside the trained ranges and :data:`OUTSIDE` for one outside, s is 1 for an accurate pose and :data:`CARELESS` for
+an inaccurate one. Each combination is a Gaussian component with equal prior probability, so that residuals have the heavy
+tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated
+likelihood. The unknown class is an answer with components of its own (:mod:`.unknown_class`). Stiffness is read in series with the resolution c0 of a touch, k / (1 + c0 k): stiffness beyond the resolution saturates, and
+the logarithm of the reading keeps a Gaussian error.
 """
 
 from __future__ import annotations
@@ -52,46 +50,51 @@ __all__ = [
 
 UNKNOWN = "unknown"
 _PLACE_m = 0.01  # between two of the 16 heights of most containers
-#: A parameter that is uniform in a range has a standard deviation of 0.29 of its width. Where every fourth one leaves its
-#: range by up to 0.3 widths, the root mean square over all of them is 0.41 widths: 1.43 times as much. Where all do it is
-#: 2.25 times; then more of what is unknown is taken for a class outside its ranges than of what is outside is known.
+#: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
+#: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with it more unknown
+#: objects are accepted as known than known objects outside their ranges are gained.
 OUTSIDE = 1.43
-#: A pose is known to 2 mm by a calibrated gripper, and to 5 mm by one that is not.
+#: Pose error of an uncalibrated gripper (5 mm) by that of a calibrated one (2 mm).
 CARELESS = 2.5
-#: Objects that the average covariance of all classes counts for: what is tried. A hundredth of an object is next to none.
+#: Candidate strengths of the shrinkage: number of objects that the average covariance of all classes counts for.
 STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
-NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation")
+NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
+#: Places over which the effect of the mouth's closure falls by e: fit to maps of bottles with free and with held mouths.
+MOUTH_REACH = 2.2
 
 
 @dataclass(frozen=True, slots=True)
 class ModelSettings:
-    """What is assumed beyond the training data; all are standard deviations."""
+    """Standard deviations of what the training data do not show, and priors."""
 
-    discrepancy: float = 0.04  #: relative error of simulated stiffness, by place
-    end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
-    pose_m: float = POSE_m  #: wrong height of all touches
-    poses: tuple[float, ...] = (1.0, CARELESS)  #: factors of it, alike probable; 1 if it was measured
-    tilt_rad: float = 0.05  #: wrong tilt of the gripper against the object, 3 degrees
-    width_m: float = 0.0008  #: wrong width by pose and contact
+    discrepancy: float = 0.04  #: relative error of simulated stiffness, independent by place
+    end_discrepancy: float = 0.5  #: at the lowest and highest place, which depend on boundary conditions
+    pose_m: float = POSE_m  #: error of the height, common to all touches
+    poses: tuple[float, ...] = (1.0, CARELESS)  #: factors of it with equal probability; 1 if it was measured
+    tilt_rad: float = 0.05  #: error of the gripper's tilt against the object, 3 degrees
+    width_m: float = 0.0008  #: error of the width by pose and contact
     width_discrepancy: float = 0.005  #: relative
-    gain: float = 0.09  #: of all stiffnesses: a force gain of 5 %, and a modulus within 12 % (7 % if uniform)
-    zero_N: float = 0.05  #: wrong zero of the force of all touches
-    zero_m: float = 5e-5  #: wrong contact, and with it deformation, of all touches
+    gain: float = 0.09  #: common to all stiffnesses: force gain 5 %, modulus within 12 % (std 7 % if uniform)
+    zero_N: float = 0.05  #: error of the force's zero, common to all touches
+    zero_m: float = 5e-5  #: error of the deformation's zero (contact), common to all touches
+    mouth: float = (
+        0.0  #: of log stiffness at the highest place, if the mouth may be open or closed unlike in training
+    )
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
     use_width: bool = True  #: widths and the height of the object count as evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HapticModel:
-    """What is known of the candidates: c Gaussians, each of which belongs to an answer."""
+    """Mixture of c Gaussians over the features, each of which belongs to an answer."""
 
     answers: tuple[str, ...]  #: classes that are answered, "unknown" last
     answer_of: Int[np.ndarray, "c"]  #: of each Gaussian
     mean: Float[np.ndarray, "c p"]
     covariance: Float[np.ndarray, "c p p"]
     log_prior: Float[np.ndarray, "c"]
-    nuisance: Float[np.ndarray, "c m p"]  #: what a standard deviation of each of :data:`NUISANCES` does
+    nuisance: Float[np.ndarray, "c m p"]  #: effect of one standard deviation of each of :data:`NUISANCES`
     spread: Float[np.ndarray, "c"]  #: l of each Gaussian
     pose: Float[np.ndarray, "c"]  #: s of each Gaussian
     groups: Mapping[str, Sequence[str]]  #: name -> trained classes that are answered by it
@@ -99,21 +102,21 @@ class HapticModel:
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
     unknown_log_odds: float = 0.0  #: added to those of "unknown", see :mod:`.calibration`
-    tail: float = 1.0  #: factor of the chi-square at which nothing is known, see :mod:`.calibration`
+    tail: float = 1.0  #: factor of the chi-square limit of known classes, see :mod:`.calibration`
     square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
     freedom: int = 0  #: number of its values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassStatistics:
-    """Features of a class, as learned."""
+    """Learned distribution of a class's features."""
 
     mean: Float[np.ndarray, "p"]
-    mean_covariance: Float[np.ndarray, "p p"]  #: of the mean, which few objects leave uncertain
-    within: Float[np.ndarray, "p p"]  #: what its objects differ by
-    pose: Float[np.ndarray, "p p"]  #: what wrong poses do
+    mean_covariance: Float[np.ndarray, "p p"]  #: uncertainty of the mean
+    within: Float[np.ndarray, "p p"]  #: variation within the class
+    pose: Float[np.ndarray, "p p"]  #: effect of pose errors
     spreads: tuple[float, ...] = (1.0, OUTSIDE)  #: l of its Gaussians
-    touched: bool = False  #: its objects were, each anew: nuisances are in ``within`` already
+    touched: bool = False  #: learned from separate explorations: ``within`` includes the nuisances
 
 
 def fit_model(
@@ -124,18 +127,18 @@ def fit_model(
     settings: ModelSettings | None = None,
     protocol: TouchProtocol | None = None,
 ) -> HapticModel:
-    """Learn from training objects of which all features are known.
+    """Fit the model to training objects with complete features.
 
     Parameters
     ----------
     data
         Objects with the names of their classes.
     groups
-        Name -> classes that go under this name; a class in no group answers by its own name.
+        Answer -> classes that it combines; a class in no group is an answer of its own.
     prior
-        Of vision, by answer; alike by default. What is not named is no candidate.
+        Visual prior by answer; uniform by default. Answers that are not named are excluded.
     settings, protocol
-        What is assumed, and how the gripper touches.
+        Assumed standard deviations, and how the gripper touches.
     """
     settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     found = assemble(class_statistics(data, settings, protocol), groups or {}, settings, protocol)
@@ -145,14 +148,14 @@ def fit_model(
 def class_statistics(
     data: FeatureSet, settings: ModelSettings, protocol: TouchProtocol
 ) -> dict[str, ClassStatistics]:
-    """Mean, spread and effects of wrong poses of each class, by its name.
+    """Mean, variation and effects of pose errors of each class, by its name.
 
     Parameters
     ----------
     data
         Objects with the names of their classes.
     settings, protocol
-        What is assumed, and how the gripper touches.
+        Assumed standard deviations, and how the gripper touches.
     """
     features, number = log_features(data, protocol), data.number
     counts = np.bincount(number)
@@ -179,14 +182,14 @@ def assemble(
     settings: ModelSettings,
     protocol: TouchProtocol,
 ) -> HapticModel:
-    """The model of classes that were learned.
+    """Assemble the mixture from learned classes.
 
     Parameters
     ----------
     learned
         Trained class -> its statistics.
     groups, settings, protocol
-        As for :func:`fit_model`; classes are alike probable.
+        As for :func:`fit_model`; classes have equal prior probability.
     """
     name_of = {part: part for part in learned}
     for group, members in groups.items():
@@ -195,17 +198,17 @@ def assemble(
     fraction = _prior(answers, None, settings)
     own = np.diag(_discrepancy(settings))
     kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
+    apart = [k for k, name in enumerate(NUISANCES) if name != "height"]  # which is in the pose
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
-        # The height is among the poses.
-        shared = one.mean_covariance + effect[[0, 2, 3]].T @ effect[[0, 2, 3]] + (not one.touched) * own
+        shared = one.mean_covariance + effect[apart].T @ effect[apart] + (not one.touched) * own
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
         chance = fraction[name_of[part]] / alike / len(one.spreads) / len(settings.poses)
         for spread, pose in product(one.spreads, settings.poses):
             whole = shared + spread**2 * one.within + pose**2 * one.pose
-            scaled = effect * np.array([1.0, pose, 1.0, 1.0])[:, None]
+            scaled = effect * np.where(np.array(NUISANCES) == "height", pose, 1.0)[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
         for kind, part_of in zip(kinds, likely, strict=True):
             chance = fraction[UNKNOWN] / len(learned) * part_of
@@ -222,14 +225,14 @@ def assemble(
 
 
 def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticModel:
-    """The same model with other probabilities beforehand.
+    """The same model with other prior probabilities.
 
     Parameters
     ----------
     model
         Of the candidates.
     prior
-        Of vision, by answer; alike by default. What is not named is no candidate.
+        Visual prior by answer; uniform by default. Answers that are not named are excluded.
     """
     answers = model.answers[:-1]
     fraction = _prior(answers, prior, model.settings)
@@ -260,20 +263,20 @@ def nuisance_effects(
     settings: ModelSettings,
     protocol: TouchProtocol,
 ) -> Float[np.ndarray, "m p"]:
-    """What one standard deviation of each nuisance adds to the features of a class.
+    """Effect of one standard deviation of each nuisance on the features of a class.
 
-    A line through the origin, fitted to samples spread evenly up to the reach r, is changed by 3 z / (2 r) by a contact that
-    is wrong by z, and by 3 f / (2 k r) by a wrong zero f of the force. Of the wrong poses, "height" is the part that moves
-    all features along the slope s of their profile, P s / sqrt(s' P s).
+    The slope of a line through the origin, fitted to evenly spaced samples up to the reach r, changes by 3 z / (2 r) with an
+    error z of the contact, and by 3 f / (2 k r) with an error f of the force's zero. "height" is the part of the pose errors
+    along the slope s of the profile, P s / sqrt(s' P s). "mouth" decays exponentially from the highest place downwards.
 
     Parameters
     ----------
     mean
         Features of the class.
     pose
-        P, what wrong poses do.
+        P, effect of pose errors.
     settings, protocol
-        What is assumed, and how the gripper touches.
+        Assumed standard deviations, and how the gripper touches.
     """
     out = np.zeros((len(NUISANCES), FEATURES))
     stiffness = np.exp(mean[:FIRST_WIDTH])
@@ -283,25 +286,27 @@ def nuisance_effects(
     along = pose @ slope
     out[1] = along / np.sqrt(max(float(slope @ along), 1e-12))
     out[2, :FIRST_WIDTH] = 1.5 * settings.zero_N / (stiffness * reach)
-    # Beyond its own size a logarithm is not linear in it any more.
+    # The linearisation of the logarithm holds up to an effect of its own size.
     out[3, :FIRST_WIDTH] = np.minimum(1.5 * settings.zero_m / reach, 1.0)
+    below = HEIGHTS - 1 - np.arange(FIRST_WIDTH) // 4
+    out[4, :FIRST_WIDTH] = settings.mouth * np.exp(-below / MOUTH_REACH)
     return out
 
 
 def pose_covariance(
     data: FeatureSet, features: Float[np.ndarray, "n p"], settings: ModelSettings, protocol: TouchProtocol
 ) -> Float[np.ndarray, "p p"]:
-    """Wrong poses: one error of the gripper against the object for all touches.
+    """Covariance of the features by one pose error of the gripper, common to all touches.
 
-    From the maps of the objects where there are any. Else a wrong height moves all contacts along the slope
-    of each profile, and a tilt in the plane of the tips moves them up on one side and down on the other.
+    Taken from the stiffness maps of the objects where available. Otherwise an error of the height moves all contacts along
+    the slope of each profile, and a tilt in the plane of the tips moves them up on one side and down on the other.
 
     Parameters
     ----------
     data
         Objects of one class.
     features
-        Of them, see :func:`log_features`.
+        Their features, see :func:`log_features`.
     settings, protocol
         Standard deviations of the pose, and the resolution of the stiffness.
     """
@@ -324,7 +329,7 @@ def pose_covariance(
             flat = tilted.reshape(count, -1)
             out[:FIRST_WIDTH, :FIRST_WIDTH] += flat.T @ flat / count
     spread = (settings.width_m / data.width_m.mean(axis=0)) ** 2
-    # The top is seen as well as the gripper is placed.
+    # The height of the object is measured as accurately as the gripper is placed.
     tall = (settings.pose_m / USUAL_HEIGHT_m * np.exp(-features[:, HEIGHT].mean())) ** 2
     return out + np.diag(np.concatenate([np.zeros(FIRST_WIDTH), spread.ravel(), [tall]]))
 
@@ -334,9 +339,8 @@ def _within(
 ) -> Float[np.ndarray, "k p p"]:
     """Covariance of each class, shrunk to their average (empirical Bayes with an inverse Wishart prior).
 
-    Every third object is left out in turn, and judged by the covariance of the others. A class has a strength of its own
-    where the criterion of Schwarz grants it one more parameter: one whose walls have few parameters does not bend as those of
-    another with grooves do.
+    The strength maximises the likelihood in a three-fold cross-validation. A class has a strength of its own where the
+    Bayesian information criterion (Schwarz) accepts one more parameter.
     """
     turn = np.arange(len(number)) % 3
     score = np.zeros((len(STRENGTHS), int(number.max()) + 1))
@@ -346,7 +350,7 @@ def _within(
         moved = away - middle[number]
         for trial, strength in enumerate(STRENGTHS):
             for k, covariance in enumerate(_shrunk(moved[turn != fold], number[turn != fold], strength)):
-                # The mean of the others is as uncertain as one of them, by their number.
+                # The uncertainty of the mean of n objects is that of one by n.
                 root = np.linalg.cholesky(covariance * (1 + 1 / max(len(kept[k]), 1)) + np.diag(own))
                 left = moved[(turn == fold) & (number == k)]
                 white = np.linalg.solve(root, left.T)
