@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from visuohaptic.sensing.foam.deflection import (
+    Deflection,
     edge_uncertainty_m,
     fill_gaps,
+    pressed_force_N,
     with_cancelled_texture,
     with_states,
 )
@@ -29,7 +31,9 @@ def filled(delta, hidden):
     probability = np.zeros((K, 4))
     probability[:, 0], probability[hidden] = 1.0, [0.0, 0.0, 1.0, 0.0]
     states = EdgeStates(probability, np.zeros((K, K)), np.zeros((K, 5)))
-    return fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, 0.0 * SIGMA, delta, states)
+    seen = states.foam
+    filled = fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, 0.0 * SIGMA, seen)
+    return Deflection(*filled[:4], seen, filled[4], delta, states, *np.zeros((3, K)))
 
 
 def test_what_is_hidden_is_bounded_by_what_it_draws_along(continuum, reference_law) -> None:
@@ -47,7 +51,9 @@ def test_what_is_hidden_is_bounded_by_what_it_draws_along(continuum, reference_l
 
 def test_a_finger_beside_nothing_hides_little_and_a_hand_hides_anything(material) -> None:
     force = [
-        filled(np.zeros(K), np.abs(GEOMETRY.s_m) < half_m).hidden_force_N(material, GEOMETRY.cell_m)
+        pressed_force_N(
+            filled(np.zeros(K), np.abs(GEOMETRY.s_m) < half_m).hidden_m, material, GEOMETRY.cell_m
+        )
         for half_m in (0.007, 0.04)
     ]
     # 5 points of 3 mm, at most 9 mm from the last one seen: 10 um exp(9 / 3) each at 0.1 N per mm and point.

@@ -289,3 +289,23 @@ def test_a_narrow_gap_before_a_dark_body_does_not_hide_the_flanks() -> None:
     # From two thirds of a millimetre on; 0.30 with the edges as they look.
     assert np.abs(error[2:] / frames["truth_N"][2:]).max() < 0.17
     assert np.abs(error / frames["sigma_N"]).max() < 3.0
+
+
+@pytest.mark.parametrize("rate_Hz", [30, 10, 5])
+def test_a_press_is_read_at_the_rate_of_any_camera(rate_Hz) -> None:
+    sequence = disturbances.forces(2)
+    sequence.moments = sequence.moments[4 :: 30 // rate_Hz]
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
+    assert frames["valid"].all()
+    error = frames["force_N"] - frames["truth_N"]
+    assert (np.abs(error) < 4.0 * frames["sigma_N"] + foam_evidence.PHANTOM_N).all()
+
+
+def test_points_behind_a_shadow_while_zeroing_are_read_when_it_has_gone() -> None:
+    """Six points at the end of the strip have no edge at rest; their widths are inferred, and so is the error of that."""
+    sequence = foam.shadows(18)
+    del sequence.moments[8:]
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
+    assert frames["valid"][2:].all()
+    assert (frames["force_N"][2:] < 3.0 * frames["sigma_N"][2:]).all()
+    assert (frames["sigma_N"][2:] > 0.2).all()

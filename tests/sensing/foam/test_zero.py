@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -71,20 +73,46 @@ def test_a_moving_front_is_refused() -> None:
         ZeroReference.from_samples(0.0, np.zeros((30, K)), width, IMAGE)
 
 
-def test_unseen_points_are_refused() -> None:
+def test_a_strip_that_is_not_seen_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="none of 20 contour points was seen in half of the 10 frames"):
+        ZeroReference.from_samples(0.0, np.zeros((10, K)), np.full((10, K), np.nan), IMAGE)
+
+
+def test_the_error_of_an_inferred_width_is_that_of_its_prediction() -> None:
+    """Strips cut along a random walk; gaps inside and at an end, neighbours share their errors."""
+    z = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        true = 0.02 + np.cumsum(2e-5 * rng.standard_normal(80))
+        width = true + 1e-6 * rng.standard_normal((10, 80))
+        width[:, 30:34], width[:, 77:], width[6:, 3] = np.nan, np.nan, np.nan
+        zero = ZeroReference.from_samples(0.0, np.zeros((10, 80)), width, np.zeros((80, 5, 60)))
+        np.testing.assert_array_equal(np.flatnonzero(zero.inferred), [30, 31, 32, 33, 77, 78, 79])
+        assert zero.known.all()
+        assert zero.width_sigma_m[~zero.inferred].max() < 1e-6
+        z.append(((zero.width_m - true) / zero.width_sigma_m)[zero.inferred])
+    # 200 gaps tell a standard deviation to a twentieth.
+    assert np.std(z, axis=0) == pytest.approx(1.0, abs=0.2)
+
+
+def test_widths_that_nothing_tells_are_unknown(tmp_path) -> None:
     width = np.full((10, K), 0.02)
-    width[:, 3:5] = np.nan
-    with pytest.raises(CalibrationError, match="2 of 20 contour points"):
-        ZeroReference.from_samples(0.0, np.zeros((10, K)), width, IMAGE)
+    width[:, 2:] = np.nan
+    zero = ZeroReference.from_samples(0.0, np.zeros((10, K)), width, IMAGE)
+    assert zero.known.sum() == 2
+    zero.save(tmp_path / "zero.yaml")
+    back = ZeroReference.load(tmp_path / "zero.yaml", K)
+    np.testing.assert_array_equal(back.known, zero.known)
+    np.testing.assert_array_equal(back.inferred, zero.inferred)
 
 
-def test_one_unseen_point_takes_its_neighbours_width_and_a_wide_sigma() -> None:
-    width = np.full((10, 40), 0.02)
-    width[:, 7] = np.nan
-    zero = ZeroReference.from_samples(0.0, np.zeros((10, 40)), width, np.zeros((40, 5, 60)))
-    assert zero.width_m[7] == pytest.approx(0.02)
-    assert zero.width_sigma_m[7] == pytest.approx(2e-4, rel=0.01)
-    assert np.delete(zero.width_sigma_m, 7).max() < 1e-6
+@pytest.mark.parametrize("sigma", [".nan", "-1.0e-5"])
+def test_a_file_with_a_sigma_that_is_none_is_refused(tmp_path, sigma) -> None:
+    path = tmp_path / "zero.yaml"
+    _zero(np.random.default_rng(0)).save(path)
+    path.write_text(re.sub(r"width_sigma_m: \[[^,]*,", f"width_sigma_m: [{sigma},", path.read_text()))
+    with pytest.raises(InputError, match=r"width_sigma_m"):
+        ZeroReference.load(path, K)
 
 
 def test_adapts_at_rest_only_and_tells_when_it_drifted() -> None:

@@ -73,8 +73,9 @@ def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed,
         anywhere = near = width / min(max(reach, blunt), width)
         moved = abs(delta[k] - trusted[k])
         if known:
+            # Anywhere that the largest speed reaches meanwhile, and no farther than the strip is wide.
             step = 2.0 * (speed * waited + blunt)
-            near = width / step if moved < 0.5 * step else 0.0
+            near = width / min(step, width) if moved < 0.5 * step else 0.0
         # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
         smear = moved / pixel[k] / math.sqrt(12.0) if moved < math.inf else 0.0
         excess = math.log(math.hypot(blur[k], PIXEL_PX) / math.hypot(lens, smear))

@@ -18,7 +18,14 @@ from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 from .uneven_light import SCATTER_POINTS, blur_excess_px2, gap_shift_px, light_shift_px
 
-__all__ = ["Deflection", "edge_uncertainty_m", "fill_gaps", "measure_deflection", "with_states"]
+__all__ = [
+    "Deflection",
+    "edge_uncertainty_m",
+    "fill_gaps",
+    "measure_deflection",
+    "pressed_force_N",
+    "with_states",
+]
 
 #: What a point at a kink, and a bridge, scatters by from frame to frame, by its systematic error: over rendered
 #: plates of 1 to 10 mm depth. The rest is the same in all frames.
@@ -56,21 +63,6 @@ class Deflection:
         """Hidden points, more than can be bridged."""
         return ~self.seen & (self.hidden_m > 0.0)
 
-    def hidden_force_N(self, material: FoamMaterial, cell_m: Float[np.ndarray, "K"]) -> float:
-        """What the hidden points may press with at most [N].
-
-        Parameters
-        ----------
-        material
-            Calibrated foam.
-        cell_m
-            Length of foam that each point stands for [m].
-        """
-        if not self.hidden_m.any():
-            return 0.0
-        pressure = material.stress(np.minimum(self.hidden_m / material.width_m, 1.0))
-        return material.height_m * float(cell_m @ pressure)
-
     def contour(self, geometry: StripGeometry, zero_sigma_m: float) -> FoamContour:
         """The same as input of :func:`~visuohaptic.sensing.foam.profile.read_profile`.
 
@@ -99,6 +91,26 @@ class Deflection:
         )
 
 
+def pressed_force_N(
+    delta_m: Float[np.ndarray, "K"], material: FoamMaterial, cell_m: Float[np.ndarray, "K"]
+) -> float:
+    """Force of foam that is pressed evenly along each cell [N].
+
+    Parameters
+    ----------
+    delta_m
+        Deflection of each point [m], which may be infinite.
+    material
+        Calibrated foam.
+    cell_m
+        Length of foam that each point stands for [m].
+    """
+    if not delta_m.any():
+        return 0.0
+    pressure = material.stress(np.minimum(delta_m / material.width_m, 1.0))
+    return material.height_m * float(cell_m @ pressure)
+
+
 def measure_deflection(
     strip: ObservedStrip,
     zero: ZeroReference,
@@ -119,6 +131,8 @@ def measure_deflection(
     edges
         What the edges were so far; takes this frame in.
     """
+    # Without its width at rest a point says nothing of its deflection.
+    strip = replace(strip, usable=strip.usable & zero.known, low_confidence=strip.low_confidence & zero.known)
     part = zero.encoding
     # A zero that does not say how much of it is encoding was made in a light like today's.
     encoded = np.where(np.isfinite(zero.encoded_m), zero.encoded_m, strip.encoded_m)
@@ -144,9 +158,11 @@ def measure_deflection(
     # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
-    found = fill_gaps(geometry, delta, sigma, noise, systematic, raw, states)
-    unclean, encoding = (np.where(states.foam, error, 0.0) for error in (kink, encoding))
-    return replace(found, light_m=light, unclean_m=unclean, encoding_m=encoding)
+    seen = states.foam | states.shadow
+    delta, sigma, noise, own, hidden = fill_gaps(geometry, delta, sigma, noise, systematic, seen)
+    shared = np.where(zero.inferred & zero.known, systematic, kink)
+    unclean, encoding = (np.where(states.foam, error, 0.0) for error in (shared, encoding))
+    return Deflection(delta, sigma, noise, own, seen, hidden, raw, states, light, unclean, encoding)
 
 
 def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
@@ -208,10 +224,10 @@ def fill_gaps(
     sigma_m: Float[np.ndarray, "K"],
     noise_m: Float[np.ndarray, "K"],
     uncertainty_m: Float[np.ndarray, "K"],
-    raw_m: Float[np.ndarray, "K"],
-    states: EdgeStates,
-) -> Deflection:
-    """Deflection with its gaps filled.
+    seen: Bool[np.ndarray, "K"],
+) -> tuple[Float[np.ndarray, "K"], ...]:
+    """Deflection with its gaps filled, its standard deviation, the part of it by noise, that by noise of each point
+    alone, and what hidden points may be deflected by, see :class:`Deflection`.
 
     One or two points are bridged by the shape of their neighbours. What lies in a wider gap would draw the foam
     along beside it: a point at a distance x from the last one seen, which is deflected by d +- sigma, is pressed by no more
@@ -223,12 +239,10 @@ def fill_gaps(
         Points of the strip.
     delta_m, sigma_m, noise_m, uncertainty_m
         Deflection, noise and texture, the noise alone, and the systematic error [m].
-    raw_m
-        Deflection as if every edge were the foam's [m].
-    states
-        What the edges are.
+    seen
+        Points whose deflection is known.
     """
-    s_m, width_m, seen = geometry.s_m, geometry.width_m, states.foam | states.shadow
+    s_m, width_m = geometry.s_m, geometry.width_m
     delta, sigma, error = delta_m.copy(), sigma_m.copy(), np.zeros(len(s_m))
     hidden, kept = np.zeros(len(s_m)), np.empty(len(s_m), dtype=bool)
     drop_bridged(s_m, delta_m, np.hypot(sigma_m, uncertainty_m), seen, delta, error, kept)
@@ -255,10 +269,7 @@ def fill_gaps(
     noise = np.where(seen, np.minimum(noise_m, total), 0.0)
     own = np.where(seen, _KINK_NOISE * uncertainty_m, np.where(hidden > 0.0, 0.0, _BRIDGE_NOISE * error))
     own = np.minimum(own, np.sqrt(np.maximum(total**2 - noise**2, 0.0)))
-    none = np.zeros(len(s_m))
-    return Deflection(
-        delta, total, noise, own, states.foam | states.shadow, hidden, raw_m, states, none, none, none
-    )
+    return delta, total, noise, own, hidden
 
 
 def with_states(
@@ -300,10 +311,7 @@ def with_states(
     unexplained = np.where(
         inside, 0.0, unexplained + np.where(np.isfinite(found.hidden_m), found.hidden_m, 0.0)
     )
-    loose = 0.0
-    if unexplained.any():
-        pressure = material.stress(np.minimum(unexplained / material.width_m, 1.0))
-        loose = material.height_m * float(cell_m @ pressure)
+    loose = pressed_force_N(unexplained, material, cell_m)
     # Light that is not even shifts neighbours alike.
     light = found.light_m if not reading.contacts else np.where(inside, found.light_m, 0.0)
     if light.any():

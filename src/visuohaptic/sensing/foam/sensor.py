@@ -19,7 +19,15 @@ from ...core.errors import CalibrationError, InputError
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking.contours.contour import PointReason
 from ._chain_kernels import OCCLUDER
-from .deflection import NEGLIGIBLE_N, Deflection, edge_uncertainty_m, measure_deflection, with_states
+from .deflection import (
+    NEGLIGIBLE_N,
+    Deflection,
+    edge_uncertainty_m,
+    fill_gaps,
+    measure_deflection,
+    pressed_force_N,
+    with_states,
+)  # fmt: skip
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 from .posterior import FALSE_ALARM, EdgePosterior
 from .profile import NEGLIGIBLE_PART, ContactRegion, FoamReading, read_profile
@@ -178,12 +186,32 @@ class FoamSensor:
         )
         zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
+        self._check_known(zero, seen[-1])
         self._watch = self._watching(zero)
         self._forget()
         self.optics.forget_motion()
         # Nothing touched it then: what is pressed in the next frame has come since.
         self._edges.start(zero.t_s)
         return zero
+
+    def _check_known(self, zero: ZeroReference, strip: ObservedStrip) -> None:
+        """Refuse a zero with which no frame could be valid, see :meth:`_reason`.
+
+        Even of a free strip the points without a width at rest could hide more force than may be wrong of the largest
+        that the others can measure.
+        """
+        geometry, material = self.setup.geometry, self.setup.material
+        noise = np.where(zero.known, strip.width_sigma_m, 0.0)
+        hidden = fill_gaps(geometry, np.zeros(len(noise)), noise, noise, zero.width_sigma_m, zero.known)[4]
+        full = np.where(zero.known, material.densification_strain * material.width_m, 0.0)
+        hidden_N, full_N = (pressed_force_N(delta, material, geometry.cell_m) for delta in (hidden, full))
+        if hidden_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * full_N:
+            raise CalibrationError(
+                "zero",
+                f"{zero.inferred.sum()} of {len(noise)} contour points were seen in fewer than half of the "
+                f"{zero.frames} frames, and {(~zero.known).sum()} of them could hide {hidden_N:.1f} N of {full_N:.1f} N",
+                remedy="free the view of the strip, check T_camera_foam and the light",
+            )
 
     def _watching(self, zero: ZeroReference) -> ZeroWatch:
         """The zero, with what the camera's file says of its encoding in place of what the zero showed."""
@@ -314,7 +342,7 @@ class FoamSensor:
         assert self._watch is not None
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
-        unseen_N = found.hidden_force_N(self.setup.material, self.setup.geometry.cell_m)
+        unseen_N = pressed_force_N(found.hidden_m, self.setup.material, self.setup.geometry.cell_m)
         if unseen_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * reading.force_N:
             lost = ~found.seen & (strip.front.reason != PointReason.OCCLUDED)
             lost &= found.states.probability.argmax(axis=1) != OCCLUDER

@@ -83,16 +83,17 @@ def run(args: Any) -> dict[str, Any]:
 def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
     zero = sensor.zero(args.progress(source, "zeroing"))
     zero.save(sensor.setup.zero_path)
+    sigma_m = float(zero.width_sigma_m[~zero.inferred].mean())
     args.report(
         f"zero reference from {zero.frames} frames written to {sensor.setup.zero_path}: "
         f"width {1e3 * zero.width_m.mean():.3f} mm, "
-        f"noise of a point {1e6 * float(zero.width_sigma_m.mean()) * zero.frames**0.5:.0f} um per frame"
+        f"noise of a point {1e6 * sigma_m * zero.frames**0.5:.0f} um per frame"
     )
     return {
         "zero": str(sensor.setup.zero_path),
         "frames": zero.frames,
         "width_m": float(zero.width_m.mean()),
-        "width_sigma_m": float(zero.width_sigma_m.mean()),
+        "width_sigma_m": sigma_m,
     }
 
 

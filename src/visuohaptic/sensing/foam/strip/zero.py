@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from pydantic import Field, FiniteFloat
 
 from ....core.errors import CalibrationError, InputError
@@ -21,10 +21,6 @@ __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
 
 #: Zeroing may measure another width than declared by this fraction: ruler, pose and texture of the edge.
 _WIDTH_TOLERANCE = 0.10
-
-#: Up to this fraction of the points, no two of them neighbours, may be missing: a line of the floor that meets
-#: the edge just there. They get the width of their neighbours, with this standard deviation by the width.
-_UNSEEN_FRACTION, _UNSEEN_SIGMA = 0.04, 0.01
 
 #: Arrays of the file.
 _ARRAYS = ("reference_px", "width_m", "width_sigma_m", "blur_ratio", "encoded_m")
@@ -40,20 +36,27 @@ class _ZeroFile(Section):
     frames: Annotated[int, Field(ge=1)]
     reference_px: Numbers
     width_m: Numbers
-    width_sigma_m: Numbers
+    #: Infinite where the width is not known.
+    width_sigma_m: Annotated[list[Annotated[float, Field(ge=0.0)]], Field(min_length=8, max_length=2000)]
     #: Absent in files of older versions: the front is then taken to be as sharp as the base.
     blur_ratio: Numbers | None = None
     #: Absent in files of older versions, that do not say how much of the widths is encoding.
     encoded_m: Numbers | None = None
     #: Absent in files of older versions: nothing is then known of it.
     encoding: Annotated[float, Field(ge=0.0, le=1.0)] = UNKNOWN_ENCODING
+    #: Numbers of points that were not seen.
+    inferred: Annotated[list[Annotated[int, Field(ge=0)]], Field(max_length=2000)] = Field(default=[])
     #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
     image_png: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZeroReference:
-    """The strip at rest; K points. Normalised strain is 0 here and 1 at the reference contour."""
+    """The strip at rest; K points. Normalised strain is 0 here and 1 at the reference contour.
+
+    The width of a point that was not seen at rest is inferred from its neighbours; where they do not say how uncertain
+    that is, the standard deviation is infinite and the deflection unknown in every frame.
+    """
 
     t_s: float  #: time of the last frame that went in
     frames: int  #: how many frames were averaged
@@ -66,7 +69,13 @@ class ZeroReference:
     ]  #: what is too much of ``width_m`` if the camera encodes its grey levels; NaN: not known
     #: Mean image of the strip along the lines, parallels beside each point; samples reach beyond the front.
     image: UInt8[np.ndarray, "K parallels samples"]
+    inferred: Bool[np.ndarray, "K"]  #: points that were not seen at rest; neighbours share their errors
     encoding: float = UNKNOWN_ENCODING  #: probability that the camera encodes its grey levels
+
+    @property
+    def known(self) -> Bool[np.ndarray, "K"]:
+        """Points whose width at rest is known."""
+        return np.isfinite(self.width_sigma_m)
 
     @classmethod
     def from_samples(
@@ -105,22 +114,17 @@ class ZeroReference:
         Raises
         ------
         CalibrationError
-            Points were seen too seldom, or the strip moved while it was zeroed.
+            No point was seen, or the strip moved while it was zeroed.
         """
         seen = np.isfinite(width_m).sum(axis=0)
-        missing = np.flatnonzero(seen < max(1, len(width_m) // 2))
-        if len(missing) > _UNSEEN_FRACTION * width_m.shape[1] or (np.diff(missing) == 1).any():
+        known = seen >= max(1, len(width_m) // 2)
+        if not known.any():
             raise CalibrationError(
                 where,
-                f"{len(missing)} of {width_m.shape[1]} contour points were seen in fewer than half of the "
-                f"{len(width_m)} frames",
+                f"none of {len(seen)} contour points was seen in half of the {len(width_m)} frames",
                 remedy="free the view of the strip, check T_camera_foam and the light",
             )
-        if len(missing):
-            known = np.setdiff1d(np.arange(width_m.shape[1]), missing)
-            width_m, reference_px = (_filled(values, known, missing) for values in (width_m, reference_px))
-            uncertainty_m = np.broadcast_to(np.asarray(uncertainty_m, dtype=np.float64), seen.shape).copy()
-            uncertainty_m[missing] = _UNSEEN_SIGMA * float(np.nanmedian(width_m))
+        width_m, reference_px = (np.where(known, values, 0.0) for values in (width_m, reference_px))
         width = np.nanmedian(width_m, axis=0)
         scatter = np.nanstd(width_m, axis=0, ddof=1) if len(width_m) > 1 else np.full(len(width), 1e-5)
         if len(width_m) >= 4:
@@ -129,7 +133,7 @@ class ZeroReference:
             trend = np.nansum(step, axis=0) / np.maximum(np.isfinite(step).sum(axis=0), 1)
             # Over five neighbours: a body that touches a part of the strip moves these, noise does not.
             moved = float(np.max(np.abs(np.convolve(trend, np.full(5, 0.2), mode="valid"))))
-            limit = 0.01 * float(np.median(width))
+            limit = 0.01 * float(np.median(width[known]))
             if moved > limit:
                 raise CalibrationError(
                     where,
@@ -137,16 +141,19 @@ class ZeroReference:
                     f"{limit * 1e3:.2f} mm",
                     remedy="zero while nothing touches the strip",
                 )
+        # The median costs a factor sqrt(pi/2) over the mean.
+        sigma = np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m)
+        inferred, inferred_sigma = _infer_unseen(np.where(known, width, np.nan))
         return cls(
             t_s,
             len(width_m),
-            np.nanmedian(reference_px, axis=0),
-            width,
-            # The median costs a factor sqrt(pi/2) over the mean.
-            np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m),
+            _infer_unseen(np.where(known, np.nanmedian(reference_px, axis=0), np.nan))[0],
+            inferred,
+            np.where(known, sigma, inferred_sigma),
             np.broadcast_to(np.asarray(blur_ratio, dtype=np.float64), seen.shape),
             np.broadcast_to(np.asarray(encoded_m, dtype=np.float64), seen.shape),
             np.clip(np.rint(image), 0, 255).astype(np.uint8),
+            ~known,
         )
 
     def save(self, path: Path | str) -> None:
@@ -160,11 +167,12 @@ class ZeroReference:
         import cv2
 
         _, coded = cv2.imencode(".png", self.image.reshape(-1, self.image.shape[2]))
-        known = [name for name in _ARRAYS if np.isfinite(getattr(self, name)).all()]
+        known = [name for name in _ARRAYS if not np.isnan(getattr(self, name)).any()]
         arrays = {name: [float(f"{value:.9g}") for value in getattr(self, name)] for name in known}
         image = base64.b64encode(coded.tobytes()).decode("ascii")
+        inferred = [int(k) for k in np.flatnonzero(self.inferred)]
         data = {"t_s": self.t_s, "frames": self.frames, "encoding": float(f"{self.encoding:.6g}")}
-        save_yaml(path, data | arrays | {"image_png": image})
+        save_yaml(path, data | arrays | {"inferred": inferred, "image_png": image})
 
     @classmethod
     def load(cls, path: Path | str, count: int) -> ZeroReference:
@@ -185,8 +193,8 @@ class ZeroReference:
             if len(values) != count:
                 problem = f"has {len(values)} points, the sensor has {count}"
                 raise InputError(path, problem, field=name, remedy=_ZERO_AGAIN)
-        if (arrays["width_m"] <= 0).any() or (arrays["width_sigma_m"] < 0).any():
-            raise InputError(path, "found widths or sigmas that are not positive", field="width_m")
+        if (arrays["width_m"] <= 0).any():
+            raise InputError(path, "found widths that are not positive", field="width_m")
         try:
             coded = base64.b64decode(data.image_png or "", validate=True)
             image = decode_image(coded, path, "grey")
@@ -196,7 +204,8 @@ class ZeroReference:
             problem = "found no image of the strip (an older version's file, or a damaged one)"
             raise InputError(path, problem, field="image_png", remedy=_ZERO_AGAIN) from error
         image = image.reshape(count, PARALLELS, -1)
-        return cls(data.t_s, data.frames, **arrays, image=image, encoding=data.encoding)
+        inferred = np.isin(np.arange(count), data.inferred)
+        return cls(data.t_s, data.frames, **arrays, image=image, inferred=inferred, encoding=data.encoding)
 
 
 def check_width(measured_m: float, declared_m: float, where: Path | str, *, stripe_m: float = 0.0) -> None:
@@ -232,13 +241,30 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
         )
 
 
-def _filled(
-    values: Float[np.ndarray, "n K"], known: np.ndarray, missing: np.ndarray
-) -> Float[np.ndarray, "n K"]:
-    """Columns that were not seen, between the medians of their neighbours."""
-    result = np.array(values, dtype=np.float64)
-    result[:, missing] = np.interp(missing, known, np.nanmedian(result[:, known], axis=0))
-    return result
+def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+    """Widths with those of unseen points (NaN) inferred from the nearest seen ones, and the standard deviation of these.
+
+    On the straight line between the neighbours, or as wide as the only one. Predicting each seen point from points at the
+    same distances errs by a standard deviation s over n points; the error of an unseen one then has Student's
+    distribution, whose variance is n / (n - 2) s^2 and infinite up to n = 2.
+    """
+    count = len(width_m)
+    known = np.flatnonzero(np.isfinite(width_m))
+    padded = np.pad(width_m, count, constant_values=np.nan)
+    result, sigma = width_m.copy(), np.zeros(count)
+    for k in np.setdiff1d(np.arange(count), known):
+        nearest = {int(known[known < k].max(initial=-1)), int(known[known > k].min(initial=count))} - {
+            -1,
+            count,
+        }
+        weight = {
+            i: 1.0 if len(nearest) == 1 else 1.0 - abs(i - k) / (max(nearest) - min(nearest)) for i in nearest
+        }
+        error = width_m - sum(w * padded[count + i - k : 2 * count + i - k] for i, w in weight.items())
+        error = error[np.isfinite(error)]
+        result[k] = sum(w * width_m[i] for i, w in weight.items())
+        sigma[k] = math.sqrt((error @ error) / (len(error) - 2)) if len(error) > 2 else math.inf
+    return result, sigma
 
 
 @dataclass(frozen=True, slots=True)
