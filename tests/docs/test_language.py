@@ -73,7 +73,7 @@ PROSE = {phrase: instead for phrase, instead in PHRASES.items() if phrase != r"\
     r"\bgo(?:es)? on\b": "continue",
     r"\bharmless when repeated\b": "may be called repeatedly",
     r"\bin the way\b": "obstacle, occlude",
-    r"\bis (?:none|one) of\b": "name what it is",
+    r"\bis none of\b": "name what it is",
     r"\blaid (?:on|through)\b": "matched, fitted",
     r"\bmay be (?:off|so)\b": "error, standard deviation",
     r"\bmust not\b": "state the limit or the reason",
@@ -84,7 +84,7 @@ PROSE = {phrase: instead for phrase, instead in PHRASES.items() if phrase != r"\
     r"\btrusted\b": "valid, reliable, used",
 }
 #: Packages whose docstrings and comments are in the terms of the field.
-PLAIN = ("reconstruction", "sensing/push", "tasks")
+PLAIN = ("cli", "reconstruction", "sensing/push", "tasks")
 
 #: Pages whose text comes from the code of a package.
 GENERATED = {"gallery.md", "reliability.md"}
