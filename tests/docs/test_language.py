@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import io
 import json
 import re
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -60,6 +62,30 @@ PHRASES = {
     r"\bwithout reserve\b": "with probability 1",
 }
 
+#: Further phrases of docstrings and comments; "greedy" is a term there.
+PROSE = {phrase: instead for phrase, instead in PHRASES.items() if phrase != r"\bgreed"} | {
+    r"\bby what\b": "name the quantity",
+    r"\bbelieved\b": "estimated",
+    r"\bbrush": "push aside",
+    r"\bcan bear\b": "limit",
+    r"\bcarr(?:y|ies) out\b": "execute",
+    r"\bfor good\b": "permanently",
+    r"\bgo(?:es)? on\b": "continue",
+    r"\bharmless when repeated\b": "may be called repeatedly",
+    r"\bin the way\b": "obstacle, occlude",
+    r"\bis none of\b": "name what it is",
+    r"\blaid (?:on|through)\b": "matched, fitted",
+    r"\bmay be (?:off|so)\b": "error, standard deviation",
+    r"\bmust not\b": "state the limit or the reason",
+    r"\b(?:any|no)body\b": "name the caller or the sensor",
+    r"\b(?:says?|said) (?:anything|at|less|little|much|nothing|something|that)\b": "show, measure, state",
+    r"\btakes? down\b": "record",
+    r"\bthe text\b": "the dissertation",
+    r"\btrusted\b": "valid, reliable, used",
+}
+#: Packages whose docstrings and comments are in the terms of the field.
+PLAIN = ("cli", "reconstruction", "sensing/push", "tasks")
+
 #: Pages whose text comes from the code of a package.
 GENERATED = {"gallery.md", "reliability.md"}
 PAGES = sorted(
@@ -68,12 +94,12 @@ PAGES = sorted(
 )
 
 
-def found(text: str) -> list[str]:
+def found(text: str, phrases: dict[str, str] = PHRASES) -> list[str]:
     """The phrases in a text, with what to write instead."""
     flat = " ".join(text.split())
     return [
         f"...{flat[max(0, hit.start() - 30) : hit.end() + 20]}...: write {instead}"
-        for phrase, instead in PHRASES.items()
+        for phrase, instead in phrases.items()
         for hit in re.finditer(phrase, flat, re.IGNORECASE)
     ]
 
@@ -112,6 +138,32 @@ def test_texts_of_command_line_report_and_viewer_have_none_of_the_replaced_phras
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     ]
     assert [hit for text in texts for hit in found(text)] == []
+
+
+def docstrings_and_comments(text: str) -> list[str]:
+    """The docstrings of a module without the lines of parameter names, and its comments."""
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    docs = [ast.get_docstring(node) or "" for node in ast.walk(ast.parse(text)) if isinstance(node, kinds)]
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    comments = [token.string for token in tokens if token.type == tokenize.COMMENT]
+    return [re.sub(r"^\w+(?:, \w+)*$", "", doc, flags=re.MULTILINE) for doc in docs] + comments
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(
+        [p for room in PLAIN for p in (SOURCE / room).rglob("*.py")] + [*(SOURCE / "sensing").glob("*.py")]
+    ),
+    ids=lambda path: path.relative_to(SOURCE).as_posix(),
+)
+def test_docstrings_and_comments_have_none_of_the_replaced_phrases(path: Path) -> None:
+    texts = docstrings_and_comments(path.read_text(encoding="utf-8"))
+    assert [hit for text in texts for hit in found(text, PROSE)] == []
+
+
+def test_a_comment_and_a_docstring_are_searched_and_a_parameter_name_is_not() -> None:
+    module = '"""Nobody asks.\n\nParameters\n----------\nwanted\n    A mask.\n"""\nx = 1  #: goes on\n'
+    assert len([hit for text in docstrings_and_comments(module) for hit in found(text, PROSE)]) == 2
 
 
 def test_the_search_ignores_line_breaks_and_case() -> None:

@@ -1,4 +1,4 @@
-"""One line for an argument: name, type or default, and what it means."""
+"""Declaration of an argument in one line: name, type or default, and help."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Add"]
 
 
 class Add:
-    """Declares arguments; verbs are given it as ``add``.
+    """Declares arguments; passed to verbs as ``add``.
 
     Called with names, then the type or the default, whose type it has then (``bool`` is a switch), then the line of
     help; options as of :meth:`argparse.ArgumentParser.add_argument`, and ``low``, ``high`` of a number, ``above`` where
@@ -70,18 +70,18 @@ class Add:
         return Add(self._place.add_argument_group(title))
 
     def one_of(self, *, required: bool = False) -> Add:
-        """Arguments of which one may be given.
+        """Mutually exclusive arguments.
 
         Parameters
         ----------
         required
-            One must.
+            Whether one of them is required.
         """
         return Add(self._place.add_mutually_exclusive_group(required=required))
 
 
 def _number(kind: Callable[[str], Any], low: float, high: float, above: bool) -> Callable[[str], Any]:
-    """Reads a finite number and refuses one out of its range."""
+    """Parser of a finite number that rejects values out of range."""
     upper = f" to {high:g}" if math.isfinite(high) else "" if above else " or more"
 
     def number(text: str) -> Any:

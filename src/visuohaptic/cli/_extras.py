@@ -1,4 +1,4 @@
-"""The optional libraries: which extra brings them, what they are for, and which of them a command line needs."""
+"""Optional libraries: their extras and purposes, and which of them a command line needs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = ["CORE", "OPTIONAL", "Library", "check_needs", "library_of", "missing_
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """One library that somebody else maintains."""
+    """One third-party library."""
 
     module: str  #: name to import
     package: str  #: name on the package index
-    extra: str  #: extra of visuohaptic that brings it; empty for the core
+    extra: str  #: extra of visuohaptic that installs it; empty for the core
     purpose: str  #: what is missing without it
     trial: str = ""  #: Python statements that show that it works, not only that it imports
 
@@ -108,7 +108,7 @@ BY_MAKER: Mapping[str, str] = {"realsense": "pyrealsense2", "orbbec": "pyorbbecs
 
 
 def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
-    """Optional modules that a verb imports on its way with these arguments.
+    """Optional modules that a verb imports with these arguments.
 
     These are the verb's own ``NEEDS``, what its function ``needs(args)`` adds, and what arguments of all verbs need
     by their name, by the maker of a camera or, for files, by their suffix. Meshes are not among them: they are read

@@ -61,7 +61,7 @@ def add_run_arguments(add: Any, *, parquet: str = "", zero_frames: str = "") -> 
 
 
 def is_live(source: str) -> bool:
-    """Whether ``--source`` names a camera, which has no end and must not be delayed.
+    """Whether ``--source`` names a live camera, which has no end and loses frames if reading is delayed.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Outputs(Generic[Measured]):
     page_title: str = "visuohaptic"
     #: keywords of :meth:`visuohaptic.viewer.LivePage.update` for a frame
     show: Callable[[Frame, Measured], Mapping[str, Any]] | None = None
-    describe: Callable[[Measured], str] = lambda measured: ""  #: what is said beside an event
+    describe: Callable[[Measured], str] = lambda measured: ""  #: text beside an event
     #: what --plot draws of a measurement: by the label of the axes and the name of the line, value and sigma,
     #: NaN where they are not known
     chart: Callable[[Measured], Mapping[str, Mapping[str, tuple[float, float]]]] = lambda measured: {}
@@ -132,7 +132,7 @@ class SensorRun:
 
     @property
     def frames(self) -> int:
-        """How many were read."""
+        """Number of frames that were read."""
         return sum(self.reasons.values())
 
     def text(self, also: str = "") -> str:

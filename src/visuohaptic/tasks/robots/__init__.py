@@ -1,4 +1,4 @@
-"""Robots that people own, as the protocols of a task."""
+"""Adapters of commercial robots to the protocols of the tasks."""
 
 from ...core.front_door import attach
 

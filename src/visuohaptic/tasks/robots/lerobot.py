@@ -26,7 +26,7 @@ from .repeater import RepeatedBase, Repeater, finite
 
 __all__ = ["LeRobotBase", "LeRobotCamera", "LeRobotGripper", "LeRobotLink"]
 
-#: Readings from which a speed is taken: enough to even out the steps of an encoder.
+#: Number of readings for a speed estimate: enough to average over the steps of an encoder.
 READINGS = 5
 
 
@@ -52,10 +52,10 @@ class _LeRobotCameraDevice(Protocol):
 
 
 class LeRobotLink:
-    """A connected robot of LeRobot, whose parts take turns.
+    """A connected robot of LeRobot, shared by its parts.
 
-    An action names all motors, so what one part commands is kept for the others; motors that nobody commands
-    stay where they were first seen.
+    An action contains all motors, so the goals of each part are stored for the next action; motors without a command
+    stay at their first observed position.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class LeRobotBase(RepeatedBase):
     link
         To the robot.
     max_speed_m_s, max_turn_rad_s
-        Larger commands are refused.
+        Limits; larger commands are rejected.
     rate_Hz
         Readings and commands per second; LeKiwi stops after half a second without one. ``None`` leaves
         it to the caller to call :meth:`step`.
@@ -162,7 +162,7 @@ class LeRobotBase(RepeatedBase):
             x_m = before.x_m + dt_s * (c * forward - s * left)
             y_m = before.y_m + dt_s * (s * forward + c * left)
             self._state = BaseState(t_s, x_m, y_m, before.heading_rad + dt_s * rate, forward, rate)
-            if self._command is not None:  # before, another program may drive
+            if self._command is not None:  # before the first command another program may drive
                 speed, turn_rate = self._command
                 turn_deg_s = math.degrees(turn_rate)
                 self._link.command({"x.vel": speed, "y.vel": 0.0, "theta.vel": turn_deg_s})
@@ -229,7 +229,7 @@ class LeRobotGripper(Closing, Gripper):
                 self._ramp = None
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Begin to move to an opening.
+        """Start to move to an opening.
 
         Raises
         ------
@@ -283,7 +283,7 @@ class LeRobotGripper(Closing, Gripper):
             self._repeater.check()
 
     def close(self) -> None:
-        """Command nothing more, and give the gripper back; harmless when repeated."""
+        """Stop sending commands, and release the gripper; may be called repeatedly."""
         with self._lock:
             self._ramp = None
         if self._repeater is not None:
@@ -317,7 +317,7 @@ class LeRobotCamera(CameraBackend):
         return (np.ascontiguousarray(image[..., ::-1]) if self._rgb and image.ndim == 3 else image), time_s()
 
     def close(self) -> None:
-        """Disconnect; harmless when repeated."""
+        """Disconnect; may be called repeatedly."""
         if getattr(self._camera, "is_connected", True):
             with contextlib.suppress(DeviceError):
                 self._guarded(self._camera.disconnect)

@@ -1,4 +1,4 @@
-"""A thread that repeats a command, as robots expect that stop when commands cease."""
+"""A thread that repeats a command, for robots that stop when commands cease."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _log = logging.getLogger(__name__)
 
 
 class Repeater:
-    """Calls a function at a rate from a thread of its own.
+    """Calls a function at a fixed rate in its own thread.
 
-    Robots stop by themselves when commands cease, as they should; so a command that holds is sent again.
+    Robots stop by themselves when commands cease (watchdog), so a constant command has to be sent repeatedly.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Repeater:
             raise InputError(name, f"found {rate_Hz} Hz, expected more than 0 and at most 1000 Hz")
         self._work, self._pause_s, self._name = work, 1.0 / rate_Hz, name
         self._end = threading.Event()
-        self.problem: VisuohapticError | None = None  #: why it has ended by itself
+        self.problem: VisuohapticError | None = None  #: why the thread has ended by itself
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -52,24 +52,24 @@ class Repeater:
                 return
 
     def check(self) -> None:
-        """Complain when it has ended by itself."""
+        """Raise an error if the thread has ended by itself."""
         if self.problem is not None:
             raise DeviceError(f"{self._name}: {self.problem}") from self.problem
 
     def close(self) -> None:
-        """End the thread; harmless when repeated."""
+        """End the thread; may be called repeatedly."""
         self._end.set()
         if threading.current_thread() is not self._thread:
             self._thread.join()
 
 
 def finite(where: str, **values: float) -> None:
-    """Refuse commands that are not finite numbers: a motor could do anything.
+    """Reject commands that are not finite numbers, to which a motor may react in any way.
 
     Parameters
     ----------
     where
-        What was called, for the message.
+        Name of the called function, for the message.
     **values
         Commands by their names.
     """
@@ -79,12 +79,12 @@ def finite(where: str, **values: float) -> None:
 
 
 class RepeatedBase(Closing, MobileBase):
-    """A base whose velocities are sent again and again until the next ones, and zeros when it is closed.
+    """A base whose velocities are sent repeatedly until the next command; zero velocities are sent when it is closed.
 
     Parameters
     ----------
     max_speed_m_s, max_turn_rad_s
-        Larger commands are refused.
+        Limits; larger commands are rejected.
     """
 
     _repeater: Repeater | None = None
@@ -110,7 +110,7 @@ class RepeatedBase(Closing, MobileBase):
         InputError
             A velocity is not finite or larger than allowed.
         DeviceError
-            Nobody listens, or the robot does not answer.
+            The repeating thread has ended, or the robot does not answer.
         """
         where = f"{type(self).__name__}.drive"
         finite(where, speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
@@ -129,7 +129,7 @@ class RepeatedBase(Closing, MobileBase):
         self._send()
 
     def close(self) -> None:
-        """Stop, and give the base back; harmless when repeated."""
+        """Stop, and release the base; may be called repeatedly."""
         if self._command is not None:
             with contextlib.suppress(DeviceError):  # the link may be gone; the robot's watchdog is left
                 self.stop()

@@ -24,7 +24,7 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....rigs.virtual_beam import write_beam_example
 
     return written(args, write_beam_example, "example beam")

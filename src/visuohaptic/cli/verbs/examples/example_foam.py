@@ -24,7 +24,7 @@ from typing import Any
 
 __all__ = ["NEEDS", "add_arguments", "report_files", "report_next", "run", "written"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("av",)
 
 
@@ -41,7 +41,7 @@ def add_arguments(add: Any) -> None:
 
 
 def written(args: Any, write: Callable[..., Path], verb: str) -> dict[str, Any]:
-    """Write the recording; the mapping is what ``--json`` prints.
+    """Write the recording; returns the mapping that ``--json`` prints.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def report_next(args: Any, folder: Path, verb: str) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....rigs.foam_example import write_example
 
     return written(args, write_example, "example foam")

@@ -25,7 +25,7 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....rigs.gripper_example import write_gripper_example
 
     return written(args, write_gripper_example, "example gripper")

@@ -31,7 +31,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     truth: dict[str, Any]
     if args.task == "cap":
         from ....rigs.virtual_crown_cap import open_virtual_cap

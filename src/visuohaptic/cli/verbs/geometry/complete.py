@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("robust_laplacian", "skimage")
 
 
@@ -45,7 +45,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Complete; the mapping is what ``--json`` prints."""
+    """Complete; returns the mapping that ``--json`` prints."""
     import numpy as np
 
     from ....core.errors import InputError
@@ -133,7 +133,7 @@ def _planned(plan: TouchPlan) -> dict[str, Any]:
 
 
 def _check_reach(touches: Any, path: Any, model_m: Any, region_m: Any, pose: Any) -> None:
-    """Refuse contacts that cannot be of this object: another unit, or another frame."""
+    """Reject contacts too far from the object: wrong unit, or wrong frame."""
     import numpy as np
 
     from ....core.errors import InputError

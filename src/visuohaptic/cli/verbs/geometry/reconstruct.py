@@ -17,7 +17,7 @@ from ..._console import Arguments
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("skimage",)
 
 

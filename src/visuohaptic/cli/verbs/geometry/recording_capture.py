@@ -50,7 +50,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Record; the mapping is what ``--json`` prints."""
+    """Record; returns the mapping that ``--json`` prints."""
     from ....io.depth.depth_live import open_depth_camera
     from ....io.depth.depth_sequence_out import write_sequence
     from ....io.frames.live import find_cameras
@@ -91,7 +91,7 @@ def _views(args: Any, source: LiveDepthSource, skipped: list[int]) -> Iterator[D
     from ....tracking.templates.template import Template
     from ....tracking.templates.template_tracker import TemplateTracker
 
-    # The tag's y points down and its z into the paper; the world's z points up.
+    # The y axis of the tag points down, its z axis into the paper; the z axis of the world points up.
     T_template_world = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
     tag = Template.from_tag(args.tag, size_m=args.size_m)
     stored, last_s = 0, -np.inf

@@ -30,7 +30,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Import; the mapping is what ``--json`` prints."""
+    """Import; returns the mapping that ``--json`` prints."""
     from ....io.depth.depth_import import import_sequence
 
     found = import_sequence(

@@ -21,7 +21,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Namespace) -> dict[str, Any]:
-    """Look into the recording; returns what is printed."""
+    """Summarise the recording; returns what is printed."""
     from pathlib import Path
 
     from ....io.ros.sqlite_bag import is_bag

@@ -1,4 +1,4 @@
-"""What the ``objects`` verbs share: where the database is, and how an object is summed up."""
+"""Common parts of the ``objects`` verbs: location of the database, and summary of an object."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ....core.objects import VisuoHapticObject
 
 __all__ = ["add_database", "described", "opened"]
 
-#: Names the database where ``--db`` does not.
+#: Environment variable that names the database if ``--db`` is not given.
 VARIABLE = "VISUOHAPTIC_OBJECTS"
 
 

@@ -25,7 +25,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Show; the mapping is what ``--json`` prints."""
+    """Show; returns the mapping that ``--json`` prints."""
     from ....recognition.classifier_file import load_classifier
     from ....recognition.trees.tree_file import plan_rows, tree_text
     from ....recognition.trees.tree_nodes import mean_touches, scaling_touches

@@ -52,7 +52,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Classify; the mapping is what ``--json`` prints."""
+    """Classify; returns the mapping that ``--json`` prints."""
     from ....core.files import write_text
     from ....recognition.classifier_file import load_classifier
     from ....recognition.data.curve_file import read_curves
@@ -66,7 +66,7 @@ def run(args: Any) -> dict[str, Any]:
     readings: Any = ()
     if not args.ask:
         readings = read_curves(args.curves, TouchNoise(args.force_noise, args.deformation_noise))
-    # Without a width in the file, what is certain enough is another matter, too.
+    # Without widths in the file the model omits this feature, and its confidence threshold differs, too.
     wide = args.ask or any(math.isfinite(reading.width_m) for reading in readings)
     model = found.model(use_width=wide and not args.no_width, prior=prior)
     if args.steps and args.steps.suffix != ".json":
@@ -76,7 +76,7 @@ def run(args: Any) -> dict[str, Any]:
             readings = _asked(args, model, follow)
         else:
             for count in range(1, len(readings) + 1):
-                # As if the touches came one after the other.
+                # Replay the touches one at a time.
                 follow(readings[:count], None if count == len(readings) else _place_of(readings[count]))
         result = _result(args, found, model, readings)
         if args.steps:

@@ -60,7 +60,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Train and write; the mapping is what ``--json`` prints."""
+    """Train and write; returns the mapping that ``--json`` prints."""
     if args.out.suffix != ".json":
         raise InputError("--out", f"found {args.out.name!r}, expected a name with .json")
     if (args.objects is None and args.curves is None) == (args.states is None):

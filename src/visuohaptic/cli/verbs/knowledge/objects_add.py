@@ -16,11 +16,11 @@ from ._objects import add_database, described, opened
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
-#: A wall is thinner than this, whatever the object [m].
+#: Maximum thickness of any wall [m].
 THICKEST_m = 0.05
 
 
@@ -52,7 +52,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Add; the mapping is what ``--json`` prints."""
+    """Add; returns the mapping that ``--json`` prints."""
     import time
 
     from ....core.objects import Provenance, Sighting, VisuoHapticObject
@@ -81,7 +81,7 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def _plausible(item: Any, known: Any) -> None:
-    """Refuse what no object has: a material constant of zero, a wall thicker than the object's radius."""
+    """Reject impossible values: a material constant of zero, a wall thicker than the radius of the object."""
     name, value = item.property.rpartition(".")[2], item.estimate.value
     if name not in {"wall_thickness_m", "youngs_modulus_Pa", "density_kg_per_m3"}:
         return
@@ -120,7 +120,7 @@ def _evidence(text: str, origin: Any) -> Any:
     except ValueError as error:
         raise InputError("--estimate", f"found {text!r}, expected PLACE=VALUE+-SIGMA") from error
     if found.sigma == 0:
-        # Exact evidence leaves all other evidence without weight, for good.
+        # Evidence without variance would permanently give all other evidence zero weight.
         raise InputError(
             "--estimate",
             f"found {text!r} with a SIGMA of 0, expected more than 0",

@@ -37,7 +37,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Build; the mapping is what ``--json`` prints."""
+    """Build; returns the mapping that ``--json`` prints."""
     import time
 
     from ....deformation.maps.build_plan import load_plan, plan_jobs

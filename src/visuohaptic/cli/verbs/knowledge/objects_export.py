@@ -14,7 +14,7 @@ from ._objects import add_database, opened
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
 
@@ -27,7 +27,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Export; the mapping is what ``--json`` prints."""
+    """Export; returns the mapping that ``--json`` prints."""
     from ....database.exchange import export_objects
 
     with opened(args) as database:

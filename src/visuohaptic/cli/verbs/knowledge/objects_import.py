@@ -14,7 +14,7 @@ from ._objects import add_database, opened
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
 
@@ -25,14 +25,16 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Import; the mapping is what ``--json`` prints."""
+    """Import; returns the mapping that ``--json`` prints."""
     from itertools import chain, islice
 
     from ....database.database import BATCH
     from ....database.exchange import import_objects
 
     objects = chain.from_iterable(import_objects(folder) for folder in args.folder)
-    first = list(islice(objects, BATCH))  # what is refused must not leave a new, empty database
+    first = list(
+        islice(objects, BATCH)
+    )  # read before the database is created, so that an invalid file leaves no empty database
     with opened(args, create=True) as database:
         count = database.add_many(chain(first, objects))
     return {"database": database.where, "imported": count}

@@ -14,7 +14,7 @@ from ._objects import add_database, opened
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
@@ -26,7 +26,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """List; the mapping is what ``--json`` prints."""
+    """List; returns the mapping that ``--json`` prints."""
     with opened(args) as database:
         found = database.summaries(visual_class=args.visual_class, name=args.name)
     for one in found:

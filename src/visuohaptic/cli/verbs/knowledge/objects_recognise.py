@@ -30,7 +30,7 @@ def add_arguments(add: Any) -> None:
 
 
 def needs(args: Any) -> set[str]:
-    """Modules beyond the core: of the database, unless ``--prior`` stands for it, and of clouds.
+    """Optional modules: those of the database, unless ``--prior`` replaces it, and of point clouds.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def needs(args: Any) -> set[str]:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Recognise; the mapping is what ``--json`` prints."""
+    """Recognise; returns the mapping that ``--json`` prints."""
     from ....core.files import read_image
     from ....recognition.visual.prior import VisualPrior, model_probabilities
     from ....recognition.visual.prior_file import load_prior, save_prior

@@ -15,7 +15,7 @@ from ._objects import add_database, opened
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
@@ -30,7 +30,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Search; the mapping is what ``--json`` prints."""
+    """Search; returns the mapping that ``--json`` prints."""
     from ....core.files import read_npy
     from ....database.search import index_of
 

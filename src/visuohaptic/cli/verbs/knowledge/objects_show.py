@@ -14,7 +14,7 @@ from ._objects import add_database, described, opened
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
@@ -25,6 +25,6 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Show; the mapping is what ``--json`` prints."""
+    """Show; returns the mapping that ``--json`` prints."""
     with opened(args) as database:
         return described(database.get(args.id))

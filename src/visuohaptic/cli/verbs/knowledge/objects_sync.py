@@ -16,7 +16,7 @@ from ._objects import add_database, opened
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy")
 
 
@@ -27,13 +27,13 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Synchronise; the mapping is what ``--json`` prints."""
+    """Synchronise; returns the mapping that ``--json`` prints."""
     from ....database.connection import shown_url
     from ....database.database import open_database
     from ....database.sync import synchronise
 
     if not _is_there(args.db) and not _is_there(args.shared):
-        # Else a mistyped name would make two empty databases and call it done.
+        # Otherwise a mistyped name would create two empty databases and report success.
         raise InputError(
             shown_url(args.shared),
             f"is not a database of objects, and neither is {shown_url(args.db)}",
@@ -47,5 +47,5 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def _is_there(location: str) -> bool:
-    """A server is taken to be there; if it is not, opening says so."""
+    """Whether a database exists; a server is assumed to, and opening it raises an error otherwise."""
     return "://" in location or (Path(location) / "objects.sqlite").is_file()

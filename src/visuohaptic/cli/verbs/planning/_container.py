@@ -76,7 +76,7 @@ def add_container_arguments(add: Any, *, also: str = "") -> None:
 
 
 def add_contents_arguments(add: Any) -> None:
-    """Options of what is inside.
+    """Options of the contents.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def add_contents_arguments(add: Any) -> None:
 
 
 def read_contents(args: Any) -> tuple[Contents | None, Any]:
-    """What ``--closed`` and ``--fill`` say, and as plain data.
+    """Contents given by ``--closed`` and ``--fill``, and the same as plain data.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def read_contents(args: Any) -> tuple[Contents | None, Any]:
 
 
 def read_container(args: Any) -> ShellObject:
-    """The object that ``args.object`` and those options name.
+    """The object specified by ``args.object`` and the container options.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def read_container(args: Any) -> ShellObject:
 
 
 def _thickness(text: str | None) -> tuple[float | None, float | None, Any]:
-    """Thickness [m], its relative standard deviation, and a map, as far as each is given."""
+    """Thickness [m], its relative standard deviation, and a thickness map; ``None`` where not given."""
     from ....core.errors import InputError
     from ....deformation.maps.thickness_map import load_thickness_map
     from ....deformation.shapes.wall_properties import thickness_range

@@ -60,7 +60,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Plan and report; the mapping is what ``--json`` prints."""
+    """Plan and report; returns the mapping that ``--json`` prints."""
     from ....core.errors import InputError
     from ....deformation.maps.map_file import check_suffix, load_map
     from ....grasping.planner import plan_grasps, plan_map
@@ -137,7 +137,7 @@ def _task(args: Any, centre_m: Any) -> GraspTask:
 
 
 def _check_mass_known(args: Any, container: Any) -> None:
-    """Refuse, before computing, a wall whose weight nothing says: a modulus alone has no density."""
+    """Reject a wall of unknown density before computing: a modulus alone does not determine it."""
     from ....core.errors import InputError
     from ....grasping.force import wall_density_kg_per_m3
 
@@ -154,7 +154,7 @@ def _with_mass(task: GraspTask, mass_kg: float, container: Any) -> GraspTask:
 
     from ....grasping.force import Load, object_load
 
-    # Any density: only where the centre is matters.
+    # The value of the density is arbitrary: only the position of the centre is used.
     centre = object_load(container, task.fill, wall_kg_per_m3=1000.0).centre_m
     return replace(task, load=Load(mass_kg, centre))
 
@@ -182,13 +182,13 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
 
 
 def _several(args: Any, container: Any, plan: GraspPlan) -> dict[str, Any]:
-    """The best grasps at once, the force distributed over them, superposed by the coupling matrix."""
+    """Simultaneous best grasps with the force distributed over them, superposed by the coupling matrix."""
     import numpy as np
 
     from ....core.errors import InputError
     from ....grasping.planner import multi_contact
 
-    # A pinch of the rim squeezes nothing.
+    # A rim grasp pinches the wall and does not squeeze the container.
     sides = [grasp for grasp in plan.grasps if not grasp.rim]
     if not 2 <= args.several <= len(sides):
         raise InputError(

@@ -46,7 +46,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Build and write; the mapping is what ``--json`` prints."""
+    """Build and write; returns the mapping that ``--json`` prints."""
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.files.geojson import save_graph, save_route_graph
     from ....navigation.files.layers import save_layer
@@ -106,7 +106,7 @@ def run(args: Any) -> dict[str, Any]:
 def _route(
     grid: OccupancyMap, limits: SpeedLimits, ends_m: list[float], unknown_is_free: bool
 ) -> dict[str, Any]:
-    """The path that the planner drives from one point to another."""
+    """The path of the planner from one point to another."""
     import numpy as np
 
     from ....io.maps.occupancy_map import FREE, OccupancyMap

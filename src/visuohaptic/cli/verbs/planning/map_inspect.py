@@ -16,7 +16,7 @@ from ....core.files.plain_json import picked
 __all__ = ["add_arguments", "run"]
 
 
-#: Narrow passages that are listed.
+#: Maximum number of narrow passages in the output.
 _NARROWEST = 5
 
 
@@ -29,7 +29,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Look at the map; the mapping is what ``--json`` prints."""
+    """Summarise the map; returns the mapping that ``--json`` prints."""
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.graph.navigation_graph import build_graph
     from ....navigation.grid.cost_grid import SpeedLimits, grid_layers

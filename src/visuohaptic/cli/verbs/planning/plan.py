@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["NO_PLAN", "add_arguments", "run"]
 
-#: Exit code where there is no plan, or none was found.
+#: Exit code if there is no plan, or none was found.
 NO_PLAN = 3
-#: A proof may take so many times the budget of a plan.
+#: Budget of a proof of infeasibility, in budgets of a plan.
 PROOF_BUDGETS = 10.0
 
 
@@ -51,7 +51,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Plan; the mapping is what ``--json`` prints."""
+    """Plan; returns the mapping that ``--json`` prints."""
     import numpy as np
 
     from ....io.maps.occupancy_map import OccupancyMap

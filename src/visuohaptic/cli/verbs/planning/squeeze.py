@@ -42,7 +42,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Compute and report; the mapping is what ``--json`` prints."""
+    """Compute and report; returns the mapping that ``--json`` prints."""
     from ....core.errors import InputError
     from ....deformation.maps.map_file import check_suffix
     from ....deformation.maps.squeeze import plot_squeeze, save_squeeze, squeeze

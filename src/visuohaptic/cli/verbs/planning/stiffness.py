@@ -51,7 +51,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Compute and write; the mapping is what ``--json`` prints."""
+    """Compute and write; returns the mapping that ``--json`` prints."""
     import numpy as np
 
     from ....core.errors import InputError

@@ -64,7 +64,7 @@ def checked_reference(args: Any, path: Path) -> ForceRecord:
 
 
 def reported(args: Any, run: ForceRecord, reference: ForceRecord) -> dict[str, Any]:
-    """Compare, say it, write the page; the mapping is what ``--json`` prints.
+    """Compare, report, write the page; returns the mapping that ``--json`` prints.
 
     Parameters
     ----------

@@ -54,8 +54,8 @@ def run(args: Namespace) -> dict[str, Any]:
     views = []
     size = (0, 0)
     next_s = -float("inf")
-    # The times of a folder of photos mean nothing here.
-    # A camera has no end: there Ctrl-C ends the taking of pictures.
+    # The time stamps of a folder of photos are ignored.
+    # A live camera has no end: Ctrl-C ends the acquisition.
     ends = suppress(KeyboardInterrupt) if is_live(args.source) else nullcontext()
     with open_source(args.source, rate_Hz=None if is_live(args.source) else 1.0, grey=True) as source, ends:
         for frame in source:

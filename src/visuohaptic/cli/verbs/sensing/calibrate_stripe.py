@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("sklearn",)
 
 

@@ -27,7 +27,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Compare; the mapping is what ``--json`` prints."""
+    """Compare; returns the mapping that ``--json`` prints."""
     from ....io.sinks.table_reader import read_force_table
     from ....report.comparison import ForceRecord
 

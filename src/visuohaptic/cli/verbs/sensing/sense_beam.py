@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 
-#: Frames of a live camera that make a zero.
+#: Number of frames of a live camera for the zero reference.
 _LIVE_ZERO = 100
 _AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
@@ -75,7 +75,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     with ExitStack() as stack:
         if args.source is not None:
             reader, frames = _images(args, stack)
@@ -83,7 +83,7 @@ def run(args: Any) -> dict[str, Any]:
             reader, frames = _poses(args)
         if not args.zero:
             return _measure(args, reader, frames)
-        # A live camera never ends by itself.
+        # A live camera has no end.
         limit = args.zero_frames or (_LIVE_ZERO if is_live(str(args.source)) else None)
         assert reader.zero_path is not None  # a file of settings always names one
         return _stored(args, reader.zero(islice(frames, limit)), reader.zero_path)
@@ -94,7 +94,7 @@ def _images(args: Any, stack: ExitStack) -> tuple[SensorReader[Any], Iterator[An
     from ....sensing.beam.tracked import TrackedBeam
     from ....sensing.readers.beam_reader import BeamReader
 
-    # A live camera must not wait for the detector; a recording must give the same result each time.
+    # With a live camera the detector runs in a thread, to avoid delays; with a recording in sequence, for reproducible results.
     beam = TrackedBeam.load(args.config, threaded=is_live(args.source))
     reader = stack.enter_context(BeamReader(beam, templates=True))
     source = stack.enter_context(opened_frames(args, reader.camera, grey=not args.view))
@@ -154,7 +154,7 @@ def _pose_reader(setup: BeamSetup) -> SensorReader[TrackedReading]:
             return SensorReading(TrackedReading(reading, ()), reading.wrench.reason)
 
         def blank(self, t_s: float, sink: Any) -> None:
-            """A recorded table never falls silent."""
+            """Do nothing: a recorded table has no time-outs."""
 
     return PoseReader("beam")
 

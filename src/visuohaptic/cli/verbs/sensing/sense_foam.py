@@ -69,7 +69,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....sensing.foam.finger import load_foam_sensor
 
     if args.page and args.against is None:
@@ -131,7 +131,7 @@ def _measure(
 
 
 def _record(args: Any, profiles: list[ForceProfile]) -> ForceRecord:
-    """The forces that were read."""
+    """Summary of the measured forces."""
     import numpy as np
 
     from ....report.comparison import ForceRecord
@@ -177,7 +177,7 @@ def _reader(sensor: FoamSensor, finger: FingerSensor | None) -> FoamReader:
 
 
 def _write_finger(sink: Any, sensor: FingerSensor) -> None:
-    """Pose of frame F on the finger in the fixed frame; what is not observed has no variance."""
+    """Pose of frame F on the finger in the fixed frame; unobserved components have no variance."""
     import numpy as np
 
     from ....core.camera.pose import Pose

@@ -56,7 +56,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     import numpy as np
 
     from ....sensing.readers.scene_reader import SceneReader
@@ -96,7 +96,7 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
         chart=lambda reading: _chart(reading, reader.foam is not None),
     )
     done = run_sensor(args, reader, shown_frames(args, source, "tracking"), outputs, note)
-    assert last is not None  # of a run with frames
+    assert last is not None  # the run has frames
     result = _summary(args, done, last, nearest_m)
     if reader.foam is not None:
         args.report(f"object tracked in {tracked} frames, maximum tilt {degrees(tilt_rad):.1f} deg")
@@ -104,7 +104,7 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
 
 
 def _chart(reading: SceneReading, touches: bool) -> dict[str, dict[str, tuple[float, float]]]:
-    """Drive, obstacle and, with a sensor that touches, object: value and sigma; NaN where nothing is known."""
+    """Drive, obstacle and, with a sensor that touches, object: value and sigma; NaN where unknown."""
     x, y, heading = reading.pose if reading.valid else (nan, nan, nan)
     variance = reading.pose_covariance.diagonal()
     obstacle, moved = reading.obstacle, reading.object_motion

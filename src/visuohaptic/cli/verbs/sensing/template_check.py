@@ -28,7 +28,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Evaluate the image; the mapping is what ``--json`` prints."""
+    """Evaluate the image; returns the mapping that ``--json`` prints."""
     from ....core.files import read_image
     from ....tracking.templates.sheet import SheetItem, save_sheet
     from ....tracking.templates.template import Template, template_quality

@@ -24,7 +24,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Write the sheet; the mapping is what ``--json`` prints."""
+    """Write the sheet; returns the mapping that ``--json`` prints."""
     from ....tracking.templates.sheet import save_sheet, tag_item
     from ....tracking.templates.template import TAG_CELLS
 

@@ -43,7 +43,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Track through the source; the mapping is what ``--json`` prints."""
+    """Track through the source; returns the mapping that ``--json`` prints."""
     from ....core.camera.model import Camera
     from ....sensing.readers.template_reader import TemplateReader
     from ....tracking.templates.template import load_templates
@@ -61,7 +61,7 @@ def run(args: Any) -> dict[str, Any]:
     )
     with ExitStack() as stack:
         source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
-        # A live camera must not wait for the detector; a recording must give the same result each time.
+        # With a live camera the detector runs in a thread, to avoid delays; with a recording in sequence, for reproducible results.
         tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=is_live(args.source)))
         frames = shown_frames(args, source, "tracking")
         done = run_sensor(
@@ -84,7 +84,7 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
-    """The image with the templates' outlines and where they are."""
+    """The image with the outlines and positions of the templates."""
     from ....report.annotation import FrameNotes, annotated_frame
     from ....tracking.templates.template_tracker import template_outlines
 
@@ -102,7 +102,7 @@ def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
 
 
 def _chart(poses: Sequence[TemplatePose]) -> dict[str, dict[str, tuple[float, float]]]:
-    """Where each template is in the camera [cm]; NaN where it is not seen."""
+    """Position of each template in the camera frame [cm]; NaN if not detected."""
     found: dict[str, dict[str, tuple[float, float]]] = {"x [cm]": {}, "y [cm]": {}, "distance z [cm]": {}}
     for pose in poses:
         place = pose.T_camera_template
@@ -114,7 +114,7 @@ def _chart(poses: Sequence[TemplatePose]) -> dict[str, dict[str, tuple[float, fl
 
 
 class _Table:
-    """A row per template and frame, written whole or not at all."""
+    """Table with one row per template and frame, written atomically."""
 
     COLUMNS = (
         *("t_s", "name", "valid", "reason", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"),

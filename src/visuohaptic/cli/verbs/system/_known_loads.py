@@ -1,4 +1,4 @@
-"""A foam's stress curve from a few known loads, as a kitchen scale gives them.
+"""Stress curve of a foam from a few known loads, as measured by a kitchen scale.
 
 Symbols
 -------

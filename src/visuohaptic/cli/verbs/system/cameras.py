@@ -21,7 +21,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....io.frames.live import find_cameras
 
     found = find_cameras()

@@ -160,7 +160,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....core.files import parse_yaml, write_text
 
     if args.kind is None:
@@ -233,7 +233,7 @@ def _flow(value: Any) -> str:
 
 
 def _entries(model: Any) -> Iterator[_Entry]:
-    """The settings of a section, with what the source says of each."""
+    """The settings of a section, with their comments in the source."""
     comments = _comments(model)
     if is_dataclass(model):
         for item in fields(model):
@@ -251,7 +251,7 @@ def _entries(model: Any) -> Iterator[_Entry]:
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
-    """A type and all that it is made of."""
+    """A type and all its components."""
     yield annotation
     yield from getattr(annotation, "metadata", ())
     if get_origin(annotation) is not Literal:

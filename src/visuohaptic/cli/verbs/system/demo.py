@@ -36,12 +36,12 @@ from ....core.errors import InputError
 
 __all__ = ["add_arguments", "needs", "run"]
 
-#: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
+#: Parts of the demo; the same names as ``experiments.mission.PARTS``, without its imports.
 PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 
 
 def needs(args: argparse.Namespace) -> set[str]:
-    """Modules beyond the core on its way: none for the recorded mission.
+    """Optional modules that the verb imports: none for the recorded mission.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from contextlib import ExitStack
 
     from .view import wait
@@ -119,7 +119,7 @@ def _open(report: Path) -> None:
 
 
 def _tell(args: Any, page: Any) -> dict[str, Any]:
-    """The story on our own office and table, or three obstacles in a map of the user's."""
+    """The demo in the built-in office and table, or with three obstacles in the user's map."""
     from ....demo.chapters import Visit, run_mission
     from ....demo.report import write_story
     from ....demo.touch_chapters import touch_in_map

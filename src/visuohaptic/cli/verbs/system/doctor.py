@@ -61,12 +61,12 @@ print("version", importlib.metadata.version("{package}"))
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What happened to one library."""
+    """Result of the test of one library."""
 
     library: Library
     version: str  #: empty when it does not work
     problem: str  #: empty when it works
-    remedy: str  #: command that mends it; empty when it works
+    remedy: str  #: command that repairs it; empty when it works
 
 
 def add_arguments(add: Any) -> None:
@@ -143,7 +143,7 @@ def _made(name: str) -> Any:
 
 
 def examine(library: Library, *, patience_s: float = PATIENCE_S) -> Finding:
-    """Import a library in a process of its own: a crash or an exit there does not end us.
+    """Import a library in a separate process, so that a crash or exit there does not end this one.
 
     Parameters
     ----------

@@ -20,9 +20,9 @@ from ..._workers import add_worker_arguments, chosen_workers
 
 __all__ = ["NEEDS", "add_arguments", "needs", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("matplotlib",)
-#: What ``--json`` says of an experiment.
+#: Fields of an experiment in the output of ``--json``.
 _TOLD = ("name", "seconds", "cpu_seconds", "kept", "problem")
 
 
@@ -38,7 +38,7 @@ def add_arguments(add: Any) -> None:
 
 
 def needs(args: Any) -> set[str]:
-    """Modules beyond the core that the experiments import on their way.
+    """Optional modules that the experiments import.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def _wanted(names: list[str]) -> list[str]:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Run them, several at a time; the mapping is what ``--json`` prints."""
+    """Run them, several at a time; returns the mapping that ``--json`` prints."""
     from ....reproduce.batch import reproduce_all
     from ....reproduce.pages import write_gallery, write_index
     from ....reproduce.runner import ExperimentOutcome

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NEEDS", "add_arguments", "run"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("zenoh",)
 
 
@@ -39,7 +39,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....ros.bridge import Bridge, summary
 
     with Bridge.load(args.config) as bridge:

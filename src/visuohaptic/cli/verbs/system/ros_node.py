@@ -53,7 +53,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....ros import RosOptions
     from ....ros.nodes import NODES, declared, node_kind, run_node
 

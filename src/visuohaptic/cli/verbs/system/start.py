@@ -50,7 +50,7 @@ TAG_ID = 7
 TAG_FRAMES, ZERO_FRAMES, HOLD_FRAMES = 5, 20, 8
 #: A load is held still when the force within its frames stays within this fraction: half of what creep may do.
 _STILL = 0.03
-#: A new load differs from those before by this fraction: less says nothing new of the curve.
+#: Minimum relative difference of a new load from the previous ones: nearer loads are uninformative.
 _NEW_LOAD = 0.2
 
 
@@ -77,7 +77,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Do it; the mapping is what ``--json`` prints."""
+    """Run the verb; returns the mapping that ``--json`` prints."""
     from ....io.frames.frames import open_source
     from ....sensing.foam.sensor import FoamSensor
     from ....sensing.readers.foam_reader import FoamReader
@@ -139,7 +139,7 @@ def _measure(args: Any, reader: Any, frames: Iterator[Frame]) -> tuple[Any, floa
 
 
 def _ask(args: Any, question: str, flag: str) -> str:
-    """One answer of the user; without one the message says which flag gives it."""
+    """One answer of the user; without one the error names the flag that replaces it."""
     sys.stderr.write(f"     {question}: ")
     sys.stderr.flush()
     answer = sys.stdin.readline()
@@ -293,7 +293,7 @@ def _given_foam(path: Path | None, size_m: dict[str, float]) -> FoamMaterial:
 
 
 def _known_loads(args: Any, sensor: FoamSensor, frames: Iterator[Frame]) -> list[PlateRecord]:
-    """What the camera sees under loads that a scale reads."""
+    """Measurements of the camera under loads read from a scale."""
     import numpy as np
 
     from ....sensing.foam.material.records import PlateRecord
@@ -320,7 +320,7 @@ def _known_loads(args: Any, sensor: FoamSensor, frames: Iterator[Frame]) -> list
 
 
 def _held(sensor: FoamSensor, frames: Iterator[Frame], before_N: list[float]) -> ForceProfile | None:
-    """The next load that is new and held still; ``None`` when the frames end."""
+    """The next load that is new and constant; ``None`` at the end of the frames."""
     recent: deque[float] = deque(maxlen=HOLD_FRAMES)
     for frame in frames:
         profile = sensor.read(frame)

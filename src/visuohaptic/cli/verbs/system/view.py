@@ -16,7 +16,7 @@ from typing import Any
 
 __all__ = ["NEEDS", "add_arguments", "run", "wait"]
 
-#: Modules beyond the core on its way.
+#: Optional modules that the verb imports.
 NEEDS = ("trimesh", "viser")
 
 
@@ -31,7 +31,7 @@ def add_arguments(add: Any) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Serve until interrupted; the mapping is what ``--json`` prints."""
+    """Serve until interrupted; returns the mapping that ``--json`` prints."""
     from ....grasping.grasp_task import GraspTask
     from ....viewer.browse import BrowsePage
     from ....viewer.files import open_views

@@ -29,7 +29,7 @@ __all__ = ["SIGNATURES", "add_arguments", "compile_lines", "read_signatures", "r
 #: these call follow. Written by ``python -m benchmarks.kernel_signatures``.
 SIGNATURES = Path(__file__).parents[3] / "core" / "kernel_signatures.txt"
 
-#: More processes gain nothing: ``navigation.graph`` alone is a quarter of the work.
+#: Maximum number of useful processes: ``navigation.graph`` alone is a quarter of the work.
 MAX_USEFUL_WORKERS = 4
 
 
@@ -106,7 +106,7 @@ def compile_lines(lines: Sequence[str]) -> float:
         name, _, arguments = line.partition(" ")
         module, _, function = name.partition(":")
         kernel = getattr(importlib.import_module(module), function)
-        if hasattr(kernel, "compile"):  # it has not with NUMBA_DISABLE_JIT
+        if hasattr(kernel, "compile"):  # missing with NUMBA_DISABLE_JIT
             kernel.compile(arguments)
     return time.process_time() - started_s
 
@@ -114,7 +114,7 @@ def compile_lines(lines: Sequence[str]) -> float:
 def _remove_stale() -> int:
     from ....core.kernels import remove_stale
 
-    for module in read_signatures():  # only kernels that are known can be stale
+    for module in read_signatures():  # only listed kernels can be stale
         importlib.import_module(module)
     return remove_stale()
 

@@ -1,4 +1,4 @@
-"""A map drawn by touch alone (Alt 2016, Sec. 3.6)."""
+"""Mapping of a room by touch alone (Alt 2016, Sec. 3.6)."""
 
 from ....core.front_door import attach
 

@@ -1,9 +1,9 @@
-"""The scale of odometry, felt: the distance that wheels measure into something fixed, by the deflection of the foam.
+"""Calibration of the odometry scale by touch: wheel travel against a fixed object compared with the deflection of the foam.
 
-A wheel of a wrong radius makes a room larger or smaller, and neither walls nor a compass tell. The foam
-does: while it bears on something fixed, its front stays where it is and its back goes with the platform, so
-that every contact compares the odometry of a centimetre with a length in the calibrated picture. One
-contact tells the scale to a per cent (wheels slip a little), the twenty of a room to a quarter of that.
+A wrong wheel radius scales the whole room, which neither walls nor a compass reveal. The foam
+does: while it presses against a fixed object, its front is at rest and its back moves with the platform, so
+every contact compares about a centimetre of odometry with a length in the calibrated image. One
+contact determines the scale to one per cent (wheel slip), the twenty of a room to a quarter of that.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ if TYPE_CHECKING:
 
 __all__ = ["FeltScale", "felt_stretch"]
 
-#: Deflection that every compared point has at least, and its least rise over the push [m].
+#: Minimum deflection of a compared point, and its minimum increase over the push [m].
 MIN_M, MIN_RISE_M = 7e-4, 3e-3
-#: Standard deviations of what a picture tells of the front, and of the delay between wheels and pictures: a frame.
+#: Standard deviations of the front position in an image [m], and of the delay between wheels and images, one frame [s].
 POINT_SIGMA_M, DELAY_SIGMA_S = 5e-5, 0.033
-#: What one contact may be wrong by at least, however well the others agree.
+#: Minimum relative standard deviation of one contact, however well the contacts agree.
 ONE_SIGMA = 0.005
-#: Pushes compared before their own scatter is used, and the scatter until then.
+#: Number of pushes from which their own scatter is used, and the relative scatter assumed before.
 FEW, FEW_SIGMA = 5, 0.02
 
 
 class FeltScale:
-    """Ratio of the distance by odometry to the true one, better with every contact.
+    """Ratio of the odometry distance to the true distance, refined with every contact.
 
     Parameters
     ----------
     sigma
-        Standard deviation of the ratio before anything was felt. Contacts that say something beyond three
-        times that are left out: wheels that spin, or an object that moved after all.
+        Prior standard deviation of the ratio. Contacts that deviate by more than three
+        times that are outliers: spinning wheels, or an object that moved after all.
     """
 
     def __init__(self, sigma: float) -> None:
@@ -45,12 +45,12 @@ class FeltScale:
         self._ratios: list[float] = []
 
     def add(self, found: ObstacleExploration) -> None:
-        """Take one exploration; what moved, or was hardly touched, says nothing.
+        """Add one exploration; objects that moved, or weak contacts, are ignored.
 
         Parameters
         ----------
         found
-            The exploration.
+            Result of the exploration.
         """
         ratio = felt_stretch(found)
         if abs(ratio - 1.0) < 3.0 * self.sigma + 3.0 * FEW_SIGMA:
@@ -58,7 +58,7 @@ class FeltScale:
 
     @property
     def value(self) -> float:
-        """Measured by true: the mean of the contacts that agree, and of 1, each by what it is worth."""
+        """Odometry distance over true distance: weighted mean of the inlier contacts and the prior of 1."""
         if not self._ratios:
             return 1.0
         ratios = np.array(self._ratios)
@@ -73,16 +73,16 @@ class FeltScale:
 
 
 def felt_stretch(found: ObstacleExploration) -> float:
-    """Distance by odometry over distance felt, of one push against something fixed; NaN when it cannot be measured.
+    """Odometry distance over deflection for one push against a fixed object; NaN if it cannot be measured.
 
-    How far the front comes back towards the platform (along -x of F, at the places across that are pressed to
-    the end), as a slope over the distance by odometry. A constant delay between wheels and pictures is one more unknown,
-    since the platform slows down as its foam fills.
+    The slope of the motion of the front towards the platform (along -x of F, at the points that are pressed until
+    the end) over the odometry distance. A constant delay between wheels and images is estimated as well,
+    since the platform decelerates as the foam fills.
 
     Parameters
     ----------
     found
-        The exploration.
+        Result of the exploration.
     """
     if not found.touched or found.tag.fixed is False:
         return math.nan
@@ -113,7 +113,7 @@ def felt_stretch(found: ObstacleExploration) -> float:
         return math.nan
     speed = np.gradient(driven, t_s)
     design = np.column_stack([driven, speed - speed.mean(), np.ones(len(felt))])
-    # The delay has its prior: at a constant speed the pictures say nothing of it.
+    # Prior of the delay: at a constant speed it is not observable.
     design = np.vstack([design, [0.0, POINT_SIGMA_M / DELAY_SIGMA_S, 0.0]])
     slope = float(np.linalg.lstsq(design, np.append(felt, 0.0))[0][0])
     return 1.0 / slope if slope > 0 else math.nan

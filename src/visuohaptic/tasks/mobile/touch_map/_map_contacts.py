@@ -1,4 +1,4 @@
-"""What explorations say to a map by touch: contacts, and where they are."""
+"""Conversion of explorations to contacts of a haptic map, and their positions."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from .map_records import MapSettings
 
 __all__ = ["Placing", "aside_rad", "contact_of", "face_rad"]
 
-#: What stopped the foam, and has not gone farther than this, is fixed [m].
+#: An object that stopped the foam and has moved less than this is fixed [m].
 HELD_M = 0.005
 
 
 class Placing:
-    """Where every contact is by what is known of the walls and of the odometry's scale until now.
+    """Positions of all contacts, from the present estimates of walls and odometry scale.
 
     Parameters
     ----------
     settings
-        Of the mapping.
+        Settings of the mapping.
     haptic_map
-        Drawn anew by :meth:`draw`.
+        Map that :meth:`draw` rebuilds.
     start
         Odometry at the start.
     """
@@ -45,14 +45,14 @@ class Placing:
         self._before = haptic_map.static.copy(), haptic_map.movable.copy(), haptic_map.contacts
 
     def add(self, contact: HapticContact, found: ObstacleExploration) -> list[HapticContact]:
-        """All contacts until now, with a new one.
+        """Add a contact; returns all contacts so far with their updated positions.
 
         Parameters
         ----------
         contact
-            The contact where odometry places it.
+            Contact at its odometry position.
         found
-            The exploration that made it.
+            Exploration that made it.
         """
         self.scale.add(found)
         self._by_odometry.append(contact)
@@ -61,7 +61,7 @@ class Placing:
         return held_by_walls(scaled, self._times_s, self.settings.square_rad)
 
     def _scaled(self, contact: HapticContact) -> HapticContact:
-        """With the distance from the start in true metres."""
+        """The contact with its distance from the start corrected by the odometry scale."""
         x, y, heading = contact.T_map_foam
         ahead = self.settings.front_m * math.cos(heading), self.settings.front_m * math.sin(heading)
         from_x, from_y = self.start.x_m + ahead[0], self.start.y_m + ahead[1]
@@ -70,12 +70,12 @@ class Placing:
         return replace(contact, T_map_foam=place)
 
     def draw(self, contacts: list[HapticContact]) -> None:
-        """Make the map anew.
+        """Rebuild the map.
 
         Parameters
         ----------
         contacts
-            All that the map is to have.
+            All contacts of the map.
         """
         self._map.static[:], self._map.movable[:], self._map.contacts = self._before
         for contact in contacts:
@@ -83,17 +83,17 @@ class Placing:
 
 
 def contact_of(found: ObstacleExploration, settings: MapSettings | None = None) -> HapticContact | None:
-    """What one exploration says to the map; ``None`` without a contact.
+    """Contact of one exploration for the map; ``None`` without a contact.
 
-    Where no primitive fits well the contact itself is used: a segment from
-    its one end to the other.
+    If no primitive fits well, the contact is represented by a segment between
+    its ends.
 
     Parameters
     ----------
     found
-        The exploration.
+        Result of the exploration.
     settings
-        Of the mapping.
+        Settings of the mapping.
     """
     settings = settings or MapSettings()
     state = found.fit_state
@@ -118,7 +118,7 @@ def contact_of(found: ObstacleExploration, settings: MapSettings | None = None) 
 
 
 def _largest(found: ObstacleExploration, state: BaseState) -> Contact | None:
-    """The contact that was fitted: at the time of the fit, the largest."""
+    """The fitted contact: the largest at the time of the fit."""
     for profile, other in zip(reversed(found.profiles), reversed(found.states), strict=True):
         if other.t_s <= state.t_s and profile.contacts:
             return profile.max_contact
@@ -126,19 +126,19 @@ def _largest(found: ObstacleExploration, state: BaseState) -> Contact | None:
 
 
 def aside_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings) -> float:
-    """Turn to the left after which the platform faces what its foam has met; NaN unless only the foam's end has met it.
+    """Left turn that brings an object touched by the end of the foam in front of its middle; NaN if not needed.
 
-    There the foam deforms at little force: it is full before a light object slides, and a shape of a few
-    points says nothing.
+    The end of the foam deforms at a small force: it is densified before a light object slides, and a shape
+    fitted to a few points is not reliable.
 
     Parameters
     ----------
     found
-        The exploration.
+        Result of the exploration.
     now
         Odometry after it.
     settings
-        Of the mapping.
+        Settings of the mapping.
     """
     state = found.fit_state
     if not found.touched or state is None or found.stopped_by is not StopReason.DENSIFIED:
@@ -159,10 +159,10 @@ def aside_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings)
 
 
 def _held(found: ObstacleExploration) -> bool:
-    """Whether it stopped the platform where it was met.
+    """Whether the object stopped the platform where it was met.
 
-    Foam that is hit fast eases while the platform brakes, which looks like the start of a motion:
-    how far the platform went less what the foam took of it decides, until the foam is as hard as the hull.
+    Foam that is hit fast relaxes while the platform brakes, which looks like the start of a motion. The criterion
+    is the distance of the platform minus the deflection of the foam, unless the foam is densified.
     """
     if found.stopped_by not in (StopReason.DENSIFIED, StopReason.TOO_HEAVY):
         return False
@@ -176,7 +176,7 @@ def _held(found: ObstacleExploration) -> bool:
 
 
 def _chord(contact: Contact) -> Primitive:
-    """A segment over the pressed part of a contact."""
+    """Segment over the deflected part of a contact."""
     pressed = contact.points_foam_m[contact.delta_m > 0.5 * contact.delta_m.max()]
     ends = np.concatenate([pressed[0], pressed[-1]])
     if len(pressed) < 2:
@@ -185,12 +185,12 @@ def _chord(contact: Contact) -> Primitive:
 
 
 def face_rad(contact: HapticContact) -> float:
-    """Direction of the touched face in the map; for round and pointed objects that of the strip.
+    """Direction of the touched face in the map [rad]; for round and pointed objects that of the strip.
 
     Parameters
     ----------
     contact
-        Where it was placed.
+        Contact at its position in the map.
     """
     p, yaw = contact.primitive, contact.T_map_foam[2]
     if p.kind == PrimitiveKind.LINE:

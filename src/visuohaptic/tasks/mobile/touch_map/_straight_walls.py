@@ -1,13 +1,13 @@
-"""Odometry that is held by the walls it has touched: they are straight, and touched again they are where they were.
+"""Correction of odometry drift by walls: walls are straight, and a wall that is touched again has not moved.
 
 Wheels and gyroscope drift by a degree and some centimetres on the way around a room (Alt 2016, Sec. 3.6.3
-adds other cues for larger rooms). A wide contact with a wall tells its direction much better. Every such
-contact is compared with the directions that were met before, and those square to them: a small difference is
-the drift of the heading. A line that lies within centimetres of an earlier one is the same wall: the
-difference is the drift across it. Nothing here sees a wrong scale of the odometry.
+adds other cues for larger rooms). A wide contact with a wall measures its direction much more accurately. Every such
+contact is compared with earlier directions, and with those perpendicular to them: a small difference is
+the drift of the heading. A line within centimetres of an earlier one is the same wall: the
+difference is the drift perpendicular to it. The scale of the odometry is not observable here.
 
-Between two walls the heading drifts evenly, as far as anybody knows: :func:`held_by_walls` gives what is touched
-there its part, once the second wall shows how much it was.
+Between two walls the drift of the heading is assumed uniform: :func:`held_by_walls` distributes it over the contacts
+in between, once the second wall shows its total.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from ....navigation.mapping.haptic_map import HapticContact
 
 __all__ = ["StraightWalls", "held_by_walls"]
 
-#: Contacts at least so wide tell a direction [m].
+#: Minimum width of a contact that measures a direction [m].
 WIDE_M = 0.15
-#: Within this an earlier wall is touched again, if that far along it nothing else was found [m].
+#: Maximum distance from an earlier wall, and along it from an earlier contact, for a match of the same wall [m].
 SAME_M, REACH_M = 0.08, 1.5
 
 Pose2 = tuple[float, float, float]
@@ -36,14 +36,14 @@ Pose2 = tuple[float, float, float]
 def held_by_walls(
     contacts: Sequence[HapticContact], times_s: Sequence[float], square_rad: float
 ) -> list[HapticContact]:
-    """The contacts of one tour where they are by what all of them say of the walls.
+    """Positions of the contacts of one tour, corrected by all wall directions.
 
     Parameters
     ----------
     contacts, times_s
-        In the order in which they were made.
+        Contacts and their times [s], in chronological order.
     square_rad
-        Directions that differ by less, up to a right angle, are the same.
+        Directions that differ by less, modulo a right angle, are matched [rad].
     """
     forth, known_s, drift_rad = StraightWalls(square_rad), [], []
     for contact, t_s in zip(contacts, times_s, strict=True):
@@ -60,30 +60,30 @@ def held_by_walls(
 
 
 class StraightWalls:
-    """Corrects the pose of every contact by those before.
+    """Corrects the pose of each contact by the previous ones.
 
     Parameters
     ----------
     square_rad
-        Directions that differ by less, up to a right angle, are the same.
+        Directions that differ by less, modulo a right angle, are matched [rad].
     """
 
     def __init__(self, square_rad: float) -> None:
         self.square_rad = square_rad
         self._directions: list[float] = []
         self._walls: list[tuple[Float[np.ndarray, "2"], float, float]] = []  #: normal, distance, place along
-        self.drift_rad = 0.0  #: of the heading, by the last wall
-        self._last: tuple[Pose2, Pose2] | None = None  #: by odometry and corrected, of the contact before
+        self.drift_rad = 0.0  #: of the heading, at the last wall
+        self._last: tuple[Pose2, Pose2] | None = None  #: odometry and corrected pose of the previous contact
 
     def corrected(self, contact: HapticContact, *, drift_rad: float | None = None) -> HapticContact:
-        """The same contact where it is by what is known of the walls, or with a drift that is known better.
+        """The contact at its corrected pose, from the walls or from a given heading drift.
 
         Parameters
         ----------
         contact
-            Where odometry places it.
+            Contact at its odometry pose.
         drift_rad
-            Drift of the heading there, when it is known better than by the walls before [rad].
+            Drift of the heading there, if known better than from the previous walls [rad].
         """
         odometry = contact.T_map_foam
         before_rad = self.drift_rad
@@ -99,7 +99,7 @@ class StraightWalls:
         return replace(contact, T_map_foam=pose)
 
     def _compare_direction(self, direction_rad: float) -> None:
-        """Take the difference to a known direction as the heading's drift; a new direction is kept."""
+        """Update the heading drift from the difference to a known direction; store a new direction."""
         now = direction_rad - self.drift_rad
         for known in self._directions:
             off = math.remainder(now - known, 0.5 * math.pi)
@@ -109,7 +109,7 @@ class StraightWalls:
         self._directions.append(now)
 
     def _moved(self, odometry: Pose2, drift_rad: float) -> Pose2:
-        """On from the last corrected pose by what odometry says, turned by the drift on the way."""
+        """Propagate the last corrected pose by the odometry, rotated by the heading drift."""
         heading = odometry[2] - self.drift_rad
         if self._last is None:
             return odometry[0], odometry[1], heading
@@ -119,7 +119,7 @@ class StraightWalls:
         return x1 + c * dx + s * dy, y1 - s * dx + c * dy, heading
 
     def _against_walls(self, pose: Pose2, contact: HapticContact, direction_rad: float) -> Pose2:
-        """Shift across a wall that was touched before; a new one is kept."""
+        """Shift the pose perpendicular to a wall touched before; store a new wall."""
         place = np.array(pose[:2])
         turn = rotation_2d(pose[2]).T
         normal = np.array([math.sin(direction_rad), -math.cos(direction_rad)])
@@ -130,7 +130,7 @@ class StraightWalls:
         for wall, known, near in self._walls:
             parallel = float(normal @ wall) > math.cos(self.square_rad)
             if parallel and abs(known - distance) < SAME_M and abs(near - at) < REACH_M:
-                # Followed piece by piece: the next one is near this one.
+                # A wall that is followed: the next contact is near this one.
                 self._walls.append((wall, known, at))
                 shift = (known - distance) * normal
                 return pose[0] + float(shift[0]), pose[1] + float(shift[1]), pose[2]

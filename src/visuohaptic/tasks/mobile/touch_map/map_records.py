@@ -1,4 +1,4 @@
-"""What mapping by touch is set by, sees, tells and ends in."""
+"""Mapping by touch: settings, observation, command, states and outcomes."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ class MapState(StrEnum):
     TURN_AWAY = "turn_away"  #: counter-clockwise, until it is parallel to what was touched
     ALONG = "along"
     TURN_BACK = "turn_back"  #: clockwise, to meet the obstacle again
-    COME_FREE = "come_free"  #: something holds it: back, forward, or turning back
+    COME_FREE = "come_free"  #: free the platform: backward, forward, or turning back
 
 
 class MapOutcome(StrEnum):
     """How it ended."""
 
-    MAPPED = "mapped"  #: as many contacts as were asked for
+    MAPPED = "mapped"  #: requested number of contacts reached
     SENSOR_FAILED = "sensor_failed"
-    NOTHING_FOUND = "nothing_found"  #: several drives in a row met nothing
-    STUCK = "stuck"  #: commanded to move, but stands
+    NOTHING_FOUND = "nothing_found"  #: several consecutive drives without contact
+    STUCK = "stuck"  #: commanded to move, but at rest
     TIMED_OUT = "timed_out"
-    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or the supervisor, raised an error
     SOURCE_ENDED = "source_ended"
 
 
 @dataclass(frozen=True, slots=True)
 class MapSettings:
-    """How to map."""
+    """Settings of the mapping."""
 
     contacts: int = 22
-    along_m: float = 0.4  #: distance along an obstacle before it is met again
+    along_m: float = 0.4  #: distance driven along an obstacle before the next contact
     along_m_s: float = 0.15
     turn_rad_s: float = 0.6
     turn_tolerance_rad: float = 0.03
-    front_m: float = 0.17  #: from the platform's centre to the origin of frame F
-    min_score: float = 0.25  #: score of a primitive below which its contact points alone are trusted
-    empty_drives: int = 6  #: consecutive drives without a contact that end it
-    stuck_s: float = 1.5  #: commanded to move but not moving for this time
-    frees: int = 12  #: how often to come free in a row without a contact
-    free_m: float = 0.12  #: distance to come free
-    free_rad: float = 0.6  #: or turn
-    #: walls are straight and square to each other within; tiny: odometry alone
+    front_m: float = 0.17  #: distance from the platform's centre to the origin of frame F
+    min_score: float = 0.25  #: minimum score of a primitive; below it only its contact points are used
+    empty_drives: int = 6  #: number of consecutive drives without contact that ends the task
+    stuck_s: float = 1.5  #: time at rest despite a motion command after which the platform is stuck
+    frees: int = 12  #: maximum number of consecutive attempts to come free without a contact
+    free_m: float = 0.12  #: distance of such an attempt
+    free_rad: float = 0.6  #: rotation of such an attempt
+    #: tolerance of straight and perpendicular walls; tiny: odometry alone
     square_rad: float = math.radians(4.0)
-    scale_sigma: float = 0.02  #: of the distances that odometry tells, relative; tiny: they are right
-    end_m: float = 0.03  #: narrower than this at the foam's end: it is met once more with the middle
-    min_N: float = 0.3  #: force of a contact for the map: less is a graze
+    scale_sigma: float = 0.02  #: relative standard deviation of the odometry scale; tiny: odometry is exact
+    end_m: float = 0.03  #: a narrower contact at the end of the foam is repeated with its middle
+    min_N: float = 0.3  #: minimum force of a contact for the map
     timeout_s: float = 1800.0
 
     def __post_init__(self) -> None:
@@ -72,13 +72,13 @@ class MapObservation:
     x_m: float
     y_m: float
     heading_rad: float
-    touched: bool  #: the foam bears on something now
+    touched: bool  #: whether the foam is in contact
     explored: str  #: outcome of the exploration that has just ended; empty during a drive
-    contact: bool  #: it gave a contact for the map
-    face_rad: float  #: direction of the touched face in the map, to be driven along; NaN unknown
-    #: turn to the left that brings what the end of the foam has met before its middle; NaN where it was met well
+    contact: bool  #: whether it yielded a contact for the map
+    face_rad: float  #: direction of the touched face in the map, to be followed; NaN: unknown
+    #: left turn that brings an object touched by the end of the foam in front of its middle; NaN if not needed
     aside_rad: float = math.nan
-    overload: bool = False  #: the force is at the platform's limit
+    overload: bool = False  #: whether the force is at the platform's limit
 
 
 @dataclass(frozen=True, slots=True)

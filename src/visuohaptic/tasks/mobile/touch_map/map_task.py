@@ -1,9 +1,9 @@
-"""Map a room by touch alone (Alt 2016, Sec. 3.6.3): along its circumference, one contact after the other.
+"""Map a room by touch alone (Alt 2016, Sec. 3.6.3), along its walls, one contact after the other.
 
-Drive straight on until something is hit; push it to learn whether it moves;
-back off; turn counter-clockwise and drive along it for a while; turn
-clockwise and drive straight on again. Every contact goes into a haptic map,
-fixed and movable objects in layers of their own.
+Drive straight on until contact; push the obstacle to test whether it moves;
+retreat; turn counter-clockwise and drive along it for a distance; turn
+clockwise and drive straight on again. Every contact is added to a haptic map,
+with separate layers for fixed and movable objects.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ def _exploration() -> ExploreSettings:
         push_m=0.05,
         halt_s=0.3,
         back_off_m=0.09,
-        rise=1.0,  # a map asks whether it moves, not at which force
+        rise=1.0,  # a map needs to know whether the object moves, not its breakaway force
     )
 
 
 _STOP, _EXPLORE = MapCommand(), MapCommand(explore=True)
-#: Endings of an exploration after which nothing more can be mapped.
+#: Outcomes of an exploration that end the mapping.
 _ENDINGS = {
     ExploreOutcome.SOURCE_ENDED: MapOutcome.SOURCE_ENDED,
     ExploreOutcome.DEVICE_FAILED: MapOutcome.DEVICE_FAILED,
@@ -65,7 +65,7 @@ class TouchMapping:
 
 
 class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
-    """The decisions on the way around.
+    """State machine of the tour along the walls.
 
     Parameters
     ----------
@@ -90,16 +90,16 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         self._from, self._from_rad = (0.0, 0.0), 0.0
         self._began_s = self._moved_s = math.nan
         self._last_turn = 1.0
-        self.once_more = False  #: what the foam's end has met is being met with its middle
+        self.once_more = False  #: whether a contact of the foam's end is being repeated with its middle
         self._freeing = _STOP
         self._last = (math.inf, math.inf, math.inf)
 
     def halt(self) -> MapCommand:
-        """The platform stands still."""
+        """Command that stops the platform."""
         return _STOP
 
     def decide(self, seen: MapObservation) -> MapCommand:
-        """Motion of the platform, or an exploration, after one observation."""
+        """Motion command or start of an exploration, after one observation."""
         s = self.settings
         if math.isnan(self._began_s):
             self._began_s = self._moved_s = seen.t_s
@@ -131,14 +131,14 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         return self._turning(seen)
 
     def _free(self, seen: MapObservation, why: str) -> MapCommand:
-        """Another way out than the last time."""
+        """Start to come free, in a different direction than the last time."""
         s = self.settings
         self._frees += 1
         if self._frees > s.frees:
             self.end(False, MapOutcome.STUCK, f"could not come free {s.frees} times, last in {self.state}")
             return _STOP
         if self.state is not MapState.COME_FREE:
-            # Left to do when it is free; from a straight way: not into the same place again.
+            # Resume the remaining motion when free; a straight drive is not resumed into the same place.
             if self.state is not MapState.TURN_AWAY:
                 self._goal_rad = seen.heading_rad + s.free_rad
             self._last_turn = -1.0 if self.state is MapState.TURN_BACK else 1.0
@@ -147,7 +147,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         return self._freeing
 
     def _begin_freeing(self, seen: MapObservation, why: str) -> None:
-        """Back, where it came from; forward, where the foam feels; turned back, and so on from there."""
+        """Try in turn: backward, along the incoming path; forward, where the foam senses contact; turning, in alternating senses."""
         self._from, self._from_rad, self._moved_s = (seen.x_m, seen.y_m), seen.heading_rad, seen.t_s
         speeds = (-0.06, 0.06, None)
         speed = speeds[self._tries % len(speeds)]
@@ -193,7 +193,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
             if self.contacts >= s.contacts:
                 self.end(True, MapOutcome.MAPPED, f"{self.contacts} contacts")
                 return _STOP
-            # Parallel to what was touched, it on the right: a turn to the left by up to half a turn.
+            # Turn left by up to half a turn until parallel to the touched face, with the face on the right.
             turn = 0.5 * math.pi
             if math.isfinite(seen.face_rad):
                 turn = (seen.face_rad - seen.heading_rad) % math.pi
@@ -203,12 +203,12 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
             self.go(MapState.TURN_AWAY, f"contact {self.contacts}, {math.degrees(turn):.0f} deg away from it")
             return MapCommand(turn_rate_rad_s=s.turn_rad_s)
         if seen.explored == ExploreOutcome.TIMED_OUT:
-            return self._free(seen, "timed out")  # commanded to go on, but held where the foam is not
+            return self._free(seen, "timed out")  # commanded to move, but blocked away from the foam
         self._empty += 1
         if self._empty >= s.empty_drives:
             self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} drives in a row met nothing")
             return _STOP
-        # What was followed has ended: around its end.
+        # The followed obstacle has ended: drive around its end.
         self._goal_rad = seen.heading_rad - 0.5 * math.pi
         self.go(MapState.TURN_BACK, f"{seen.explored}: around to the right")
         return MapCommand(turn_rate_rad_s=-s.turn_rad_s)
@@ -216,7 +216,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
     def _turning(self, seen: MapObservation) -> MapCommand:
         s = self.settings
         left = self._goal_rad - seen.heading_rad
-        # Headings may come wrapped; a turn is never more than 0.85 of a half turn.
+        # Headings may be wrapped; a turn is at most 0.85 of a half turn.
         left = (left + math.pi) % (2 * math.pi) - math.pi
         if self.state is MapState.TURN_AWAY and left < -0.5 * math.pi:
             left += 2 * math.pi
@@ -232,16 +232,16 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
 
 
 class _Contacts:
-    """Explores, and keeps contacts and explorations; every contact goes into the map.
+    """Runs explorations, and adds each contact to the map.
 
     Parameters
     ----------
     settings
-        Of the mapping.
+        Settings of the mapping.
     haptic_map
-        Is changed.
+        Map that is updated.
     start
-        Where the platform stood at the start.
+        Odometry at the start.
     on_contact
         Called after each contact.
     """
@@ -259,10 +259,10 @@ class _Contacts:
         self.explorations: list[ObstacleExploration] = []
 
     def add(self, found: ObstacleExploration, state: BaseState, *, once_more: bool) -> MapObservation:
-        """Take an exploration that has ended at ``state``."""
+        """Process an exploration that has ended at ``state``."""
         self.explorations.append(found)
         aside = aside_rad(found, state, self._settings)
-        # What the end of the foam has met is not well known: where it is, nor whether it would move.
+        # A contact at the end of the foam determines neither the position nor whether the object is movable.
         waits = math.isfinite(aside) and not once_more
         contact = None if waits else contact_of(found, self._settings)
         if contact is not None:
@@ -280,7 +280,7 @@ class _Contacts:
         )
 
     def redraw(self) -> None:
-        """Make the map anew by what is known of the odometry at the end."""
+        """Rebuild the map with the final estimate of the odometry."""
         self._placing.draw(self.contacts)
 
 
@@ -294,11 +294,11 @@ def map_by_touch(
     *,
     on_contact: Callable[[HapticContact, HapticMap], None] | None = None,
 ) -> TouchMapping:
-    """Go around a room and write every contact into a haptic map.
+    """Drive around a room and add every contact to a haptic map.
 
-    Contacts are placed by odometry, and by the walls touched before: their direction and place hold the drift.
-    The deflection of the foam against something fixed tells how long a metre of the odometry is. That is known
-    best at the end: the map is then made anew from all contacts.
+    Contacts are located by odometry, corrected by the directions and positions of the walls touched before.
+    The deflection of the foam against fixed objects calibrates the scale of the odometry. The estimate is best
+    at the end: the map is then rebuilt from all contacts.
 
     Parameters
     ----------
@@ -307,13 +307,13 @@ def map_by_touch(
     source
         Frames of the camera that looks at the foam.
     sensor
-        With its zero reference taken.
+        Sensor with its zero reference.
     haptic_map
-        Empty or from before; its frame is that of the odometry at the start. It is changed.
+        Empty or existing map in the frame of the odometry at the start; it is updated.
     settings
-        Of the way around.
+        Settings of the tour.
     explore
-        How each contact is made; by default faster than for a haptic tag.
+        Settings of each contact; by default faster than for a haptic tag.
     on_contact
         Called after each contact.
 

@@ -1,4 +1,4 @@
-"""Navigation with pushes: plan, push, look, plan again."""
+"""Navigation among movable obstacles: plan, push, look, plan again."""
 
 from ....core.front_door import attach
 

@@ -1,7 +1,7 @@
-"""Navigation among movable obstacles: drive to a goal and push what is in the way (Alt 2016, Sec. 4.2 to 4.4).
+"""Navigation among movable obstacles: drive to a goal and push obstacles out of the way (Alt 2016, Sec. 4.2 to 4.4).
 
-:func:`travel` is the loop around :class:`~visuohaptic.tasks.mobile.travel.travel_task.TravelTask`. It knows the
-robot as a :class:`~visuohaptic.core.robots.MobileBase` and what it perceives as :class:`TravelSenses`.
+:func:`travel` is the loop around :class:`~visuohaptic.tasks.mobile.travel.travel_task.TravelTask`. It uses the
+robot as a :class:`~visuohaptic.core.robots.MobileBase` and its perception as :class:`TravelSenses`.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ __all__ = ["Travel", "travel"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Travel:
-    """Result of a travel."""
+    """Result of a navigation task."""
 
     outcome: TravelOutcome
-    records: tuple[TravelRecord, ...]  #: what happened, event by event
-    trace: Trace  #: every control period; replayed by ``TravelTask``
-    problem: PlanningProblem  #: as it is estimated at the end: map, footprints, tags
+    records: tuple[TravelRecord, ...]  #: log of events
+    trace: Trace  #: every control period; can be replayed by ``TravelTask``
+    problem: PlanningProblem  #: estimate at the end: map, footprints, tags
     duration_s: float
-    length_m: float  #: driven, without backing off
+    length_m: float  #: distance driven, without retreats
     pushes: int
     plans: int
     reason: str = ""
@@ -62,24 +62,24 @@ def travel(
     plan: Callable[[PlanningProblem], Plan] = make_plan,
     passages: PassageSenses | None = None,
 ) -> Travel:
-    """Drive to the problem's goal.
+    """Drive to the goal of a planning problem.
 
     Parameters
     ----------
     problem
-        Map, tagged objects, robot, goal; its start is replaced by where the robot is.
+        Map, tagged objects, robot, goal; its start is replaced by the pose of the robot.
     base
         The platform.
     senses
-        Its localisation, rim and cameras.
+        Localisation, rim and cameras of the robot.
     wait
-        Called with the period [s] after every command: sleeps, or lets simulated time pass.
+        Called with the period [s] after every command: sleeps, or advances simulated time.
     settings
         Margins, limits and tolerances.
     plan
-        The planner; asked with a robot that is larger by a margin.
+        Planner; called with a robot radius enlarged by a margin.
     passages
-        Doors and elevators; without it the robot waits as long as they are expected to take, and drives on.
+        Doors and elevators; by default the robot waits for their expected opening time, and drives on.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _observation(
     periods: int,
     command: TravelCommand,
 ) -> TravelObservation:
-    """What is perceived in one period, and what the last command asked to look at."""
+    """Observation of one control period, with the sightings requested by the last command."""
     state, (x, y, heading), (force_N, point) = base.state(), senses.pose(), senses.touch()
     looked = ((id, senses.look(id)) for id in command.look)
     return TravelObservation(

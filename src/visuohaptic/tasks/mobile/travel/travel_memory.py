@@ -1,4 +1,4 @@
-"""State estimate of a travel: walls, where each object is by now, its tag, and its centre of friction."""
+"""State estimate of a navigation task: walls, and pose, tag and centre of friction of each object."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from ....navigation.pushing.push_model import PushModel
 
 __all__ = ["TravelMemory", "map_with_footprints"]
 
-#: Error of the centre of friction across a push that was seen (m): of feet and of a rim that creeps (``benchmarks.nav_push``).
+#: Error of the centre of friction estimated from a push, across it [m]: feet of the object, creep of the rim (``benchmarks.nav_push``).
 PUSH_SIGMA_M = 0.005
-#: An object has moved when it is seen so far from where it was (m, rad): less is the noise of looking.
+#: Minimum displacement [m] and rotation [rad] of an object that has moved: more than the noise of a sighting.
 MOVED_M, MOVED_RAD = 0.02, 0.05
-#: What is touched so near to an object's outline is that object (m).
+#: Maximum distance of a contact from the outline of an object to which it is assigned [m].
 NEAR_M = 0.06
 
 
 @dataclass(slots=True, eq=False)
 class _Known:
-    item: MovableObject  #: as it was given; with the tag of now
-    own_m: Float[np.ndarray, "p 2"]  #: outline about its centroid at the beginning
-    place_m: Float[np.ndarray, "3"]  #: x, y of the centroid, turn since the beginning
+    item: MovableObject  #: as given, with its present tag
+    own_m: Float[np.ndarray, "p 2"]  #: initial outline about its centroid
+    place_m: Float[np.ndarray, "3"]  #: x, y of the centroid, rotation since the start
     lever_m: float
-    offset_m: Float[np.ndarray, "2"]  #: centre of friction, own frame
+    offset_m: Float[np.ndarray, "2"]  #: centre of friction in the object's frame
     covariance: Float[np.ndarray, "2 2"]
-    learned: bool = False  #: whether a push has told of it
+    learned: bool = False  #: whether a push has updated the offset
     failures: int = 0
-    stalled: bool = False  #: known to be too heavy, not only unlucky
+    stalled: bool = False  #: whether it counts as fixed only by failed pushes, not by a measured force
 
     def outline_m(self) -> Float[np.ndarray, "p 2"]:
         return self.own_m @ rotation_2d(self.place_m[2]).T + self.place_m[:2]
@@ -56,14 +56,14 @@ class _Known:
         )
 
     def tell(self, *, failed: bool, **changes: Any) -> None:
-        """Count a push in its tag, and change what it says."""
+        """Count a push in the tag, and change its properties."""
         tag = self.item.tag or HapticTag()
         counted = tag.updated(explored=tag.explored + 1, failed=tag.failed + int(failed), **changes)
         self.item = replace(self.item, tag=counted)
 
 
 class TravelMemory:
-    """Beliefs that change with what is seen and touched.
+    """State estimate updated by sightings and contacts.
 
     Parameters
     ----------
@@ -88,16 +88,16 @@ class TravelMemory:
     def problem(
         self, pose_m: Float[np.ndarray, "3"], margin_m: float = 0.0, *, push_margin_m: float = 0.0
     ) -> PlanningProblem:
-        """The problem from here on, for a robot that keeps a margin, and one for what it pushes.
+        """Planning problem from the present state, with margins beside the robot and the pushed object.
 
         Parameters
         ----------
         pose_m
-            Of the robot: x, y [m], heading [rad].
+            Pose of the robot: x, y [m], heading [rad].
         margin_m
-            Room beside the robot [m].
+            Margin beside the robot [m].
         push_margin_m
-            Room beside what it pushes [m].
+            Margin beside a pushed object [m].
         """
         objects = tuple(known.now() for known in self._known.values())
         grid = OccupancyMap(self._cells, self._problem.map.resolution_m, self._problem.map.origin)
@@ -111,12 +111,12 @@ class TravelMemory:
         )
 
     def closed(self, id: str) -> None:
-        """Remember that a passage did not open: no plan leads through it any more.
+        """Mark a passage that did not open as closed: it is excluded from further plans.
 
         Parameters
         ----------
         id
-            Of the passage, or of an object that was taken for a wing.
+            Identifier of the passage, or of an object that was taken for a door leaf.
         """
         if known := self._known.get(id):
             known.item = replace(known.item, tag=(known.item.tag or HapticTag()).updated(fixed=True))
@@ -129,12 +129,12 @@ class TravelMemory:
         self._problem = replace(self._problem, passages=tuple(passages))
 
     def item(self, id: str) -> MovableObject:
-        """What is known of an object, where it is now.
+        """Present estimate of an object.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         """
         return self._known[id].now()
 
@@ -144,17 +144,17 @@ class TravelMemory:
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         """
         return self._known[id].failures
 
     def friction(self, id: str) -> tuple[Float[np.ndarray, "2"], float]:
-        """Centre of friction from the centroid in the object's frame, and largest friction moment by force.
+        """Centre of friction from the centroid in the object's frame, and ratio of maximum friction moment to force.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
 
         Returns
         -------
@@ -165,14 +165,14 @@ class TravelMemory:
         return known.offset_m, known.lever_m
 
     def seen(self, id: str, place_m: Float[np.ndarray, "3"]) -> bool:
-        """An object was seen; returns whether it has moved.
+        """Update the pose of a located object; returns whether it has moved.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         place_m
-            x, y of its centroid [m], turn [rad].
+            x, y of its centroid [m], rotation [rad].
         """
         known = self._known[id]
         off = place_m - known.place_m
@@ -183,12 +183,12 @@ class TravelMemory:
         return True
 
     def near(self, point_m: Float[np.ndarray, "2"]) -> bool:
-        """Whether a point that was touched belongs to an object rather than to a wall.
+        """Whether a contact belongs to an object rather than to a wall.
 
         Parameters
         ----------
         point_m
-            Map frame [m].
+            Contact point in the map frame [m].
         """
         import shapely
 
@@ -198,12 +198,12 @@ class TravelMemory:
         )
 
     def touched(self, point_m: Float[np.ndarray, "2"]) -> bool:
-        """Something was touched; returns whether the map has nothing near and it was entered as a wall.
+        """Process a contact; returns whether the map has nothing near it, so that it was added as a wall.
 
         Parameters
         ----------
         point_m
-            Map frame [m].
+            Contact point in the map frame [m].
         """
         if self.near(point_m):
             return False
@@ -218,26 +218,26 @@ class TravelMemory:
         return True
 
     def pushed(self, id: str, *, failed: bool) -> None:
-        """A push has moved an object: counters.
+        """Count a push that has moved an object.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         failed
-            It did not go as far as planned.
+            Whether it did not reach its planned goal.
         """
         self._known[id].tell(failed=failed, fixed=False, min_static_friction_N=None)
 
     def refused(self, id: str, *, fixed: bool) -> None:
-        """A push has not moved an object; with ``fixed`` it is not pushed again.
+        """Count a push that has not moved an object; with ``fixed`` it is not pushed again.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         fixed
-            It counts as fixed from now on.
+            Whether it counts as fixed from now on.
         """
         known = self._known[id]
         known.failures += 1
@@ -245,30 +245,30 @@ class TravelMemory:
         known.tell(failed=True, **({"fixed": True} if fixed else {}))
 
     def too_heavy(self, id: str) -> None:
-        """The platform's largest force did not move an object: a bound, which what was measured lower contradicts.
+        """Record that an object withstood the maximum push force: a lower bound that replaces the measured frictions.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         """
         known = self._known[id]
         known.failures += 1
-        known.stalled = False  # measured, not bad luck: it gets no other chance
+        known.stalled = False  # a measurement, not a stall: no further attempt
         limit_N = self._problem.robot.push_force_max_N
         known.tell(
             failed=True, fixed=True, static_friction_N=None, dynamic_friction_N=None, min_static_friction_N=limit_N
         )  # fmt: skip
 
     def explored(self, id: str, tag: HapticTag) -> None:
-        """What an exploration has found joins what is known; whether it is fixed is what was found last.
+        """Merge the tag of an exploration with the present one; ``fixed`` is that of the latest exploration.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         tag
-            What was felt.
+            Tag of the exploration.
         """
         known = self._known[id]
         joined = merge_tags(known.item.tag or HapticTag(), tag)
@@ -278,7 +278,7 @@ class TravelMemory:
         )
 
     def reset_failures(self) -> bool:
-        """Give objects that were refused by these pushes another chance, once; returns whether there are any."""
+        """Permit, once, further pushes of objects that stalled; returns whether there are any."""
         if self._forgiven:
             return False
         self._forgiven += 1
@@ -291,16 +291,16 @@ class TravelMemory:
         return found
 
     def learn_centre(self, id: str, direction_rad: float, beside_m: float) -> None:
-        """Take where a push shows the centre of friction to lie across it: a Kalman update.
+        """Kalman update of the centre of friction by its offset across a push.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
         direction_rad
-            Of the push, map frame [rad].
+            Direction of the push in the map frame [rad].
         beside_m
-            To the left of the estimate [m].
+            Offset to the left of the estimate [m].
         """
         known = self._known[id]
         across = np.array([-math.sin(direction_rad), math.cos(direction_rad)]) @ rotation_2d(known.place_m[2])
@@ -311,7 +311,7 @@ class TravelMemory:
 
 
 def map_with_footprints(grid: OccupancyMap, footprints_m: Iterable[Float[np.ndarray, "p 2"]]) -> OccupancyMap:
-    """A map in which the cells of some objects are occupied.
+    """Map in which the cells of some objects are occupied.
 
     Parameters
     ----------

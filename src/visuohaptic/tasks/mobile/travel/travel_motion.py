@@ -1,4 +1,4 @@
-"""Motions of a travel, one command per control period: the force stop, the clocks, and standing still."""
+"""Motion primitives of a navigation task, one command per control period: force stop, clock checks, standing still."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .travel_types import TravelCommand, TravelObservation, TravelOutcome
 __all__ = ["Motion", "TravelInterrupted", "TravelMotion"]
 
 ResultT = TypeVar("ResultT")
-#: Yields one command per control period, and returns when the motion is over.
+#: A generator that yields one command per control period, and returns when the motion is complete.
 Motion = Generator[TravelCommand, None, ResultT]
 
 
 class TravelInterrupted(Exception):
-    """Ends a travel from within any motion.
+    """Ends a navigation task from within any motion.
 
     Parameters
     ----------
     outcome
-        How the travel ends.
+        Outcome of the task.
     reason
         One sentence.
     """
@@ -39,40 +39,40 @@ class TravelInterrupted(Exception):
 class TravelMotion:
     """Turning, driving straight, looking and standing still under the force stop.
 
-    Every motion is a generator: before it is resumed, :attr:`seen` holds the observation of the period that
-    its last command has made.
+    Every motion is a generator: when it is resumed, :attr:`seen` holds the observation made after
+    its last command.
 
     Parameters
     ----------
     max_force_N
-        What the platform can push [N].
+        Maximum push force of the platform [N].
     timeout_s
-        Of the whole travel, by the base's clock or by the periods that were waited, whichever is longer.
+        Maximum duration of the task, by the base's clock or by the number of periods, whichever is longer [s].
     start_m
-        Where the robot is believed to be before the first observation.
+        Estimated pose of the robot before the first observation.
     """
 
     def __init__(self, max_force_N: float, timeout_s: float, start_m: Float[np.ndarray, "2"]) -> None:
         x, y = (float(value) for value in start_m)
         self.seen = TravelObservation(0.0, math.nan, (x, y, 0.0), 0.0, 0.0, math.nan, None)
         self._max_force_N, self._timeout_s = max_force_N, timeout_s
-        # The host's clock would not replay: the time of the periods stands for it.
+        # Replays do not have the host's clock: the number of periods measures time.
         self._clock = ClockWatch(host_clock=lambda: self.seen.t_s)
         self._start_s = math.nan
         self._guard = ForceGuard(max_force_N)
 
     def observe(self, seen: TravelObservation) -> None:
-        """Take the observation of a control period.
+        """Process the observation of a control period.
 
         Parameters
         ----------
         seen
-            The newest.
+            The newest observation.
 
         Raises
         ------
         TravelInterrupted
-            The time is over, or the robot's clock stands still.
+            The time-out is reached, or the robot's clock has stopped.
         """
         self.seen = seen
         if math.isnan(self._start_s):
@@ -87,37 +87,37 @@ class TravelMotion:
         return self.seen.base_t_s
 
     def pose_m(self) -> Float[np.ndarray, "3"]:
-        """Where the robot is in the map: x, y [m], heading [rad]."""
+        """Pose of the robot in the map: x, y [m], heading [rad]."""
         return np.array(self.seen.pose_m)
 
     def point_m(self) -> Float[np.ndarray, "2"] | None:
-        """Where the rim is touched in the map [m]; ``None`` without touch."""
+        """Contact point of the rim in the map [m]; ``None`` without contact."""
         return None if self.seen.point_m is None else np.array(self.seen.point_m)
 
     def passed_s(self) -> float:
-        """How long the travel has lasted [s]."""
+        """Duration of the task so far [s]."""
         return max(self.seen.t_s, self.now_s() - self._start_s)
 
     def left_s(self) -> float:
-        """Time until the travel ends [s]."""
+        """Time until the time-out [s]."""
         return max(self._timeout_s - self.passed_s(), 0.0)
 
     def new_guard(self) -> None:
-        """Forget what was felt: another motion starts."""
+        """Reset the force readings before a new motion."""
         self._guard = ForceGuard(self._max_force_N)
 
     def place_m(self, id: str) -> Float[np.ndarray, "3"] | None:
-        """Where an object was seen in this period.
+        """Pose of an object located in this period.
 
         Parameters
         ----------
         id
-            Of an object that the last command asked for.
+            Identifier of an object that the last command asked for.
 
         Returns
         -------
         (3,) array or None
-            x, y of its centroid [m], turn [rad]; ``None`` when it was not seen.
+            x, y of its centroid [m], rotation [rad]; ``None`` if it was not located.
         """
         for sighting in self.seen.sightings:
             if sighting.id == id and sighting.place_m is not None:
@@ -125,12 +125,12 @@ class TravelMotion:
         return None
 
     def look(self, id: str) -> Motion[Float[np.ndarray, "3"] | None]:
-        """Stand for one period and look where an object is.
+        """Stand still for one period and locate an object.
 
         Parameters
         ----------
         id
-            Of the object.
+            Identifier of the object.
 
         Returns
         -------
@@ -141,7 +141,7 @@ class TravelMotion:
         return self.place_m(id)
 
     def go(self, speed_m_s: float, turn_rate_rad_s: float) -> Motion[bool]:
-        """Drive for one period as far as the force allows.
+        """Drive for one period, as far as the force limit permits.
 
         Parameters
         ----------
@@ -151,12 +151,12 @@ class TravelMotion:
         Returns
         -------
         bool
-            Whether the motion may go on.
+            Whether the motion may continue.
 
         Raises
         ------
         TravelInterrupted
-            The force was not read for too long.
+            No valid force for too long.
         """
         state = self._guard.update(self.seen.force_N, pressing=self._pressing(speed_m_s, turn_rate_rad_s))
         if state is GuardState.UNREAD:
@@ -173,7 +173,7 @@ class TravelMotion:
         Parameters
         ----------
         heading_rad
-            In the map [rad].
+            Heading in the map [rad].
         """
         self.new_guard()
         start_s = self.now_s()
@@ -187,16 +187,16 @@ class TravelMotion:
         yield from self.halt()
 
     def straight(self, speed_m_s: float, length_m: float, timeout_s: float) -> Motion[None]:
-        """Drive straight, and stand.
+        """Drive straight, and stop.
 
         Parameters
         ----------
         speed_m_s
-            Negative: backwards [m/s].
+            Speed; negative: backward [m/s].
         length_m
-            Distance after which the motion is over [m].
+            Distance after which the motion is complete [m].
         timeout_s
-            Time after which it is over [s].
+            Time after which it ends [s].
         """
         self.new_guard()
         start, start_s = self.pose_m(), self.now_s()
@@ -208,14 +208,14 @@ class TravelMotion:
         yield from self.halt()
 
     def leave(self, point_m: Float[np.ndarray, "2"], length_m: float) -> Motion[None]:
-        """Away from a wall that is touched: a disc turns on the spot, and what it leaves does not hold it.
+        """Retreat from a wall in contact: a disc can turn on the spot, and drive away from the contact point.
 
         Parameters
         ----------
         point_m
-            Where it is touched, map frame [m].
+            Contact point in the map frame [m].
         length_m
-            How far to go [m].
+            Distance of the retreat [m].
         """
         away = self.pose_m()[:2] - point_m
         ahead = math.atan2(away[1], away[0])
@@ -231,7 +231,7 @@ class TravelMotion:
                 break
 
     def _pressing(self, speed_m_s: float, turn_rate_rad_s: float) -> bool:
-        """Whether a motion goes against what is touched; where that is not known, any but a retreat does."""
+        """Whether a motion presses against the contact; if its position is unknown, every motion except a retreat does."""
         if speed_m_s == 0.0:
             return turn_rate_rad_s != 0.0
         if self.seen.point_m is None:
@@ -242,5 +242,5 @@ class TravelMotion:
 
 
 def force_unread() -> TravelInterrupted:
-    """The end of a travel whose robot feels nothing any more."""
+    """Exception that ends a task whose force sensor has failed."""
     return TravelInterrupted(TravelOutcome.SENSOR_FAILED, "the force on the rim is not read (NaN)")

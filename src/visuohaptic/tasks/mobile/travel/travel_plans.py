@@ -1,4 +1,4 @@
-"""Which plan a travel takes: the one that keeps most room, a push that turns something, or none."""
+"""Selection of the plan of a navigation task: the largest feasible margin, or an off-centre push, or none."""
 
 from __future__ import annotations
 
@@ -19,33 +19,34 @@ __all__ = ["TravelPlans"]
 
 @dataclass(slots=True, eq=False)
 class TravelPlans:
-    """Asks the planner with one margin after the other, and keeps in mind what became of them."""
+    """Calls the planner with one margin after the other, and remembers which margins failed."""
 
     memory: TravelMemory
     settings: TravelSettings
     planner: Callable[[PlanningProblem], Plan]
-    note: Callable[..., None]  #: takes an event and its values
-    asked: int = 0  #: how often the planner was
-    turns: int = 0  #: pushes beside the centre of an object
-    without_plan: set[tuple[float, float]] = field(default_factory=set)  #: margins, since anything has moved
-    bumps: dict[float, int] = field(default_factory=dict)  #: into known walls, by margin
+    note: Callable[..., None]  #: logs an event and its values
+    asked: int = 0  #: number of planner calls
+    turns: int = 0  #: number of off-centre pushes
+    #: infeasible margins, since the last change
+    without_plan: set[tuple[float, float]] = field(default_factory=set)
+    bumps: dict[float, int] = field(default_factory=dict)  #: number of contacts with known walls, by margin
 
     def with_room(
         self, pose_m: Float[np.ndarray, "3"]
     ) -> tuple[tuple[float, PlanningProblem, Plan] | None, Plan]:
-        """The plan that keeps most room, with its margin and problem; and the last answer.
+        """The feasible plan with the largest margin, with its margin and problem; and the last plan that was tried.
 
         Parameters
         ----------
         pose_m
-            Of the robot: x, y [m], heading [rad].
+            Pose of the robot: x, y [m], heading [rad].
         """
         margins = self.settings.margins_m
-        # While everything stands where it stood, what had no plan has none, from a few steps on either.
+        # While no object has moved, margins without a plan stay infeasible, also from a slightly different pose.
         wanted = [pair for pair in margins if self._trusted(pair[0]) and pair not in self.without_plan]
         first, *rest = wanted or margins[:1]
         best = None
-        # What has no plan with the least room has none with more: ask for that before those between.
+        # If the smallest margin has no plan, larger ones have none: try it before those in between.
         for pair in (first, *rest[-1:], *rest[:-1]):
             found, problem = self._asked(pose_m, pair)
             if found.reachable:
@@ -61,12 +62,12 @@ class TravelPlans:
         return best, found
 
     def turning(self, pose_m: Float[np.ndarray, "3"]) -> tuple[float, PlanningProblem, OffCentrePush] | None:
-        """A push that turns an object, where there is no plan of straight ones; with its margin and problem.
+        """An off-centre push that rotates an object, if no straight push helps; with its margin and problem.
 
         Parameters
         ----------
         pose_m
-            Of the robot: x, y [m], heading [rad].
+            Pose of the robot: x, y [m], heading [rad].
         """
         if self.turns >= self.settings.turns:
             return None
@@ -82,21 +83,21 @@ class TravelPlans:
         return None
 
     def bumped(self, margin_m: float) -> None:
-        """A drive with a margin led into a wall that is known.
+        """Record that a drive with a margin has hit a known wall.
 
         Parameters
         ----------
         margin_m
-            Of the plan that was driven [m].
+            Margin of the plan [m].
         """
         self.bumps[margin_m] = self.bumps.get(margin_m, 0) + 1
 
     def changed(self) -> None:
-        """Something has moved or was learnt: ask for everything again."""
+        """Reset the infeasible margins, after an object has moved or an estimate has changed."""
         self.without_plan.clear()
 
     def reset_failures(self) -> bool:
-        """Give objects and margins another chance; whether there are any."""
+        """Permit failed objects and margins again; returns whether there are any."""
         found = self.memory.reset_failures() or bool(self.bumps)
         self.bumps.clear()
         self.without_plan.clear()
@@ -117,5 +118,5 @@ class TravelPlans:
         return found, problem
 
     def _trusted(self, margin_m: float) -> bool:
-        """Whether plans with a margin have not led into walls too often."""
+        """Whether plans with a margin have hit walls less often than the limit."""
         return all(margin_m > m or count < self.settings.bumps for m, count in self.bumps.items())

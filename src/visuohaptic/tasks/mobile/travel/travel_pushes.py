@@ -1,4 +1,4 @@
-"""Pushes of a travel: through an object's centre, beside it, or only to learn what it is (Alt 2016, Sec. 4.3)."""
+"""Pushes of a navigation task: through the centre of an object, off-centre, or for exploration (Alt 2016, Sec. 4.3)."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from .travel_types import PERIOD_S, TravelCommand, TravelSettings
 
 __all__ = ["TravelPushes"]
 
-#: One push in a hundred that ends as declared is farther beside its line, in deviations of a normal variable.
+#: Bound of the lateral offset at the end of a push in standard deviations: exceeded by one in a hundred as declared.
 ASIDE_SIGMAS = 2.576
 
 
 class TravelPushes:
-    """Pushes objects and takes down what the pushes tell of them.
+    """Pushes objects and updates their estimates.
 
     Parameters
     ----------
     robot
         Radius, speeds and force of the platform.
     memory
-        Where the objects are, and their tags.
+        Poses and tags of the objects.
     motion
-        The platform.
+        Motion primitives of the platform.
     settings
         Limits and tolerances.
     note
-        Called with an event, an object and values.
+        Logs an event with an object and values.
     """
 
     def __init__(
@@ -57,10 +57,10 @@ class TravelPushes:
     ) -> None:
         self._robot, self._memory, self._motion, self._settings = robot, memory, motion, settings
         self._note = note
-        self.count = 0  #: pushes that were to bring an object somewhere
-        self.driven_m = 0.0  #: by all pushes
-        self.margin_m = 0.0  #: room beside the robot that the present plan keeps
-        self.behind_m = 0.0  #: length straight behind the robot that is known to be free after the last push
+        self.count = 0  #: number of pushes towards a planned goal
+        self.driven_m = 0.0  #: distance driven in all pushes
+        self.margin_m = 0.0  #: margin beside the robot of the present plan
+        self.behind_m = 0.0  #: known free distance straight behind the robot after the last push
         self._at_wall = False  #: whether the last push ended at a wall
 
     def push(self, task: Task) -> Motion[bool]:
@@ -74,7 +74,7 @@ class TravelPushes:
         Returns
         -------
         bool
-            Whether the object is where the plan wanted it.
+            Whether the object is at its planned goal.
         """
         assert task.displacement_m is not None
         settings = self._settings
@@ -105,19 +105,19 @@ class TravelPushes:
         return as_planned
 
     def sideward(self, task: Task, problem: PlanningProblem) -> Motion[bool | None]:
-        """Drive past an object and brush it aside; the path follows what the contact tells (Sec. 4.3.2).
+        """Push an object aside while driving past it; the path is replanned from the contacts (Sec. 4.3.2).
 
         Parameters
         ----------
         task
             A task of kind "sideward".
         problem
-            As it is known now, with the room that the plan keeps.
+            Present planning problem, with the margins of the plan.
 
         Returns
         -------
         bool or None
-            Whether the object is where the plan wanted it; ``None`` where the drive did not get past it.
+            Whether the object is at its planned goal; ``None`` if the robot did not get past it.
         """
         motion, settings = self._motion, self._settings
         check = SidewardCheck(problem, task.object)
@@ -141,7 +141,7 @@ class TravelPushes:
         return near if end == "done" else None
 
     def _past(self, task: Task, check: SidewardCheck, monitor: PushMonitor) -> Motion[tuple[str, int]]:
-        """Follow a path past an object; how that ended, and how often the path was corrected."""
+        """Follow a path past an object; returns how it ended, and the number of path corrections."""
         motion, robot = self._motion, self._robot
         speed = min(robot.v_push_m_s, robot.v_max_m_s)
         limits = FollowLimits(robot.radius_m, speed, min(robot.v_min_m_s, speed))
@@ -170,12 +170,12 @@ class TravelPushes:
                 return "too heavy", corrections
 
     def explore(self, task: Task) -> Motion[None]:
-        """Touch an unknown object, push it a little, and take down a tag.
+        """Touch an unknown object, push it a little, and record a tag.
 
         Parameters
         ----------
         task
-            The push for which the plan has to know it.
+            The push for which the plan needs the tag.
         """
         push = yield from self._through_centre(task, self._settings.explore_m)
         moved = float(push.moved_m[0]) > self._settings.moved_m
@@ -195,12 +195,12 @@ class TravelPushes:
         self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
 
     def turn(self, wanted: OffCentrePush) -> Motion[None]:
-        """Drive straight against an object beside its centre.
+        """Rotate an object by a straight off-centre push.
 
         Parameters
         ----------
         wanted
-            Where from, in which direction, and how far.
+            Start, direction and length of the push.
         """
         before = yield from self._motion.look(wanted.object)
         length_m = max(wanted.length_m - wanted.free_m, 0.01)
@@ -220,14 +220,14 @@ class TravelPushes:
         )  # fmt: skip
 
     def _look(self, id: str) -> Motion[Float[np.ndarray, "3"] | None]:
-        """Look where an object is, and take it down when it has moved."""
+        """Locate an object, and update its pose if it has moved."""
         seen = yield from self._motion.look(id)
         if seen is not None and self._memory.seen(id, seen):
             self._note("looked", id, place_m=[float(value) for value in seen])
         return seen
 
     def _learn(self, id: str, *, moved: bool, failed: bool, heavy: bool, fixed: bool = False) -> None:
-        """Counters of an object's tag after a push, or that it does not move."""
+        """Update the tag of an object after a push or a refusal."""
         if moved:
             self._memory.pushed(id, failed=failed)
         elif heavy:
@@ -237,16 +237,16 @@ class TravelPushes:
             self._memory.refused(id, fixed=fixed or often)
 
     def _too_heavy(self, push: SteeredPush) -> bool:
-        """Whether a push met an object, and not a wall, that takes more than the platform has."""
+        """Whether a push met an object, not a wall, that withstood the maximum push force."""
         return push.end is PushEnd.TOO_HEAVY and not self._at_wall
 
     def _through_centre(self, task: Task, length_m: float) -> Motion[SteeredPush]:
-        """Push an object through its centre, steering by where it is seen."""
+        """Push an object through its centre, steered by its located poses."""
         place = yield from self._motion.look(task.object)
         stand = np.array(task.path_m[0])
         direction = _direction(task)
         left = np.array([-math.sin(direction), math.cos(direction), 0.0])
-        # As declared of the end; on the way it may be as far.
+        # Lateral offset declared for the end of the push; it is also accepted on the way.
         aside_m = (
             ASIDE_SIGMAS * math.sqrt(left @ np.array(task.end_covariance) @ left)
             if task.end_covariance
@@ -263,7 +263,7 @@ class TravelPushes:
         place: Float[np.ndarray, "3"] | None,
         aside_m: float = math.inf,
     ) -> Motion[SteeredPush]:
-        """Turn to the object, push it, stop; straight where its place is not given."""
+        """Turn to the object, push it, stop; straight if its pose is not given."""
         motion, settings, robot = self._motion, self._settings, self._robot
         yield from motion.turn_to(direction)
         offset, lever = self._memory.friction(id)
@@ -286,7 +286,7 @@ class TravelPushes:
             speed_m_s, turn = push.command(now_s, motion.pose_m(), force_N, point_m, seen)
             if push.end is not None:
                 break
-            # Asked for with this command, seen after it.
+            # A look requested with this command is observed after it.
             due = place is not None and now_s + PERIOD_S - looked_s >= settings.look_s
             yield TravelCommand(speed_m_s, turn, (id,) if due else ())
             if due:

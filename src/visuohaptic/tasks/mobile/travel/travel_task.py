@@ -1,4 +1,4 @@
-"""The states of a travel: plan, drive, push, explore, turn, back off (Alt 2016, Sec. 4.2 to 4.4)."""
+"""State machine of a navigation task: plan, drive, push, explore, turn, retreat (Alt 2016, Sec. 4.2 to 4.4)."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ _WORKING = (
 class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
     """Plan, execute, look, plan again.
 
-    After every push it looks where the object is, takes down how the push went (counters of the tag, centre of
-    friction), and plans again: a manipulation node whose object was moved away is a navigation node then, and one
-    that failed is avoided (Sec. 4.2.1). Where no straight push helps, it turns an object by a push beside its
-    centre.
+    After every push the object is located, the result is recorded (counters of the tag, centre of
+    friction), and the task plans again: a manipulation node whose object was removed becomes a navigation node, and one
+    that failed is avoided (Sec. 4.2.1). If no straight push helps, an object is rotated by an off-centre
+    push.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
     settings
         Margins, limits and tolerances.
     planner
-        Asked with a robot that is larger by a margin. A replay needs the same.
+        Planner, called with a robot radius enlarged by a margin. A replay needs the same one.
     waits_blindly
-        Whether nobody says that a passage is open.
+        Whether there are no sensors for open passages.
     """
 
     task = "travel"
@@ -93,26 +93,26 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.pushes = TravelPushes(self.robot, self.memory, self.motion, self.settings, self._note)
         self._objects = tuple(item.id for item in problem.objects)
         self._tasks: list[Task] = []
-        self._turning: OffCentrePush | None = None  #: what follows the tasks
+        self._turning: OffCentrePush | None = None  #: off-centre push after the remaining tasks
         self._clearance: Callable[[Float[np.ndarray, "2"]], float] = lambda _: math.inf
         self._driven_m = 0.0
-        self._as_planned = False  #: the last push did what the plan said
-        self._behind_m = 0.0  #: length straight behind the robot that is known to be free
-        self._unlocated = 0  #: control periods in a row without a pose
+        self._as_planned = False  #: whether the last push reached its planned goal
+        self._behind_m = 0.0  #: known free distance straight behind the robot
+        self._unlocated = 0  #: number of consecutive control periods without a pose
         self._run = self._from_state_to_state()
 
     @property
     def length_m(self) -> float:
-        """Driven until now, without backing off [m]."""
+        """Distance driven so far, without retreats [m]."""
         return self._driven_m + self.pushes.driven_m
 
     def halt(self) -> TravelCommand:
-        """The robot stands still."""
+        """Command that stops the robot."""
         return TravelCommand()
 
     def decide(self, seen: TravelObservation) -> TravelCommand:
         """Velocity for the next control period."""
-        # Who does not know where it is stands still until it does.
+        # Without a pose the robot stops until it is localised.
         self._unlocated = 0 if all(map(math.isfinite, seen.pose_m)) else self._unlocated + 1
         if self._unlocated:
             if self._unlocated >= MAX_UNREAD:
@@ -150,7 +150,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.end(outcome is TravelOutcome.ARRIVED, outcome.value, reason)
 
     def _plan(self) -> Motion[TravelState | None]:
-        """Look around, and ask the planner with the largest margin that lets it find something."""
+        """Locate the objects, and plan with the largest feasible margin."""
         if self.plans.asked >= self.settings.plans:
             self._finish(TravelOutcome.GAVE_UP, f"after {self.plans.asked} plans")
             return None
@@ -193,7 +193,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         }.get(self._tasks[0].kind, TravelState.PLAN)
 
     def _drive(self) -> Motion[TravelState | None]:
-        """Follow the path of the plan until its end, or until something is in the way."""
+        """Follow the path of the plan until its end, or until a contact."""
         task, robot, settings, motion = self._tasks[0], self.robot, self.settings, self.motion
         radius_m = robot.radius_m + self.pushes.margin_m
         limits = FollowLimits(radius_m, robot.v_max_m_s, min(robot.v_min_m_s, robot.v_max_m_s))
@@ -227,7 +227,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
                 return (yield from self._bumped(event, force_N))
 
     def _bumped(self, event: str, force_N: float) -> Motion[TravelState]:
-        """Something is where the map has nothing: remember it, back off, plan again."""
+        """Process an unexpected contact: add it to the map, retreat, plan again."""
         point = self.motion.point_m()
         yield from self._look_around()
         new = point is not None and self.memory.touched(point)
@@ -245,7 +245,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return TravelState.BACK_OFF
 
     def _back_off(self) -> Motion[TravelState | None]:
-        """Straight back, over floor that it has just driven on."""
+        """Retreat straight back over floor that was just driven on."""
         yield from self.motion.straight(-0.1, self._behind_m, 4.0 + self._behind_m / 0.05)
         if self._as_planned:
             self._tasks.pop(0)
@@ -253,14 +253,14 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return TravelState.PLAN
 
     def _push(self) -> Motion[TravelState]:
-        """Push an object; when it went as planned, the plan goes on."""
+        """Push an object; continue the plan if it reached its planned goal."""
         self.plans.changed()
         self._as_planned = yield from self.pushes.push(self._tasks[0])
         self._behind_m = self.pushes.behind_m
         return TravelState.BACK_OFF
 
     def _sideward(self) -> Motion[TravelState | None]:
-        """Brush an object aside by driving past it; where that went as planned, the plan goes on."""
+        """Push an object aside while driving past it; continue the plan if it reached its planned goal."""
         self.plans.changed()
         pose = self.motion.pose_m()
         problem = self.memory.problem(pose, self.pushes.margin_m)
@@ -274,7 +274,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return self._next()
 
     def _explore(self) -> Motion[TravelState]:
-        """Touch and tag an unknown object; the next plan decides."""
+        """Touch and tag an unknown object, then plan again."""
         self.plans.changed()
         unknown = self._tasks[0].object
         after = next((t for t in self._tasks[1:] if t.kind == "push" and t.object == unknown), None)
@@ -285,7 +285,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return TravelState.BACK_OFF
 
     def _turn(self) -> Motion[TravelState]:
-        """Push an object beside its centre."""
+        """Push an object off-centre."""
         wanted, self._turning = self._turning, None
         self.plans.changed()
         assert wanted is not None
@@ -294,7 +294,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return TravelState.BACK_OFF
 
     def _wait(self) -> Motion[TravelState | None]:
-        """Stand before a passage until it is open; plan again where it does not open."""
+        """Wait in front of a passage until it is open; plan again if it does not open."""
         task, start_s = self._tasks[0], self.motion.now_s()
         patience_s = task.cost_s + self.settings.patience_sigma * task.sigma_s
         opened = False
@@ -305,7 +305,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return self._passed("opened", waited_s, done=opened or self._waits_blindly)
 
     def _door(self) -> Motion[TravelState | None]:
-        """Push a wing open with the rim, and drive through; plan again where it does not give."""
+        """Push a door leaf open with the rim, and drive through; plan again if it does not move."""
         task, start_s = self._tasks[0], self.motion.now_s()
         begin, end = np.array(task.path_m[0]), np.array(task.path_m[-1])
         length_m = float(np.hypot(*(end - begin)))
@@ -320,7 +320,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return following if through else TravelState.BACK_OFF
 
     def _passed(self, event: str, seconds: float, *, done: bool) -> TravelState | None:
-        """What follows a passage that was opened, or that stays closed."""
+        """Next state after a passage has opened, or has stayed closed."""
         task = self._tasks[0]
         if done:
             self._tasks.pop(0)
@@ -332,7 +332,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return TravelState.PLAN
 
     def _look_around(self) -> Motion[None]:
-        """Look where every object is."""
+        """Locate every object."""
         if self._objects:
             yield TravelCommand(look=self._objects)
         for id in self._objects:
@@ -342,7 +342,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
                 self._note("looked", id, place_m=[float(value) for value in seen])
 
     def _note(self, event: str, object: str = "", **values: Any) -> None:
-        """One event for the log of the travel."""
+        """Log one event of the task."""
         motion = self.motion
         self.records.append(
             TravelRecord(motion.now_s(), str(self.state), event, motion.seen.pose_m, object, values)
@@ -350,7 +350,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
 
 
 def _clearance(problem: PlanningProblem) -> Callable[[Float[np.ndarray, "2"]], float]:
-    """Distance to the nearest obstacle at a point, from the map that was planned in."""
+    """Function that returns the distance to the nearest obstacle, from the map used for planning."""
     robot = problem.robot
     layers = grid_layers(problem.map, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
     distance, grid = layers.distance_m, problem.map

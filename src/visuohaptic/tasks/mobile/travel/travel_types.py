@@ -1,4 +1,4 @@
-"""Interface of a travel: what is perceived and commanded, states, outcomes, records, settings."""
+"""Types of a navigation task: observations and commands, states, outcomes, records, settings."""
 
 from __future__ import annotations
 
@@ -28,43 +28,43 @@ PERIOD_S = 0.02
 
 @runtime_checkable
 class TravelSenses(Protocol):
-    """What the robot perceives."""
+    """Perception of the robot."""
 
     def pose(self) -> tuple[float, float, float]:
-        """Where the robot is in the map: x, y [m], heading [rad]."""
+        """Pose of the robot in the map: x, y [m], heading [rad]."""
 
     def touch(self) -> tuple[float, tuple[float, float] | None]:
-        """Force on the rim [N], and where it acts in the map [m].
+        """Force on the rim [N], and its point of application in the map [m].
 
-        0 and ``None`` without touch; a NaN force when it was not read.
+        0 and ``None`` without contact; a NaN force if not measured.
         """
 
     def look(self, id: str) -> tuple[float, float, float] | None:
-        """Where an object is: x, y of its outline's centroid [m], turn since the travel began [rad].
+        """Locate an object: x, y of its outline's centroid [m], rotation since the start of the task [rad].
 
         Parameters
         ----------
         id
-            Of the object in the planning problem.
+            Identifier of the object in the planning problem.
 
         Returns
         -------
         tuple or None
-            ``None`` when it cannot be seen now.
+            ``None`` if it cannot be located now.
         """
 
 
 @runtime_checkable
 class PassageSenses(Protocol):
-    """Doors and elevators: how they are asked to open, and whether they are."""
+    """Requests and sensors for doors and elevators."""
 
     def request(self, id: str) -> None:
-        """Ask a passage to open: step into its motion detector, call it; asked once per wait.
+        """Ask a passage to open, for example by its motion detector or a call; called once per wait.
 
         Parameters
         ----------
         id
-            Of the passage in the planning problem.
+            Identifier of the passage in the planning problem.
         """
 
     def is_open(self, id: str) -> bool:
@@ -73,7 +73,7 @@ class PassageSenses(Protocol):
         Parameters
         ----------
         id
-            Of the passage in the planning problem.
+            Identifier of the passage in the planning problem.
         """
 
 
@@ -83,80 +83,81 @@ class TravelState(StrEnum):
     PLAN = "plan"
     DRIVE = "drive"
     PUSH = "push"
-    SIDEWARD = "sideward"  #: past an object, which is brushed aside
+    SIDEWARD = "sideward"  #: drive past an object and push it aside
     EXPLORE = "explore"
     TURN = "turn"
-    WAIT = "wait"  #: before a passage
-    DOOR = "door"  #: pushing a wing open, and through
+    WAIT = "wait"  #: in front of a passage
+    DOOR = "door"  #: push a door leaf open, and drive through
     BACK_OFF = "back off"
 
 
 class TravelOutcome(StrEnum):
-    """How the travel ended."""
+    """How the task ended."""
 
     ARRIVED = "arrived"
     NO_PLAN = "no plan"
     TIMED_OUT = "timed out"
-    GAVE_UP = "gave up"  #: after too many plans
-    CLOCK_STOPPED = "clock stopped"  #: the robot's clock stands still
-    DEVICE_FAILED = "device_failed"  #: a part of the robot, or its supervisor, refused to go on
-    SENSOR_FAILED = "sensor failed"  #: the force was not read for too long
+    GAVE_UP = "gave up"  #: maximum number of plans reached
+    CLOCK_STOPPED = "clock stopped"  #: the robot's clock has stopped
+    DEVICE_FAILED = "device_failed"  #: a part of the robot, or the supervisor, raised an error
+    SENSOR_FAILED = "sensor failed"  #: no valid force for too long
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectSighting:
-    """Where one object was seen."""
+    """Located pose of an object."""
 
     id: str
-    place_m: tuple[float, float, float] | None  #: x, y of its centroid [m], turn [rad]; ``None``: not seen
+    #: x, y of its centroid [m], rotation [rad]; ``None``: not located
+    place_m: tuple[float, float, float] | None
 
 
 @dataclass(frozen=True, slots=True)
 class TravelObservation:
-    """What the robot perceives in one control period."""
+    """Observation of one control period."""
 
-    t_s: float  #: by the periods that were waited
-    base_t_s: float  #: by the clock of the base
-    pose_m: tuple[float, float, float]  #: in the map: x, y [m], heading [rad]
+    t_s: float  #: time by the number of periods
+    base_t_s: float  #: time on the clock of the base
+    pose_m: tuple[float, float, float]  #: of the robot in the map: x, y [m], heading [rad]
     speed_m_s: float
     turn_rate_rad_s: float
-    force_N: float  #: on the rim; NaN when it was not read
-    point_m: tuple[float, float] | None  #: where it acts in the map; ``None`` without touch
-    sightings: tuple[ObjectSighting, ...] = ()  #: of the objects that the last command asked for
-    open: tuple[str, ...] = ()  #: passages that the last command asked for, and that are open
+    force_N: float  #: on the rim; NaN if not measured
+    point_m: tuple[float, float] | None  #: its point of application in the map; ``None`` without contact
+    sightings: tuple[ObjectSighting, ...] = ()  #: objects requested by the last command
+    open: tuple[str, ...] = ()  #: open passages among those requested by the last command
 
 
 @dataclass(frozen=True, slots=True)
 class TravelCommand:
-    """Velocity for the next control period, and the objects to look at after it."""
+    """Velocity for the next control period, and the objects to locate after it."""
 
     speed_m_s: float = 0.0
     turn_rate_rad_s: float = 0.0
     look: tuple[str, ...] = ()
-    passage: str = ""  #: that is waited for
+    passage: str = ""  #: passage whose opening is awaited
 
 
 @dataclass(frozen=True, slots=True)
 class TravelRecord:
-    """One event of a travel; :mod:`visuohaptic.core.codec` writes it as JSON and reads it."""
+    """One event of the task; :mod:`visuohaptic.core.codec` reads and writes it as JSON."""
 
-    t_s: float = field(metadata=FINITE)  #: by the base's clock
-    state: str  #: of the machine, when it happened
+    t_s: float = field(metadata=FINITE)  #: time on the base's clock
+    state: str  #: state of the machine at the event
     event: str  #: "planned", "pushed", "looked", ...
-    #: estimated, of the robot in the map: x, y [m], heading [rad]
+    #: estimated pose of the robot in the map: x, y [m], heading [rad]
     pose_m: tuple[float, float, float] = field(metadata=FINITE)
-    object: str = ""  #: that it concerns
-    values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and texts that belong to it
+    object: str = ""  #: identifier of the object concerned
+    values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and texts of the event
 
     check_read = check_ranges  # a stored record has numbers; a robot that is lost may not know its pose
 
 
 @dataclass(frozen=True, slots=True)
 class TravelSettings:
-    """Margins, limits and tolerances of a travel."""
+    """Margins, limits and tolerances of the task."""
 
-    #: Room that plans keep beside the robot and beside what it pushes, tried in order [m]: cells, tracking
-    #: and drift take some of it
+    #: margins of plans beside the robot and beside a pushed object, tried in order [m]; discretisation, tracking
+    #: and drift use up some of them
     margins_m: tuple[tuple[float, float], ...] = (
         (0.045, 0.03),
         (0.045, 0.0),
@@ -164,20 +165,20 @@ class TravelSettings:
         (0.01, 0.0),
         (0.0, 0.0),
     )
-    bumps: int = 2  #: into walls that are known, at one margin, before only larger ones are trusted
-    timeout_s: float = 1800.0  #: of the whole travel, by the base's clock and by the periods waited
-    plans: int = 40  #: at most
-    drive_stall_s: float = 5.0  #: without getting on
-    bump_N: float = 3.0  #: force that ends a drive, when it lasts
+    bumps: int = 2  #: contacts with known walls at one margin after which only larger margins are used
+    timeout_s: float = 1800.0  #: maximum duration, by the base's clock and by the number of periods
+    plans: int = 40  #: maximum number of plans
+    drive_stall_s: float = 5.0  #: time without progress
+    bump_N: float = 3.0  #: sustained force that ends a drive
     bump_s: float = 0.4
     back_off_m: float = 0.10
-    leave_m: float = 0.03  #: away from a wall that was touched
-    turns: int = 6  #: pushes beside the centre of an object, where no straight one helps
-    turn_margins_m: tuple[float, ...] = (0.025, 0.0)  #: room that they keep, tried in order [m]
-    explore_m: float = 0.06  #: length of the push that explores
-    moved_m: float = 0.015  #: an object that went less has not moved
-    failures: int = 4  #: pushes of one object that may fail before it counts as fixed
-    look_s: float = 0.1  #: between looks during a push
-    near_m: float = 0.03  #: an object within this of its goal, and turned by less, needs no new plan
-    near_rad: float = 0.12
-    patience_sigma: float = 3.0  #: a passage is given up after the expected wait and so many deviations
+    leave_m: float = 0.03  #: retreat from a wall after contact
+    turns: int = 6  #: maximum number of off-centre pushes
+    turn_margins_m: tuple[float, ...] = (0.025, 0.0)  #: margins of off-centre pushes, tried in order [m]
+    explore_m: float = 0.06  #: length of an exploratory push
+    moved_m: float = 0.015  #: minimum displacement of an object that has moved
+    failures: int = 4  #: failed pushes of an object after which it counts as fixed
+    look_s: float = 0.1  #: time between sightings during a push
+    near_m: float = 0.03  #: maximum offset of an object from its goal that needs no new plan
+    near_rad: float = 0.12  #: maximum rotation likewise
+    patience_sigma: float = 3.0  #: standard deviations beyond the expected wait until a passage is given up
