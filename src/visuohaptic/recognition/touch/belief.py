@@ -266,7 +266,7 @@ def doubted(model: HapticModel, readings: Sequence[TouchReading]) -> str:
             f"pressed {abs(height):.1f} mm {'higher' if height > 0 else 'lower'}",
             f"with a zero of the force that is {settings.zero_N * much:+.2f} N wrong",
             f"with a contact that is {1e3 * settings.zero_m * much:+.2f} mm wrong",
-            f"with a mouth that is {100 * np.expm1(settings.mouth * much):+.0f} % stiffer",
+            f"with a stiffness of {np.exp(settings.mouth * much):.2f} times that of the training objects at the mouth",
         )[worst]
         return f"the readings fit {name} {said}"
     if model.spread[best] > 1:
