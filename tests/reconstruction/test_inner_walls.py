@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from visuohaptic.reconstruction import SurfaceMesh
-from visuohaptic.reconstruction.completion import HoleRegion, without_inner_walls
+from visuohaptic.reconstruction.completion import HoleRegion, remove_back_sides
 
 from .test_sight import wall
 
@@ -32,7 +32,7 @@ def test_the_inner_side_of_a_label_is_dropped_and_its_outer_side_is_kept():
     mesh, outer, inner = label()
     # As detected: it begins 2 cm above the label, and is a bit narrower than the bottle, which stands on a table.
     glass = HoleRegion.of_points(CUBE * [0.035, 0.035, 0.08] + [0, 0, 0.07])
-    kept = without_inner_walls(mesh.joined(square(0.2, -0.001)), glass)
+    kept = remove_back_sides(mesh.joined(square(0.2, -0.001)), glass)
     middle = kept.vertices_m[kept.faces].mean(axis=1)
     rho = np.hypot(*middle[:, :2].T)
     above = middle[:, 2] > 0
@@ -43,12 +43,12 @@ def test_the_inner_side_of_a_label_is_dropped_and_its_outer_side_is_kept():
 def test_an_open_cup_keeps_its_inside_and_the_scene_stays():
     mesh, _, _ = label()
     elsewhere = HoleRegion.of_points(CUBE * [0.03, 0.03, 0.08] + [0.12, 0, 0.0])
-    rows = without_inner_walls(mesh, elsewhere)
+    rows = remove_back_sides(mesh, elsewhere)
     # Glass beside it closes nothing: what is seen through the open ends stays.
     assert len(rows.faces) > 0.95 * len(mesh.faces)
     glass = HoleRegion.of_points(CUBE * [0.035, 0.035, 0.08] + [0, 0, 0.07])
     table, box = square(0.2, -0.001), square(0.03, 0.06, at=(0.1, 0.0))
-    whole = without_inner_walls(mesh.joined(table).joined(box), glass)
+    whole = remove_back_sides(mesh.joined(table).joined(box), glass)
     far = np.hypot(*whole.vertices_m[whole.faces].mean(axis=1)[:, :2].T) > 0.05
     both = np.concatenate([part.vertices_m[part.faces].mean(axis=1) for part in (table, box)])
     assert far.sum() == (np.hypot(*both[:, :2].T) > 0.05).sum()
@@ -62,13 +62,13 @@ def test_a_bottle_without_a_label_is_returned_as_it_is():
     cone[:, 2] = 0.06 + 0.1 * cone[:, 2]
     mesh = shoulder.joined(SurfaceMesh(cone, shoulder.faces))
     glass = HoleRegion.of_points(CUBE * [0.035, 0.035, 0.08] + [0, 0, 0.07])
-    assert without_inner_walls(mesh, glass) is mesh
+    assert remove_back_sides(mesh, glass) is mesh
 
 
 def test_walls_that_all_look_outwards_are_kept():
     outer = wall(0.04, True, high_m=0.05)
     glass = HoleRegion.of_points(CUBE * [0.035, 0.035, 0.08] + [0, 0, 0.05])
-    assert without_inner_walls(outer, glass) is outer
+    assert remove_back_sides(outer, glass) is outer
 
 
 def test_an_outer_wall_that_looks_down_a_little_is_kept():
@@ -78,6 +78,6 @@ def test_an_outer_wall_that_looks_down_a_little_is_kept():
     leaning[:, :2] *= 1 + np.tan(np.radians(20)) * leaning[:, 2:] / 0.04
     mesh = SurfaceMesh(leaning, outer.faces).joined(inner)
     glass = HoleRegion.of_points(CUBE * [0.045, 0.045, 0.08] + [0, 0, 0.03])
-    kept = without_inner_walls(mesh, glass)
+    kept = remove_back_sides(mesh, glass)
     rho = np.hypot(*kept.vertices_m[kept.faces].mean(axis=1)[:, :2].T)
     assert (rho > 0.035).sum() == len(outer.faces)

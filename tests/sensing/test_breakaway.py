@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.push import PushRecord, breakaway_force, rest_before_motion
+from visuohaptic.sensing.push import PushRecord, breakaway_force, rest_hypotheses
 
 FRAME_S, NOISE_M = 1 / 30, 1e-5
 
@@ -54,7 +54,7 @@ def push(
 
 
 def breakaway(record: PushRecord, begin: int, until: int, dynamic: float):
-    rests = rest_before_motion(record, record.t_s[begin], record.t_s[until - 1], dynamic)
+    rests = rest_hypotheses(record, record.t_s[begin], record.t_s[until - 1], dynamic)
     return breakaway_force(record, max(rests, key=lambda rest: rest.probability), dynamic) if rests else None
 
 
@@ -113,7 +113,7 @@ def test_a_soft_object_yields_before_it_slides() -> None:
         record, begin, until = push(
             rng, speed=0.02, mass=mass, static=static, dynamic=dynamic, object_k=3000.0
         )
-        rests = rest_before_motion(record, record.t_s[begin], record.t_s[until - 1], dynamic)
+        rests = rest_hypotheses(record, record.t_s[begin], record.t_s[until - 1], dynamic)
         best = max(rests, key=lambda rest: rest.probability)
         compliance.append((best.model[1] * 3000.0 - 1.0, 3000.0 * np.sqrt(best.covariance[1, 1])))
         found = breakaway_force(record, best, dynamic)
@@ -133,4 +133,4 @@ def test_what_is_not_touched_is_not_at_rest() -> None:
         t, np.ones(40, bool), nothing, np.full(40, 0.01), 0.0, nothing, np.full(40, NOISE_M), 0.03 * t,
         nothing, nothing, nothing,
     )  # fmt: skip
-    assert rest_before_motion(record, 0.1, 1.0, 3.0) == ()
+    assert rest_hypotheses(record, 0.1, 1.0, 3.0) == ()

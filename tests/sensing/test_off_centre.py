@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from visuohaptic.core import Primitive, PrimitiveKind
 from visuohaptic.sensing.push import PushRecord, tag_from_push
-from visuohaptic.sensing.push.off_centre import LEVER, LEVER_SIGMA, straight_by_felt
+from visuohaptic.sensing.push.off_centre import LEVER, LEVER_SIGMA, straight_push_factor
 
 WIDTH_M = 0.16
 FACE = Primitive(PrimitiveKind.SEGMENT, np.array([0.0, -0.5 * WIDTH_M, 0.0, 0.5 * WIDTH_M]), np.eye(4), 1.0)
@@ -46,7 +46,7 @@ def least_force(points: np.ndarray, arm_m: float) -> float:
 @pytest.mark.parametrize("part", [0.1, 0.3, 0.5])
 def test_a_corner_takes_less_by_the_exact_limit_surface(name: str, part: float) -> None:
     """Within two deviations, wherever a square bottom rests."""
-    factor, sigma = straight_by_felt(np.array([0.02 + part * WIDTH_M]), 0.02, FACE)
+    factor, sigma = straight_push_factor(np.array([0.02 + part * WIDTH_M]), 0.02, FACE)
     assert abs(factor - 1.0 / least_force(bottom(name), part * WIDTH_M)) < 2.0 * sigma
 
 
@@ -66,7 +66,7 @@ def test_without_ends_of_a_face_nothing_is_known() -> None:
         (0.0, FACE, np.nan),
         (0.0, None, 0.05),
     ):
-        assert straight_by_felt(np.array([place]), centre, shape) == (1.0, 0.0)
+        assert straight_push_factor(np.array([place]), centre, shape) == (1.0, 0.0)
 
 
 def coulomb(phase: float, stiffness: float = 1200.0) -> PushRecord:

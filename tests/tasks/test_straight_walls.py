@@ -9,7 +9,7 @@ import pytest
 
 from visuohaptic.core import Primitive, PrimitiveKind
 from visuohaptic.navigation.mapping import HapticContact
-from visuohaptic.tasks.mobile.touch_map._straight_walls import StraightWalls, held_by_walls
+from visuohaptic.tasks.mobile.touch_map._straight_walls import WallDriftCorrection, correct_by_walls
 
 SQUARE = math.radians(4.0)
 
@@ -45,7 +45,7 @@ def around(
 
 @pytest.mark.parametrize("turn_rad", [0.0, 0.4])
 def test_a_drifting_heading_is_held_by_the_walls(turn_rad: float) -> None:
-    walls, worst, odometry = StraightWalls(SQUARE), 0.0, 0.0
+    walls, worst, odometry = WallDriftCorrection(SQUARE), 0.0, 0.0
     for true, told in around(turn_rad, math.radians(0.25)):
         x, y, heading = walls.corrected(wall_contact(told)).T_map_foam
         worst = max(worst, math.dist((x, y), true[:2]))
@@ -57,7 +57,7 @@ def test_a_drifting_heading_is_held_by_the_walls(turn_rad: float) -> None:
 
 
 def test_a_wall_touched_again_is_where_it_was() -> None:
-    walls = StraightWalls(SQUARE)
+    walls = WallDriftCorrection(SQUARE)
     walls.corrected(wall_contact((1.0, 0.0, 0.0)))
     again = walls.corrected(wall_contact((1.05, 0.3, 0.0)))
     assert again.T_map_foam == pytest.approx((1.0, 0.3, 0.0))
@@ -66,20 +66,20 @@ def test_a_wall_touched_again_is_where_it_was() -> None:
 
 
 def test_a_wall_at_an_angle_of_its_own_turns_nothing() -> None:
-    walls = StraightWalls(SQUARE)
+    walls = WallDriftCorrection(SQUARE)
     walls.corrected(wall_contact((1.0, 0.0, 0.0)))
     slanted = walls.corrected(wall_contact((1.0, 1.0, 0.0), tilt_rad=math.radians(20.0)))
     assert slanted.T_map_foam == pytest.approx((1.0, 1.0, 0.0))
 
 
 def test_what_gives_way_or_is_small_moves_nothing() -> None:
-    walls = StraightWalls(SQUARE)
+    walls = WallDriftCorrection(SQUARE)
     walls.corrected(wall_contact((1.0, 0.0, 0.0)))
     one = wall_contact((1.05, 0.3, 0.02))
     moved = HapticContact(one.primitive, one.points_foam_m, one.T_map_foam, 1.0, True)
     small = HapticContact(one.primitive, one.points_foam_m[14:17], one.T_map_foam)
     for contact in (moved, small):
-        assert StraightWalls(SQUARE).corrected(contact).T_map_foam == contact.T_map_foam
+        assert WallDriftCorrection(SQUARE).corrected(contact).T_map_foam == contact.T_map_foam
         assert walls.corrected(contact).T_map_foam == pytest.approx(contact.T_map_foam)
 
 
@@ -94,10 +94,10 @@ def test_between_two_walls_the_drift_is_shared_by_time() -> None:
     small = wall_contact(at)
     small = HapticContact(small.primitive, small.points_foam_m[14:17], small.T_map_foam)
     told = [wall_contact(first), small, wall_contact(end)]
-    placed = held_by_walls(told, (0.0, 5.0, 10.0), SQUARE)
+    placed = correct_by_walls(told, (0.0, 5.0, 10.0), SQUARE)
     assert placed[1].T_map_foam == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
     assert placed[2].T_map_foam == pytest.approx(last, abs=1e-9)
     # One after the other, nobody knows yet.
-    walls = StraightWalls(SQUARE)
+    walls = WallDriftCorrection(SQUARE)
     assert abs([walls.corrected(contact).T_map_foam[0] for contact in told][1]) > 0.005
-    assert held_by_walls([small], (0.0,), SQUARE)[0].T_map_foam == pytest.approx(at)
+    assert correct_by_walls([small], (0.0,), SQUARE)[0].T_map_foam == pytest.approx(at)

@@ -35,7 +35,7 @@ from ..core.objects import (
 from ..core.resources import Closing
 from ..io.maps.occupancy_map import OccupancyMap
 from ..recognition.touch.haptic_model import UNKNOWN
-from ..tasks.mobile.felt_footprint import INNER
+from ..tasks.mobile.footprint_after_push import INNER
 
 __all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
 

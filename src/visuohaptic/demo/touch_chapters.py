@@ -20,7 +20,7 @@ from ..simulation.faults import FaultyFrames, frame_faults
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
 from ..tasks.mobile.doorway_objects import near_side
-from ..tasks.mobile.felt_footprint import felt_footprint
+from ..tasks.mobile.footprint_after_push import footprint_after_push
 from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
 from .judge import Claim
 from .memory import MOVED_M, recognise
@@ -135,7 +135,7 @@ def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) ->
     felt = HapticTag() if one.exploration.fit_state is None else one.tag
     mission.tags[one.name] = felt
     # The push is known from the platform's own motion, relative to the laser's position of the object.
-    outline = felt_footprint(
+    outline = footprint_after_push(
         one.exploration,
         _moved(group, known.pose, true),
         front_m=ROBOT.radius_m,

@@ -25,7 +25,7 @@ from .transparency.outline_fit import UprightBody
 __all__ = ["BodyCompletion"]
 
 #: Standard deviation of the profile about the cone, and of the deviation from a circular section, in radii.
-_PROFILE, _UNROUND = 0.25, 0.02
+_PROFILE, _NONCIRCULARITY = 0.25, 0.02
 #: Correlation length of the profile in heights of the body, and of the deviation from a circular section over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7
 #: Numbers of angles and heights of the surface mesh, and (angles, heights) of the candidate touch points.
@@ -145,7 +145,7 @@ class BodyCompletion:
     ) -> np.ndarray:
         """Covariance of the distance from the axis between places (direction, height) [m2]."""
         (way, z_m), (way2, z2_m) = here, there
-        unround_m = _UNROUND * float(np.mean(self.body.radius_m))
+        unround_m = _NONCIRCULARITY * float(np.mean(self.body.radius_m))
         near = self._near(z_m, z2_m) * np.exp((way @ way2.T - 1) / _OVER_ANGLE_RAD**2)
         return np.asarray(
             self._profile(z_m, z2_m) + (way * self.body.axis_sigma_m**2) @ way2.T + unround_m**2 * near

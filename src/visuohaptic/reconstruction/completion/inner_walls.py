@@ -20,7 +20,7 @@ from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion
 from .visibility import open_sight
 
-__all__ = ["without_inner_walls"]
+__all__ = ["remove_back_sides"]
 
 #: Minimum radial component of the unit normal of an outer wall.
 _OUTWARDS = 0.3
@@ -34,7 +34,7 @@ _MIN_SIGHT = 0.2
 _WALLS = 16
 
 
-def without_inner_walls(mesh: SurfaceMesh, region: HoleRegion) -> SurfaceMesh:
+def remove_back_sides(mesh: SurfaceMesh, region: HoleRegion) -> SurfaceMesh:
     """The surface without back sides of the walls around a region; the same mesh if there are none.
 
     Parameters

@@ -36,7 +36,7 @@ from ...core.resources import one_blas_thread
 from .hole import SupportBand
 from .symmetry import ShapePrior
 
-__all__ = ["RadialModel", "RadialProfile", "WallSeen", "fit_radial_model", "wall_seen"]
+__all__ = ["RadialModel", "RadialProfile", "VisibleWall", "fit_radial_model", "wall_seen"]
 
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
@@ -55,7 +55,7 @@ _MAX_SQUARED_RESIDUAL = 9.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WallSeen:
+class VisibleWall:
     """Bins of the visible wall, grouped in rows of one height."""
 
     theta: Float[np.ndarray, "k"]  #: angles [rad]
@@ -111,7 +111,7 @@ class RadialModel:
         theta, _ = _polar(points_m, self.prior)
         z_m = points_m[:, 2]
         here, known = (theta, z_m, np.arange(len(z_m))), (self.theta, self.z_m, self.row)
-        cross = _solved(self.lower, _besides_p(self.prior, self.size_m, here, known).T)
+        cross = _solved(self.lower, _residual_covariance(self.prior, self.size_m, here, known).T)
         predicted = self.middle + self.prior.section(theta, z_m) + self.whitened @ cross
         leading = cross.T @ self.picked
         at = _upper_fraction(self.prior, z_m)
@@ -144,7 +144,7 @@ class RadialModel:
         return np.hypot(_polar(points_m, self.prior)[1] - expected_m, sigma_m)
 
 
-def wall_seen(prior: ShapePrior, band: SupportBand) -> WallSeen:
+def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
     """Bins of the visible walls; the height of a row is the mean of its points.
 
     Parameters
@@ -177,13 +177,13 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> WallSeen:
                 bins.append((turn, len(heights), level[chosen].mean()))
             heights.append(float(points_m[part, 2].mean()))
     turns, row, means = np.array(bins).T
-    return WallSeen(turns, row.astype(int), np.array(heights), means)
+    return VisibleWall(turns, row.astype(int), np.array(heights), means)
 
 
 @one_blas_thread()
 def fit_radial_model(
     prior: ShapePrior,
-    seen: WallSeen,
+    seen: VisibleWall,
     contacts: Sequence[tuple[Float[np.ndarray, "3"], float]],
     size_m: float,
 ) -> RadialModel:
@@ -209,7 +209,7 @@ def fit_radial_model(
         noise = np.append(noise, (np.array([sigma for _, sigma in contacts]) / rho_m) ** 2)
     middle = float(logs.mean())
     known = (theta, z_m, row)
-    lower = np.linalg.cholesky(_besides_p(prior, size_m, known, known) + np.diag(noise + 1e-10))
+    lower = np.linalg.cholesky(_residual_covariance(prior, size_m, known, known) + np.diag(noise + 1e-10))
     pick = (row[:, None] == np.arange(len(z_m))).astype(float)
     # The last columns are for the leave-one-out residuals of the contacts.
     count = len(contacts)
@@ -302,7 +302,7 @@ def _matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
 _Places = tuple[np.ndarray, np.ndarray, np.ndarray]  # angles [rad], heights [m], index of the height of each
 
 
-def _besides_p(prior: ShapePrior, size_m: float, here: _Places, there: _Places) -> np.ndarray:
+def _residual_covariance(prior: ShapePrior, size_m: float, here: _Places, there: _Places) -> np.ndarray:
     """Covariance of log rho between places from all terms except the profile."""
     (theta, z_m, row), (theta2, z2_m, row2) = here, there
     turned = np.cos(theta)[:, None] * np.cos(theta2) + np.sin(theta)[:, None] * np.sin(theta2)

@@ -14,7 +14,7 @@ from .hole import SupportBand
 from .hole_region import HoleRegion
 from .touch import Touch
 
-__all__ = ["Centres", "around_core", "beyond_hull", "free_points", "with_off_surface"]
+__all__ = ["Centres", "constrain_core", "constrain_to_hull", "free_points", "with_off_surface"]
 
 #: Maximum number of refinement rounds that add centres at violated constraints, and of centres per round.
 _CORE_ROUNDS, _CORE_POINTS = 4, 6
@@ -79,7 +79,7 @@ def with_off_surface(
     return np.concatenate(centers), np.concatenate(values)
 
 
-def around_core(
+def constrain_core(
     fit: RbfSurface,
     region: HoleRegion,
     rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
@@ -108,7 +108,7 @@ def around_core(
     return fit
 
 
-def beyond_hull(
+def constrain_to_hull(
     fit: RbfSurface,
     outer: HoleRegion,
     band: SupportBand,

@@ -28,9 +28,9 @@ from .discrete_symmetry import DiscreteSymmetry
 from .hole import support_band
 from .hole_region import HoleRegion
 from .hole_surface import HoleSpace
-from .inner_walls import without_inner_walls
-from .radial_model import RadialModel, WallSeen, fit_radial_model, wall_seen
-from .rbf_centres import Centres, around_core, beyond_hull, free_points, with_off_surface
+from .inner_walls import remove_back_sides
+from .radial_model import RadialModel, VisibleWall, fit_radial_model, wall_seen
+from .rbf_centres import Centres, constrain_core, constrain_to_hull, free_points, with_off_surface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan, best_vertex, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
@@ -107,7 +107,7 @@ class Completion:
         T_visual_haptic: Pose | None = None,
     ) -> None:
         self.settings = settings or CompletionSettings()
-        self.visual = without_inner_walls(visual, region)
+        self.visual = remove_back_sides(visual, region)
         self.region = region
         self._pose = T_visual_haptic
         supports, width_m = self.settings.max_supports, self.settings.band_m
@@ -137,7 +137,7 @@ class Completion:
         self._free: list[np.ndarray] = []  #: points that probes passed without contact
         self.residuals = TouchResiduals(self.prior, region.size_m)
         self._space = HoleSpace(region, self.band)
-        self._seen: WallSeen | None = None
+        self._seen: VisibleWall | None = None
         if self._symmetric:
             self._refit(None)
         self._reset()
@@ -147,8 +147,8 @@ class Completion:
         near = self.visual.vertices_m[self.region.within(self.visual.vertices_m, self.region.size_m), 2]
         floor_m = max(self.settings.floor_m, min(near.min(), self.region.hull_m[:, 2].min()))
         self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
-        within = beyond_hull(self._of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
-        self._visible = around_core(within, self.region, self._rho)
+        within = constrain_to_hull(self._of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
+        self._visible = constrain_core(within, self.region, self._rho)
         self._symmetry = DiscreteSymmetry(self.band, self.region, self._outer)
         self._symmetric = self.settings.use_priors and self._symmetry.possible
 

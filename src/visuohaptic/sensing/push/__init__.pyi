@@ -1,6 +1,6 @@
 from .at_rest import FoamCurve as FoamCurve
 from .at_rest import Rest as Rest
-from .at_rest import rest_before_motion as rest_before_motion
+from .at_rest import rest_hypotheses as rest_hypotheses
 from .breakaway import breakaway_force as breakaway_force
 from .circle_fit import fit_circle_algebraic as fit_circle_algebraic
 from .contact_outline import FlankPrior as FlankPrior

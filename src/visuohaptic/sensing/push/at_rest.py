@@ -21,7 +21,7 @@ from scipy.special import ndtr, ndtri
 
 from .push_record import PushRecord
 
-__all__ = ["FoamCurve", "Rest", "rest_before_motion"]
+__all__ = ["FoamCurve", "Rest", "rest_hypotheses"]
 
 #: Prior standard deviations: compliance, with stone, cardboard, thin cardboard and cushions equally probable [m/N];
 #: scale error, from half a percent for the deflection and a third of a percent for the wheels; position [m].
@@ -30,7 +30,7 @@ COMPLIANCES_M_N, SCALE, PLACE_M = (1e-6, 1e-4, 3e-4, 1e-3), 0.006, 1.0
 #: ratios of 1.0 (teflon) to 1.6 (wood), and the floor at the start differs from the floor along the path.
 STATIC_EXCESS, EXCESS_SIGMA = 0.2, 0.25
 #: Minimum probability of a rest phase that is reported.
-RARE = 0.02
+MIN_PROBABILITY = 0.02
 #: A uniform density over a step, blurred by noise, is at most one over (the step + this times the noise), as at a Gaussian's peak.
 UNIFORM = float(np.sqrt(2.0 * np.pi))
 #: Minimum number of frames before contact for a noise estimate, and safety factor on it: these frames give the maximum
@@ -118,7 +118,7 @@ class Rest:
         return (1.0 + self.model[2]) * depth_m + self.model[1] * force_N
 
 
-def rest_before_motion(
+def rest_hypotheses(
     record: PushRecord, contact_s: float, motion_s: float, dynamic_N: float = 0.0
 ) -> tuple[Rest, ...]:
     """Hypotheses of how long a touched object rests, with their probabilities.
@@ -167,7 +167,7 @@ def rest_before_motion(
     chance = np.exp(total - np.logaddexp.reduce(total))
     foam = FoamCurve.from_frames(d, record.force_N)
     rests = []
-    for j in map(int, np.flatnonzero(chance >= RARE)):
+    for j in map(int, np.flatnonzero(chance >= MIN_PROBABILITY)):
         # Exclude the last frame at rest: the object may already have moved by hundredths of a millimetre.
         known = max(j - 1, min(j, 2)) if np.isfinite(motion_s) else j
         means, covariances = (np.array([one[i][known] for one in found]) for i in (0, 1))

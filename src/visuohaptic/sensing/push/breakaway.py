@@ -43,7 +43,7 @@ DISPLACEMENT_ERROR = 0.1
 #: Relative error of the method: Stribeck effect of the friction, rotation of the object.
 METHOD_ERROR = 0.02
 #: Prior probability that the motion is not a breakaway: frames are missing, or something else moved.
-OTHERWISE = 0.1
+NO_BREAKAWAY_PROBABILITY = 0.1
 #: Number of frames after the last one at rest that are used.
 FRAMES = 3
 
@@ -91,11 +91,13 @@ def static_friction(
     chances: list[float] = []
     for rest in rests:
         low = float(record.force_N[rest.last])
-        weight.append(rest.probability * OTHERWISE)
+        weight.append(rest.probability * NO_BREAKAWAY_PROBABILITY)
         found.append((0.5 * (low + peak), (peak - low) / np.sqrt(12.0)))
         fit = breakaway_force(record, rest, dynamic_N)
         if fit is not None:
-            weight.append(rest.probability * (1.0 - OTHERWISE) * float(np.exp(min(fit[2], 100.0))))
+            weight.append(
+                rest.probability * (1.0 - NO_BREAKAWAY_PROBABILITY) * float(np.exp(min(fit[2], 100.0)))
+            )
             found.append(fit[:2])
         chances.append(sum(weight) - sum(chances))
     value, random = mixture_moments(weight, found)

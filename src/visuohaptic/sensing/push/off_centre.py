@@ -19,14 +19,14 @@ from jaxtyping import Float
 
 from ...core.objects import Estimate, Primitive, PrimitiveKind
 
-__all__ = ["of_straight_push", "straight_by_felt"]
+__all__ = ["straight_push_factor", "to_straight_push"]
 
 #: Lever by the width of the face, and its relative standard deviation: a square bottom has 0.33 if it rests evenly and 0.53 on
 #: feet at its corners, uniform in between; a factor of 1.4 between depth and width is one standard deviation.
 LEVER, LEVER_SIGMA = 0.43, 0.27
 
 
-def straight_by_felt(
+def straight_push_factor(
     contact_m: Float[np.ndarray, "n"], centre_m: float | None, shape: Primitive | None
 ) -> tuple[float, float]:
     """Ratio of the friction of a straight push to the measured force, and its standard deviation.
@@ -48,7 +48,7 @@ def straight_by_felt(
     return math.sqrt(1.0 + square), LEVER_SIGMA * square / math.sqrt(1.0 + square)
 
 
-def of_straight_push(felt: Estimate, factor: tuple[float, float]) -> Estimate:
+def to_straight_push(felt: Estimate, factor: tuple[float, float]) -> Estimate:
     """Convert a measured friction to that of a straight push.
 
     Parameters
@@ -56,6 +56,6 @@ def of_straight_push(felt: Estimate, factor: tuple[float, float]) -> Estimate:
     felt
         Friction of the measured push [N].
     factor
-        Result of :func:`straight_by_felt`.
+        Result of :func:`straight_push_factor`.
     """
     return Estimate(factor[0] * felt.value, math.hypot(factor[0] * felt.sigma, factor[1] * felt.value))

@@ -31,10 +31,10 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.measurement import GRAVITY_M_S2, Event, EventKind
 from ...core.objects import Estimate, HapticTag, Primitive
-from .at_rest import LOSS, LOSS_SIGMA, SCALE, FoamCurve, Rest, rest_before_motion
+from .at_rest import LOSS, LOSS_SIGMA, SCALE, FoamCurve, Rest, rest_hypotheses
 from .breakaway import FRICTION, mixture_moments, static_friction
 from .events import EventSettings
-from .off_centre import of_straight_push, straight_by_felt
+from .off_centre import straight_push_factor, to_straight_push
 from .push_record import Phases, PushRecord, StopReason, find_phases
 
 __all__ = ["TagSettings", "fixed_probability", "predictive_interval", "tag_from_push"]
@@ -126,7 +126,7 @@ def tag_from_push(
         return HapticTag(explored=1, failed=int(fell), falls=True if fell else None, fixed=fixed)
 
     def straight(chosen: Any) -> tuple[float, float]:
-        return straight_by_felt(record.contact_m[chosen], object_centre_m, primitive)
+        return straight_push_factor(record.contact_m[chosen], object_centre_m, primitive)
 
     static, dynamic, rests, chances = _frictions(record, phases, settings, straight)
     deformability, stiffness = _deformation(record, rests, chances)
@@ -160,11 +160,11 @@ def _frictions(
 ) -> tuple[Estimate | None, Estimate | None, Sequence[Rest], list[float]]:
     """Static and dynamic friction of a straight push, the rest hypotheses, and their probabilities.
 
-    ``straight`` applies :func:`.off_centre.straight_by_felt` to selected frames.
+    ``straight`` applies :func:`.off_centre.straight_push_factor` to selected frames.
     """
     moved = bool(np.isfinite(phases.motion_s))
     dynamic = _dynamic_friction(record, phases, phases.motion_s, settings) if moved else None
-    rests = rest_before_motion(record, phases.contact_s, phases.motion_s, dynamic.value if dynamic else 0.0)
+    rests = rest_hypotheses(record, phases.contact_s, phases.motion_s, dynamic.value if dynamic else 0.0)
     begin = max(rests, key=lambda rest: rest.probability).last if rests else 0
     if rests and moved:
         dynamic = _dynamic_friction(record, phases, float(record.t_s[begin]), settings)
@@ -172,13 +172,13 @@ def _frictions(
     # Without a phase (b) the object ran ahead at once (a door): the force was inertial.
     if dynamic is None:
         return None, None, rests, chances
-    dynamic = of_straight_push(dynamic, straight(phases.pushing(record.t_s)))
+    dynamic = to_straight_push(dynamic, straight(phases.pushing(record.t_s)))
     if not rests:
         return None, dynamic, rests, chances
     # Frames between which the object breaks away; it rotates if the contact is off-centre.
     felt = straight(slice(begin, begin + 2))
     static, chances = static_friction(record, rests, dynamic.value / felt[0])
-    return of_straight_push(static, felt), dynamic, rests, chances
+    return to_straight_push(static, felt), dynamic, rests, chances
 
 
 def fixed_probability(withstood_N: float, max_force_N: float) -> float:

@@ -185,7 +185,7 @@ class SupervisorCore(Closing):
         with self._lock:
             now_s = self._clock()
             if self._rate_N_s and not self._overload:
-                self._judge_force(now_s - self._felt_s)  # the force may rise between readings
+                self._check_force(now_s - self._felt_s)  # the force may rise between readings
             for motion in self._motions.values():
                 if not motion.moving:
                     continue
@@ -312,10 +312,10 @@ class SupervisorCore(Closing):
                 self._rate_N_s = max(rose_N / (t_s - last_s), 0.0)
                 self._force, self._felt_s = (t_s, force_N), self._clock()
                 # Predict until the next reading, expected after the same interval as this one.
-                self._judge_force(t_s - last_s if self._rate_N_s else 0.0)
+                self._check_force(t_s - last_s if self._rate_N_s else 0.0)
         self.note("the force", math.nan if math.isnan(force_N) else t_s, frozen=frozen)
 
-    def _judge_force(self, passed_s: float) -> None:
+    def _check_force(self, passed_s: float) -> None:
         """Stop parts that press if the force is at the limit, or predicted after ``passed_s`` plus half the braking time."""
         limit_N, was = self.limits.max_force_N, self._overload
         force_N = self._force[1]

@@ -10,7 +10,7 @@ from .explore_records import ExploreOutcome as ExploreOutcome
 from .explore_records import ExploreSettings as ExploreSettings
 from .explore_records import ExploreState as ExploreState
 from .explore_task import ExploreTask as ExploreTask
-from .felt_footprint import felt_footprint as felt_footprint
+from .footprint_after_push import footprint_after_push as footprint_after_push
 from .force_guard import FoamLimit as FoamLimit
 from .force_guard import ForceGuard as ForceGuard
 from .force_guard import GuardState as GuardState

@@ -42,7 +42,7 @@ __all__ = ["PushEnd", "PushSettings", "SteeredPush"]
 
 Pose = Float[np.ndarray, "3"]
 #: Minimum motion of an object for an estimate of its centre of friction [m], and position error of a sighting [m].
-EXPLAINED_M, SEEN_M = 0.005, 0.003
+MIN_MOTION_M, SEEN_M = 0.005, 0.003
 #: Steps of the recursion over the rest of a push: for a push of a metre each is shorter than the lever of a box of 25 cm.
 STEPS = 10
 #: Number of readings after contact that are the impact on the foam, not friction.
@@ -302,7 +302,7 @@ class SteeredPush:
             (axis[0] * self._rim[1] - axis[1] * self._rim[0]) / max(self._rim @ axis, 0.5 * s.radius_m)
         )
         slope -= max(-CONTACT_FRICTION, min(CONTACT_FRICTION, slope))
-        left = max(self._length_m - float(self.moved_m[0]), EXPLAINED_M)
+        left = max(self._length_m - float(self.moved_m[0]), MIN_MOTION_M)
         aside = float((centre - self._centre_m(self._first)) @ self._left)
         if not slope:
             return self._sticking(np.array([turned, aside, beside, heading]), high, left)
@@ -362,7 +362,7 @@ class SteeredPush:
         assert self._first is not None
         step = self._centre_m(self._seen) - self._centre_m(self._explained)
         way = float(step @ self._ahead)
-        if way < EXPLAINED_M:
+        if way < MIN_MOTION_M:
             return
         slope_m = float(step @ self._left) - wrap_angle(float(self._seen[2] - self._first[2])) * way
         self._arm_m2 += beside_m * way + high_m * slope_m

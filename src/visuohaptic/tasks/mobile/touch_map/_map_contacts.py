@@ -13,8 +13,8 @@ from ....core.robots import BaseState
 from ....navigation.mapping.haptic_map import HapticContact, HapticMap
 from ....sensing.push.push_record import StopReason
 from ..explore import ObstacleExploration
-from ._felt_scale import FeltScale
-from ._straight_walls import held_by_walls
+from ._odometry_scale import OdometryScale
+from ._straight_walls import correct_by_walls
 from .map_records import MapSettings
 
 __all__ = ["Placing", "aside_rad", "contact_of", "face_rad"]
@@ -38,7 +38,7 @@ class Placing:
 
     def __init__(self, settings: MapSettings, haptic_map: HapticMap, start: BaseState) -> None:
         self.settings, self.start = settings, start
-        self.scale = FeltScale(settings.scale_sigma)
+        self.scale = OdometryScale(settings.scale_sigma)
         self._by_odometry: list[HapticContact] = []
         self._times_s: list[float] = []
         self._map = haptic_map
@@ -58,7 +58,7 @@ class Placing:
         self._by_odometry.append(contact)
         self._times_s.append(found.fit_state.t_s if found.fit_state is not None else math.inf)
         scaled = [self._scaled(one) for one in self._by_odometry]
-        return held_by_walls(scaled, self._times_s, self.settings.square_rad)
+        return correct_by_walls(scaled, self._times_s, self.settings.square_rad)
 
     def _scaled(self, contact: HapticContact) -> HapticContact:
         """The contact with its distance from the start corrected by the odometry scale."""

@@ -6,7 +6,7 @@ contact is compared with earlier directions, and with those perpendicular to the
 the drift of the heading. A line within centimetres of an earlier one is the same wall: the
 difference is the drift perpendicular to it. The scale of the odometry is not observable here.
 
-Between two walls the drift of the heading is assumed uniform: :func:`held_by_walls` distributes it over the contacts
+Between two walls the drift of the heading is assumed uniform: :func:`correct_by_walls` distributes it over the contacts
 in between, once the second wall shows its total.
 """
 
@@ -23,7 +23,7 @@ from ....core.geometry import rotation_2d
 from ....core.objects import PrimitiveKind
 from ....navigation.mapping.haptic_map import HapticContact
 
-__all__ = ["StraightWalls", "held_by_walls"]
+__all__ = ["WallDriftCorrection", "correct_by_walls"]
 
 #: Minimum width of a contact that measures a direction [m].
 WIDE_M = 0.15
@@ -33,7 +33,7 @@ SAME_M, REACH_M = 0.08, 1.5
 Pose2 = tuple[float, float, float]
 
 
-def held_by_walls(
+def correct_by_walls(
     contacts: Sequence[HapticContact], times_s: Sequence[float], square_rad: float
 ) -> list[HapticContact]:
     """Positions of the contacts of one tour, corrected by all wall directions.
@@ -45,21 +45,21 @@ def held_by_walls(
     square_rad
         Directions that differ by less, modulo a right angle, are matched [rad].
     """
-    forth, known_s, drift_rad = StraightWalls(square_rad), [], []
+    forth, known_s, drift_rad = WallDriftCorrection(square_rad), [], []
     for contact, t_s in zip(contacts, times_s, strict=True):
         forth.corrected(contact)
         if _face_rad(contact) is not None:
             known_s.append(t_s)
             drift_rad.append(forth.drift_rad)
     between = np.interp(times_s, known_s, drift_rad) if known_s else np.zeros(len(contacts))
-    walls = StraightWalls(square_rad)
+    walls = WallDriftCorrection(square_rad)
     return [
         walls.corrected(contact, drift_rad=float(drift))
         for contact, drift in zip(contacts, between, strict=True)
     ]
 
 
-class StraightWalls:
+class WallDriftCorrection:
     """Corrects the pose of each contact by the previous ones.
 
     Parameters

@@ -143,10 +143,10 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
                 self._goal_rad = seen.heading_rad + s.free_rad
             self._last_turn = -1.0 if self.state is MapState.TURN_BACK else 1.0
             self._tries = 0
-        self._begin_freeing(seen, why)
+        self._start_recovery(seen, why)
         return self._freeing
 
-    def _begin_freeing(self, seen: MapObservation, why: str) -> None:
+    def _start_recovery(self, seen: MapObservation, why: str) -> None:
         """Try in turn: backward, along the incoming path; forward, where the foam senses contact; turning, in alternating senses."""
         self._from, self._from_rad, self._moved_s = (seen.x_m, seen.y_m), seen.heading_rad, seen.t_s
         speeds = (-0.06, 0.06, None)
@@ -171,7 +171,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         turned = abs(math.remainder(seen.heading_rad - self._from_rad, 2.0 * math.pi))
         if self._freeing.turn_rate_rad_s and turned >= s.free_rad:
             self._frees += 1
-            self._begin_freeing(seen, f"turned by {math.degrees(turned):.0f} deg")
+            self._start_recovery(seen, f"turned by {math.degrees(turned):.0f} deg")
         return self._freeing
 
     def _explored(self, seen: MapObservation) -> MapCommand:

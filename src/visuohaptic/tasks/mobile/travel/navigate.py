@@ -105,7 +105,7 @@ def travel(
     """
     require_members(base, MobileBase, "travel")
     require_members(senses, TravelSenses, "travel", "TravelSenses object")
-    task = TravelTask(problem, settings, plan, waits_blindly=passages is None)
+    task = TravelTask(problem, settings, plan, without_passage_sensors=passages is None)
     command, waited_for = TravelCommand(), ""
 
     def observations() -> Iterator[TravelObservation]:

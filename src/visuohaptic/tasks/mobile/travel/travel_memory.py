@@ -83,7 +83,7 @@ class TravelMemory:
             clear_cells(walls, grid_from_world(grid, outline_m))
         self._cells = grid.cells.copy()
         self._cells[blocked & ~walls] = FREE
-        self._forgiven = 0
+        self._failures_reset = 0
 
     def problem(
         self, pose_m: Float[np.ndarray, "3"], margin_m: float = 0.0, *, push_margin_m: float = 0.0
@@ -279,9 +279,9 @@ class TravelMemory:
 
     def reset_failures(self) -> bool:
         """Permit, once, further pushes of objects that stalled; returns whether there are any."""
-        if self._forgiven:
+        if self._failures_reset:
             return False
-        self._forgiven += 1
+        self._failures_reset += 1
         found = False
         for known in self._known.values():
             if known.stalled and known.item.tag is not None and known.item.tag.fixed:

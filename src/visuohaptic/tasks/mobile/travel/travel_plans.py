@@ -31,7 +31,7 @@ class TravelPlans:
     without_plan: set[tuple[float, float]] = field(default_factory=set)
     bumps: dict[float, int] = field(default_factory=dict)  #: number of contacts with known walls, by margin
 
-    def with_room(
+    def largest_margin(
         self, pose_m: Float[np.ndarray, "3"]
     ) -> tuple[tuple[float, PlanningProblem, Plan] | None, Plan]:
         """The feasible plan with the largest margin, with its margin and problem; and the last plan that was tried.

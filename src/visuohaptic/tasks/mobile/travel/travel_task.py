@@ -55,7 +55,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         Margins, limits and tolerances.
     planner
         Planner, called with a robot radius enlarged by a margin. A replay needs the same one.
-    waits_blindly
+    without_passage_sensors
         Whether there are no sensors for open passages.
     """
 
@@ -67,7 +67,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         settings: TravelSettings | None = None,
         planner: Callable[[PlanningProblem], Plan] = make_plan,
         *,
-        waits_blindly: bool = False,
+        without_passage_sensors: bool = False,
     ) -> None:
         self.settings = settings or TravelSettings()
         s = TravelState
@@ -84,7 +84,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             s.BACK_OFF: Rule(after),
         }
         super().__init__(self.settings)
-        self._waits_blindly = waits_blindly
+        self._waits_blindly = without_passage_sensors
         self.robot = problem.robot
         self.records: list[TravelRecord] = []
         self.memory = TravelMemory(problem)
@@ -156,7 +156,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             return None
         yield from self._look_around()
         pose = self.motion.pose_m()
-        best, last = self.plans.with_room(pose)
+        best, last = self.plans.largest_margin(pose)
         turn = self.plans.turning(pose) if best is None else None
         if best is not None:
             self.pushes.margin_m, problem, plan = best

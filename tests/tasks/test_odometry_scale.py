@@ -20,7 +20,7 @@ from visuohaptic.simulation.mobile import (
     wall,
 )
 from visuohaptic.tasks.mobile import ExploreSettings, ObstacleExploration, explore_obstacle
-from visuohaptic.tasks.mobile.touch_map._felt_scale import FeltScale, felt_stretch
+from visuohaptic.tasks.mobile.touch_map._odometry_scale import OdometryScale, odometry_scale_of
 
 SETTINGS = ExploreSettings(
     approach_m_s=0.08, push_m_s=0.04, search_m=0.4, push_m=0.04, halt_s=0.3, back_off_m=0.05
@@ -52,7 +52,7 @@ def test_one_push_tells_the_scale(scale: float, degrees: float) -> None:
     for found in touched(world, scale):
         # 30 um of noise at 40 points over some 8 mm: far below; the foam's edge against an oblique wall is not, and
         # the delay, which is fitted with it, makes a hundredth of that.
-        assert felt_stretch(found) == pytest.approx(scale, abs=0.004 if degrees == 0.0 else 0.01)
+        assert odometry_scale_of(found) == pytest.approx(scale, abs=0.004 if degrees == 0.0 else 0.01)
 
 
 def test_a_delay_of_the_pictures_is_no_scale() -> None:
@@ -61,7 +61,7 @@ def test_a_delay_of_the_pictures_is_no_scale() -> None:
     for found in touched(world, 1.0):
         t_s = np.array([profile.t_s for profile in found.profiles])
         later = replace(found, travel_m=np.interp(t_s + 1 / 60, t_s, found.travel_m))
-        assert felt_stretch(later) == pytest.approx(1.0, abs=0.02)
+        assert odometry_scale_of(later) == pytest.approx(1.0, abs=0.02)
 
 
 def test_what_gives_way_says_nothing() -> None:
@@ -69,20 +69,20 @@ def test_what_gives_way_says_nothing() -> None:
         cylinder("bin", 0.4, 0.0, 0.1, 0.3, mass_kg=0.6, friction=0.35),
         box("case", 0.4, 0.0, (0.2, 0.3, 0.3), mass_kg=0.8, friction=0.3),
     ):
-        scale = FeltScale(0.02)
+        scale = OdometryScale(0.02)
         for found in touched(QuickWorld([thing]), 1.03):
-            assert math.isnan(felt_stretch(found))
+            assert math.isnan(odometry_scale_of(found))
             scale.add(found)
         assert scale.value == 1.0
 
 
 def test_contacts_join_and_slipping_wheels_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    from visuohaptic.tasks.mobile.touch_map import _felt_scale
+    from visuohaptic.tasks.mobile.touch_map import _odometry_scale
 
     rng = np.random.default_rng(0)
     told = iter([*rng.normal(1.02, 0.011, 19), 1.11, math.nan])
-    monkeypatch.setattr(_felt_scale, "felt_stretch", lambda found: next(told))
-    scale, nothing = FeltScale(0.02), Any
+    monkeypatch.setattr(_odometry_scale, "odometry_scale_of", lambda found: next(told))
+    scale, nothing = OdometryScale(0.02), Any
     values = []
     for _ in range(21):
         scale.add(nothing)
@@ -93,7 +93,7 @@ def test_contacts_join_and_slipping_wheels_are_left_out(monkeypatch: pytest.Monk
     # 1.1 % by the root of 19 is 0.25 %; the outlier alone would shift a mean by 0.45 %.
     assert values[-1] == pytest.approx(1.02, abs=0.006)
     told = iter([1.1] * 6)
-    spinning = FeltScale(0.02)
+    spinning = OdometryScale(0.02)
     for _ in range(6):
         spinning.add(nothing)
     assert spinning.value == 1.0  # wheels that are wrong by five sigma spin

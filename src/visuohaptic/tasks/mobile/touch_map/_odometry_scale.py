@@ -18,7 +18,7 @@ from ....core.measurement import Contact, ForceProfile, Reason
 if TYPE_CHECKING:
     from ..explore import ObstacleExploration
 
-__all__ = ["FeltScale", "felt_stretch"]
+__all__ = ["OdometryScale", "odometry_scale_of"]
 
 #: Minimum deflection of a compared point, and its minimum increase over the push [m].
 MIN_M, MIN_RISE_M = 7e-4, 3e-3
@@ -30,7 +30,7 @@ ONE_SIGMA = 0.005
 FEW, FEW_SIGMA = 5, 0.02
 
 
-class FeltScale:
+class OdometryScale:
     """Ratio of the odometry distance to the true distance, refined with every contact.
 
     Parameters
@@ -52,7 +52,7 @@ class FeltScale:
         found
             Result of the exploration.
         """
-        ratio = felt_stretch(found)
+        ratio = odometry_scale_of(found)
         if abs(ratio - 1.0) < 3.0 * self.sigma + 3.0 * FEW_SIGMA:
             self._ratios.append(ratio)
 
@@ -72,7 +72,7 @@ class FeltScale:
         return value if abs(value - 1.0) < 3.0 * self.sigma else 1.0
 
 
-def felt_stretch(found: ObstacleExploration) -> float:
+def odometry_scale_of(found: ObstacleExploration) -> float:
     """Odometry distance over deflection for one push against a fixed object; NaN if it cannot be measured.
 
     The slope of the motion of the front towards the platform (along -x of F, at the points that are pressed until

@@ -11,13 +11,13 @@ from ...core.geometry import rotation_2d
 from ...core.objects import Primitive, PrimitiveKind
 from .explore import ObstacleExploration
 
-__all__ = ["felt_footprint"]
+__all__ = ["footprint_after_push"]
 
 #: Quantiles of laser points that are taken for the ends of an object.
 INNER = (0.04, 0.96)
 
 
-def felt_footprint(
+def footprint_after_push(
     found: ObstacleExploration,
     seen_m: Float[np.ndarray, "n 2"],
     *,
