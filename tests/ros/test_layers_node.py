@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -206,6 +207,7 @@ def test_a_search_that_does_not_end_is_not_waited_for(
         let_go.set()
         # The first search of a process may still compile its kernels: both limits end a test that hangs.
         assert until(lambda: "deactivated meanwhile" in node.component.status().reason, 200.0)
+        time.sleep(0.5)  # nor is the request of before planned by the new activation
         assert not paths
         goals.publish({"header": header, "pose": there})
         assert until(lambda: paths, 200.0), node.component.status()

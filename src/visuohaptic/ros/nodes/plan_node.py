@@ -112,6 +112,7 @@ class PlanNode(MapNode):
         self._end.set()
         gone = DeviceError(f"the node {self.host.node.name} was deactivated meanwhile")
         self._answer(tuple(self._asked), gone)
+        self._due.clear()  # requests end with the activation in which they were made
         super().deactivate()
 
     def _search(self) -> Plan:
