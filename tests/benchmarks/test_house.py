@@ -122,3 +122,18 @@ def test_without_vulture_the_table_says_so(source, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["house"])
     house.main()
     assert "vulture is not installed" in capsys.readouterr().out
+
+
+def test_this_library_keeps_the_limits():
+    pytest.importorskip("vulture")
+    found = house.measure(house.ROOT / "src")
+    kept = (
+        "folders with more than 14 modules",
+        "files over 400 lines",
+        "functions over 60 lines or 8 arguments",
+        "public class names that occur twice",
+        "public functions, parameters not",
+        "circles of imports",
+        "dead code (functions, classes, imports) by vulture",
+    )
+    assert {title: found[title] for title in kept} == {title: [] for title in kept}

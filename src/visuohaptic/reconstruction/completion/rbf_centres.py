@@ -54,10 +54,10 @@ def with_off_surface(
 
     Parameters
     ----------
-        Points (n, 3) on the surface [m].
+    points
         Points (n, 3) of the surface [m].
+    normals
         Unit outward normals (n, 3).
-        Unit normals (n, 3), outwards.
     d_m
         Distance of the off-surface centres [m].
     """

@@ -1,15 +1,11 @@
 """Completion of an object by touch: extrapolate the visible surface, plan the next touch, refit.
 
-Alt 2016, Sec. 5.3.1 and 5.4. The spline of the visible band is factored once;
-touches are added by a Schur complement update.
-
-In the dissertation the surface of one object diverged at the 19th touch, because
-contacts were interpolated: two contacts a millimetre apart whose position errors
-differ by a millimetre impose a slope of one *along* the surface, and |x|^3
-propagates that slope over the whole hole. Here contacts are smoothed by their
-variance relative to the scale of the spline, touches at one place are averaged,
-and a touch adds one centre on the surface only, without off-surface points along
-an unmeasured normal.
+Alt 2016, Sec. 5.3.1 and 5.4. The spline of the visible band is factored once; touches are added by a Schur complement
+update. In the dissertation the surface of one object diverged at the 19th touch, because contacts were interpolated:
+two contacts a millimetre apart whose position errors differ by a millimetre impose a slope of one *along* the
+surface, and |x|^3 propagates that slope over the whole hole. Here contacts are smoothed by their variance relative to
+the scale of the spline, touches at one place are averaged, and a touch adds one centre on the surface only, without
+off-surface points along an unmeasured normal.
 """
 
 from __future__ import annotations

@@ -183,8 +183,8 @@ def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
         Lowest corner of the volume (3) [m].
     voxel
         Edge of a voxel [m].
+    slabs
         Number of slabs into which the volume is divided.
-        Number of slabs of the volume.
     volume
         Sums (x, y, z) float32, updated in place.
     """

@@ -12,16 +12,14 @@ ratio of the readings in a window of the size of the smallest object of interest
     log [((1 - d) R + d) / ((1 - e) + e R)]
 
 with d the probability that a view through glass shows no effect of it, and e the fraction of all windows that look like
-glass for any cause (maximum likelihood over the sequence). It is the log ratio of the probability with glass *here* to
-that of an arbitrary window, and it is bounded: no single view is decisive, and each view counts less if many windows look
-like glass.
+glass for any cause (maximum likelihood over the sequence). It is the log ratio of the probability with glass *here* to that
+of an arbitrary window, and bounded: no single view is decisive, and views count less if many windows look like glass.
 
 The sum over views is a log-likelihood ratio. The probability that it exceeds log(N / a) at any of N places without glass is
 at most a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user specifies.
 
-The position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: that
-fraction of the rays still passes a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts are accepted in order of
-falling evidence, and an accepted part explains the evidence of all rays through it.
+The position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: this many
+rays still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
 """
 
 from __future__ import annotations

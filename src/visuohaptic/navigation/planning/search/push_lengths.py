@@ -188,8 +188,9 @@ def free_length(
         The push, of any length.
     limit
         Maximum length [cells].
+    among
+        Bodies that count as obstacles, all by default.
     """
-
     domain: SearchDomain = heuristic.domain
     body, shift = domain.bodies[step.body], step.shifts_before[step.body]
     direction = body.push(step.contact).direction
