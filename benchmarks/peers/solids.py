@@ -16,7 +16,7 @@ from visuohaptic.deformation.shells import IsotropicMaterial, ShellMesh, opposin
 __all__ = ["quadratic_compliance", "solid_stiffness"]
 
 
-def solid_stiffness(thing: ShellObject, vertices: Sequence[int]) -> Float[np.ndarray, "m"]:  # noqa: F821
+def solid_stiffness(thing: ShellObject, vertices: Sequence[int]) -> Float[np.ndarray, " m"]:
     """Stiffness [N/m] of dual-tip pinches with the wall as a solid, for walls that are not thin.
 
     Parameters
@@ -62,7 +62,7 @@ def solid_stiffness(thing: ShellObject, vertices: Sequence[int]) -> Float[np.nda
 def quadratic_compliance(
     solid: SolidMesh,
     material: IsotropicMaterial | str,
-    fixed: Bool[np.ndarray, "n"],  # noqa: F821
+    fixed: Bool[np.ndarray, " n"],
     forces_N: Float[np.ndarray, "n 3 *m"],
 ) -> Any:
     """``f . u`` [N m] of linear elasticity with ten-node tetrahedra.

@@ -26,7 +26,7 @@ class SolidMesh:
     tetrahedra: Int[np.ndarray, "e 4"]
     layers: int
 
-    def through(self, vertex: int) -> Int[np.ndarray, "layers+1"]:  # noqa: F821
+    def through(self, vertex: int) -> Int[np.ndarray, " layers+1"]:
         """The nodes through the wall at one vertex of the shell, from inside out."""
         return vertex * (self.layers + 1) + np.arange(self.layers + 1)
 
@@ -80,7 +80,7 @@ def wall_tetrahedra(mesh: ShellMesh, layers: int = 1) -> SolidMesh:
 def linear_tetrahedra(
     solid: SolidMesh,
     material: IsotropicMaterial | str,
-    fixed: Bool[np.ndarray, "n"],  # noqa: F821
+    fixed: Bool[np.ndarray, " n"],
 ) -> Factor:
     """Factored stiffness, three freedoms per node; ``fixed`` nodes don't move."""
     from visuohaptic.deformation.shells._front_kernels import constrain

@@ -16,10 +16,10 @@ from visuohaptic.core.front_door.array_guard import guarded
 @guarded
 def measure(
     points_m: Float[np.ndarray, "n 2"],
-    weights: Float[np.ndarray, "n"] | float = 1.0,  # noqa: F821
+    weights: Float[np.ndarray, " n"] | float = 1.0,
     faces: Int[np.ndarray, "f 3"] | None = None,
     image: UInt8[np.ndarray, "rows columns *colour"] | None = None,
-    keep: Bool[np.ndarray, "n"] | None = None,  # noqa: F821
+    keep: Bool[np.ndarray, " n"] | None = None,
 ) -> tuple[object, ...]:
     return points_m, weights, faces, image, keep
 
@@ -81,7 +81,7 @@ def test_what_cannot_be_computed_names_the_array_and_mistakes_of_ours_stay_visib
         raise KeyError("ours")
 
     @guarded
-    def pick(values: Float[np.ndarray, "n"], index: Int[np.ndarray, "m"]) -> np.ndarray:  # noqa: F821
+    def pick(values: Float[np.ndarray, " n"], index: Int[np.ndarray, " m"]) -> np.ndarray:
         return values[index]
 
     with pytest.raises(InputError, match="solve: matrix: found 3 equal rows"):

@@ -51,7 +51,7 @@ class Wheel:
 class Cart:
     wheels: tuple[Wheel, ...]
     corners_m: Float[np.ndarray, "n 2"]
-    order: Int[np.ndarray, "n"] | None = None  # noqa: F821
+    order: Int[np.ndarray, " n"] | None = None
     gear: Gear = Gear.LOW
     load: str | float = "none"
     named: Mapping[str, tuple[float, int]] = field(default_factory=dict)

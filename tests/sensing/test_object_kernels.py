@@ -34,11 +34,12 @@ def twin(body, pixels, sigma, active, start):
         turned = Rotation.from_rotvec(step[:3]).as_matrix() @ motion.rotation
         return (seen(Pose(turned, motion.translation_m + step[3:]), body) - pixels) / sigma[:, None]
 
-    none = np.zeros(np.count_nonzero(active))
+    none, scale = np.zeros(np.count_nonzero(active)), 1.0
     for iteration in range(8):
         here = residual(none)
         distance = np.linalg.norm(here, axis=1)
-        scale = max(1.0, float(np.median(distance)) / 1.177) if iteration < 5 else scale  # noqa: F821
+        if iteration < 5:
+            scale = max(1.0, float(np.median(distance)) / 1.177)
         weight = np.clip(1 - (distance / (4.0 * scale)) ** 2, 0, None) ** 2
         jacobian = np.stack(
             [(residual(h) - residual(-h)) / 2e-6 for h in 1e-6 * np.eye(len(none))], axis=-1
