@@ -253,16 +253,12 @@ def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K
     padded = np.pad(width_m, count, constant_values=np.nan)
     result, sigma = width_m.copy(), np.zeros(count)
     for k in np.setdiff1d(np.arange(count), known):
-        nearest = {int(known[known < k].max(initial=-1)), int(known[known > k].min(initial=count))} - {
-            -1,
-            count,
-        }
-        weight = {
-            i: 1.0 if len(nearest) == 1 else 1.0 - abs(i - k) / (max(nearest) - min(nearest)) for i in nearest
-        }
-        error = width_m - sum(w * padded[count + i - k : 2 * count + i - k] for i, w in weight.items())
+        nearest = np.concatenate([known[known < k][-1:], known[known > k][:1]])
+        weight = np.ones(1) if len(nearest) == 1 else np.abs(nearest[::-1] - k) / np.ptp(nearest)
+        pairs = list(zip(weight, nearest, strict=True))
+        error = width_m - sum(w * padded[count + i - k : 2 * count + i - k] for w, i in pairs)
         error = error[np.isfinite(error)]
-        result[k] = sum(w * width_m[i] for i, w in weight.items())
+        result[k] = sum(w * width_m[i] for w, i in pairs)
         sigma[k] = math.sqrt((error @ error) / (len(error) - 2)) if len(error) > 2 else math.inf
     return result, sigma
 
