@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -114,9 +114,11 @@ def map_the_way(mission: Mission) -> ChapterResult:
     platform = LedPlatform(house, _pose(poses[0]), mission.rng(2), mission.rng(3))
     mapper = OccupancyMapper()
     served = int(np.hypot(*(poses[:, :2] - house.table_m).T).argmin())
+    path_m = []
     for number, pose in enumerate([*poses, house.start]):
         platform.go(relative_2d(platform.pose, _pose(pose)))
         mapper.add(platform.scan(), platform.odometry())
+        path_m.append(mapper.pose[:2])
         if number == served:
             mission.known.goal_m = mapper.pose[:2]
     found = mapper.map()
@@ -146,6 +148,12 @@ def map_the_way(mission: Mission) -> ChapterResult:
         Measure("position error after the round, by odometry alone [m]", drift_m),
         Measure("free cells that are truly free [%]", 100 * right),
         Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong),
+        _map_picture(
+            found,
+            np.array(path_m),
+            {},
+            "The map made by the laser, and the path by scan matching: table and back",
+        ),
     )
 
 
@@ -202,10 +210,15 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
         (x, y), wide = near_side(one, known.ahead_rad)
         mission.log(f"  something new at ({x:.2f}, {y:.2f}) m, {100 * wide:.0f} cm wide as seen")
     return done(
-        f"{len(near)} objects leave no path: {blocked.reason}",
+        f"{len(near)} objects block every path to the table",
         *(_place_claim(mission, one) for one in near),
         Measure("objects in the way", len(near)),
-        _door_picture(mission, path),
+        _map_picture(
+            known.map_now,
+            path[:, :2],
+            {f"new {k + 1}": _box(one) for k, one in enumerate(near)},
+            "The planned path to the table on the map, and the new objects that block it",
+        ),
     )
 
 
@@ -309,20 +322,19 @@ def _problem(
     return PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), objects)
 
 
-def _door_picture(mission: Mission, path: Float[np.ndarray, "n 3"]) -> Illustration:
+def _map_picture(
+    grid: OccupancyMap, path_m: Float[np.ndarray, "n 2"], outlines_m: Mapping[str, np.ndarray], caption: str
+) -> Illustration:
+    """A map with a path that ends at the platform, and the named outlines of objects."""
     from ..report.floor_chart import MapObject, floor_map
 
-    grid = mission.known.map_now
-    objects = [MapObject(f"new {k + 1}", _box(one)) for k, one in enumerate(mission.known.obstacle_points_m)]
+    objects = [MapObject(name, outline) for name, outline in outlines_m.items()]
     x, y, _ = grid.origin
     figure = floor_map(
-        grid.cells, grid.resolution_m, (x, y), path_world_m=path[:, :2], objects=objects,
+        grid.cells, grid.resolution_m, (x, y), path_world_m=path_m, objects=objects,
         robot_radius_m=ROBOT.radius_m,
     )  # fmt: skip
-    return Illustration(
-        figure,
-        "The map that the laser made on the first round, the path to the table (blue), and what is new in its way",
-    )
+    return Illustration(figure, caption)
 
 
 def _box(points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "4 2"]:

@@ -336,7 +336,7 @@ def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) 
         belief = np.array([[step[name] for step in history] for name in names])
         shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto")
         left.figure.colorbar(shown, ax=left, label="probability")
-        left.set(xlabel="squeezes", xticks=range(len(history)), xticklabels=range(1, len(history) + 1))
+        left.set(xlabel="squeeze", xticks=range(len(history)), xticklabels=range(1, len(history) + 1))
         left.set_yticks(range(len(names)), names)
         left.grid(visible=False)
         right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color=COLOURS["orange"])
@@ -361,12 +361,12 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted
 
     def draw(*axes: Axes) -> None:
         for at, (values, label, scale) in zip(axes, fields, strict=False):
-            order = np.argsort(values)
-            shown = at.scatter(
-                around[order], 1e3 * points[used][order, 2], c=values[order], s=9, cmap="viridis", **scale
+            shown = at.tripcolor(
+                around, 1e3 * points[used, 2], values, shading="gouraud", cmap="viridis", **scale
             )
-            at.figure.colorbar(shown, ax=at, label=label, extend="both" if scale else "neither")
-            at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]")
+            at.figure.colorbar(shown, ax=at, extend="both" if scale else "neither")
+            at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]", title=label)
+            at.grid(visible=False)
             for place in (plan.grasps[0].first_m, plan.grasps[0].second_m):
                 angle = math.degrees(math.atan2(place[1], place[0]))
                 at.plot(angle, 1e3 * place[2], "o", ms=11, mfc="none", mew=2, color=COLOURS["orange"])

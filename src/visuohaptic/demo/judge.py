@@ -59,7 +59,6 @@ RULES: dict[str, Rule] = {
     # A touch is detected from 0.4 N on.
     "force": Rule(tolerance=0.1),
     "grip": Rule(),
-    "changed": Rule(),
 }
 
 

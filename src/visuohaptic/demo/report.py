@@ -16,16 +16,19 @@ __all__ = ["measure_texts", "write_story"]
 
 _RIGHT = {True: "yes", False: "no", None: ""}
 
-#: Unit of a claim, factor from SI units, and decimals, by its kind; kinds without a number have none.
-_CLAIM_UNITS = {
-    "place": ("m", 1.0, 2),
-    "foot": ("mm", 1e3, 1),
-    "friction": ("N", 1.0, 2),
-    "shape": ("mm", 1e3, 1),
-    "height": ("mm", 1e3, 0),
-    "fill": ("%", 1e2, 0),
-    "mass": ("g", 1e3, 1),
-    "force": ("mN", 1e3, 0),
+#: What a claim of each kind states of its object; unit, factor from SI units, and decimals of a number.
+_CLAIMS = {
+    "place": ("position", "m", 1.0, 2),
+    "foot": ("position of its foot", "mm", 1e3, 1),
+    "friction": ("static friction", "N", 1.0, 2),
+    "fixed": ("is fixed", "", 1.0, 0),
+    "withstood": ("withstood the lower bound of its tag", "", 1.0, 0),
+    "shape": ("rms error of its outline", "mm", 1e3, 1),
+    "height": ("height", "mm", 1e3, 0),
+    "fill": ("fill", "%", 1e2, 0),
+    "mass": ("mass", "g", 1e3, 1),
+    "force": ("rms error of a force", "mN", 1e3, 0),
+    "grip": ("is held by the grasp", "", 1.0, 0),
 }
 
 #: Unit of a small value -> display unit, and the limit below which it is used.
@@ -87,7 +90,7 @@ def _row(number: int, one: ChapterResult) -> dict[str, Any]:
 
 
 def _claim_row(claim: Claim) -> dict[str, Any]:
-    unit, factor, decimals = _CLAIM_UNITS.get(claim.kind, ("", 1.0, 0))
+    what, unit, factor, decimals = _CLAIMS.get(claim.kind, (claim.kind, "", 1.0, 0))
 
     def shown(value: Any) -> str:
         numbers = value if isinstance(value, tuple) else (value,)
@@ -96,9 +99,10 @@ def _claim_row(claim: Claim) -> dict[str, Any]:
         # Adding 0 turns a rounded -0 into 0.
         return ", ".join(f"{round(factor * number, decimals) + 0.0:.{decimals}f}" for number in numbers)
 
+    sigma = f" \u00b1 {shown(claim.sigma)}" if math.isfinite(claim.sigma) else ""
     return {
-        "claim": f"{claim.kind} of {claim.what}" + (f" [{unit}]" if unit else ""),
-        "reported": shown(claim.value),
+        "claim": f"{claim.what}: {what}" + (f" [{unit}]" if unit else ""),
+        "reported": shown(claim.value) + sigma,
         "probability": f"{claim.forecast:.3f}",
         "truth": shown(claim.truth),
         "correct": _RIGHT[claim.right],

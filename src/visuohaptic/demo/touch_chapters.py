@@ -248,7 +248,9 @@ def _felt_text(tag: HapticTag) -> str:
 
 def _against_truth(one: DemoObject) -> list[Measure]:
     true, tag = one.path.obstacle, one.tag
-    rows = [Measure(f"{one.name}: needs more than [N]", tag.min_static_friction_N, true.static_friction_N)]
+    rows, bound = [], tag.min_static_friction_N
+    if bound is not None:
+        rows.append(Measure(f"{one.name}: static friction, lower bound [N]", bound, true.static_friction_N))
     if true.movable:
         for what, felt, value in (
             ("static", tag.static_friction_N, true.static_friction_N),

@@ -79,7 +79,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``primitives``, picture ``primitives``, and the comparisons; its seed and size are used.
     """
     import cv2
 

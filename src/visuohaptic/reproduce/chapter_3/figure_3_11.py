@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``contacts`` and ``cells``, picture ``haptic_map``, and the comparisons; its seed and size are used.
     """
     rooms = 1 if out.quick else 3
     trials = [map_virtual_room(out.seed + k, 6 if out.quick else CONTACTS) for k in range(rooms)]

@@ -23,7 +23,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``contours``, picture ``squeeze``, and the comparisons; its seed and size are used.
     """
     rng = out.rng()
     rig = GripperSensor(stripe=True)

@@ -47,7 +47,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``stiffness``, picture ``stiffness``, and the comparisons; its seed and size are used.
     """
     thing = mesh_container(load_container("bottle").middle(), around=24 if out.quick else 40)
     plane = PinchPlane(thing)

@@ -27,7 +27,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``points_*``, picture ``strain_stress``, and the comparisons; its seed and size are used.
     """
     found = {name: pressed(out, law, number) for number, (name, law) in enumerate(FOAMS.items())}
 

@@ -27,7 +27,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``sensitivity``, picture ``sensitivity``, and the comparisons; its seed and size are used.
     """
     base = pressed(out, FOAMS["soft (as PUR)"], 0, curve="spline").material
     strain = np.linspace(0.0, 0.6, 121)

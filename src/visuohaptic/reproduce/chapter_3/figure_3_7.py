@@ -37,7 +37,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``forces`` and ``contour_c``, picture ``accuracy``, and the comparisons; its seed and size are used.
     """
     data, body = _pressed(out)
     out.table("forces", data)

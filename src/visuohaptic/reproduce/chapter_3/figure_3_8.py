@@ -32,7 +32,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``wrench``, picture ``accuracy``, and the comparisons; its seed and size are used.
     """
     levels = np.linspace(0.0, TOP_N, 2 if out.quick else 6)
     path = np.r_[levels, levels[-2::-1]]

@@ -39,7 +39,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``steps``, picture ``forces``, and the comparisons; its seed and size are used.
     """
     bottles = 3 if out.quick else 20
     trials = [open_virtual_cap(out.seed + k, "tracked") for k in range(bottles)]

@@ -22,7 +22,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``nodes`` and ``edges``, picture ``navigation``, and the comparisons; its seed and size are used.
     """
     regions = regions_of(building())
     graph = regions.graph

@@ -29,7 +29,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``manipulation_nodes`` and ``edges``, picture ``joint_graph``, and the comparisons; its seed and size are used.
     """
     empty, regions = regions_of(building()).graph, regions_of(with_all())
     graph = regions.graph

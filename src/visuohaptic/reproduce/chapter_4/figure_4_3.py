@@ -29,7 +29,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``candidates`` and ``goals``, picture ``push_goals``, and the comparisons; its seed and size are used.
     """
     item = OBJECTS[0]
     centre = item.centre_m

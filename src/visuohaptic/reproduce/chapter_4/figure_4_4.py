@@ -73,7 +73,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``candidates``, picture ``sideward_push``, and the comparisons; its seed and size are used.
     """
     rows = Columns("scene x0_m y0_m x1_m y1_m outcome")
     shown, off, agree = [], [], []

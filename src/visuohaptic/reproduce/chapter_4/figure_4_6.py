@@ -33,7 +33,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``tasks`` and ``candidates``, picture ``office``, and the comparisons; its seed and size are used.
     """
     problem = office()
     plans = alternatives(problem, PushCosts(price_ends=False))  # ends of pushes are known in the text

@@ -99,7 +99,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``tags``, picture ``forces``, and the comparisons; its seed and size are used.
     """
     virtual, rng = VirtualSensor(law=FIRM_FOAM), out.rng()
     chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]

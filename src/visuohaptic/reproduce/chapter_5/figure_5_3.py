@@ -31,7 +31,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``pixels``, picture ``model``, and the comparisons; its seed and size are used.
     """
     scene = glass_scene(out.seed, kind="labelled", arc_deg=105, step_m=STEP_m)
     sensor = DepthCamera.kinect(160 if out.quick else 320)

@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``bottles`` and ``regions``, picture ``reconstruction``, and the comparisons; its seed and size are used.
     """
     scene = glass_scene(out.seed, kind="labelled", arc_deg=105 if out.quick else 180, step_m=0.05)
     frames = rendered(scene, out.seed, 160 if out.quick else 320)

@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``scenes``, picture ``transparency``, and the comparisons; its seed and size are used.
     """
     kinds = SCENE_KINDS[2:3] if out.quick else SCENE_KINDS
     figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 9.0))

@@ -30,7 +30,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``errors``, picture ``completion``, and the comparisons; its seed and size are used.
     """
     shown = SHOWN[:2] if out.quick else SHOWN
     names = "A" if out.quick else "ABC"

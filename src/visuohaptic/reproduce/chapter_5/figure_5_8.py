@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``mean`` and ``objects``, picture ``error``, and the comparisons; its seed and size are used.
     """
     objects, touches = (2, 4) if out.quick else (OBJECTS, TOUCHES)
     curves: dict[str, list[list[float]]] = {"planned": [], "random": []}

@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``features`` and ``curves``, picture ``exploration``, and the comparisons; its seed and size are used.
     """
     thing = load_object("cien", around=32)
     values = linear_features(thing).values[..., 0]

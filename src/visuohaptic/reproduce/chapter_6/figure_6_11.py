@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``quadratic``, picture ``difference``, and the comparisons; its seed and size are used.
     """
     names = NAMES[:1] if out.quick else NAMES
     heights = (5, 9) if out.quick else (3, 5, 7, 9, 11, 13)

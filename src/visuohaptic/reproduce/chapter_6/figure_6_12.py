@@ -73,7 +73,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``grasps``, picture ``grasps``, and the comparisons; its seed and size are used.
     """
     cases = CASES[3:5] if out.quick else CASES
     rows = Columns("grasp force_N text_holds score map_mm simulated_mm map_holds simulated_holds why")

@@ -30,7 +30,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``pinch`` and ``map``, picture ``deformation``, and the comparisons; its seed and size are used.
     """
     from matplotlib.colors import LogNorm, Normalize
 

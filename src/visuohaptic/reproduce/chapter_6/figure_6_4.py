@@ -26,7 +26,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``grasps``, picture ``scores``, and the comparisons; its seed and size are used.
     """
     plans = []
     rows = Columns("object rank height_share angle_deg score deformation_mm")

@@ -24,7 +24,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``profiles``, picture ``maps``, and the comparisons; its seed and size are used.
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable

@@ -22,7 +22,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``correlation``, picture ``correlation``, and the comparisons; its seed and size are used.
     """
     data = training_features(out)
     data = data.take(np.array([label != "cut-bottle" for label in data.label]))

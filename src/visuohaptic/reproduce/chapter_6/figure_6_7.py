@@ -24,7 +24,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the tables ``features`` and ``nodes``, picture ``tree``, and the comparisons; its seed and size are used.
     """
     data = grouped(training_features(out), DISTINCT)
     tree = train_tree(data, rng=out.rng(), folds=6 if out.quick else 10)

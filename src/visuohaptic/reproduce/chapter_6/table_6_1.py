@@ -43,7 +43,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``trees``, picture ``losses``, and the comparisons; its seed and size are used.
     """
     data = training_features(out)
     rows = Columns(

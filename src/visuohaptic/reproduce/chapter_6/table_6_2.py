@@ -46,7 +46,7 @@ def run(out: Output) -> None:
     Parameters
     ----------
     out
-        Receives tables, figures and comparisons; its seed and size are used.
+        Receives the table ``objects``, picture ``table``, and the comparisons; its seed and size are used.
     """
     draws = 1 if out.quick else 3
     names = ("cup", "cien") if out.quick else tuple(world.REAL)
