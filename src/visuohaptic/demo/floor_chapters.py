@@ -152,7 +152,7 @@ def map_the_way(mission: Mission) -> ChapterResult:
             found,
             np.array(path_m),
             {},
-            "The map made by the laser, and the path by scan matching: table and back",
+            "The map made by the laser, and the path of the tour by scan matching: to the table and back",
         ),
     )
 

@@ -335,8 +335,13 @@ def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) 
     def draw(left: Axes, right: Axes) -> None:
         belief = np.array([[step[name] for step in history] for name in names])
         shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto")
-        left.figure.colorbar(shown, ax=left, label="probability")
-        left.set(xlabel="squeeze", xticks=range(len(history)), xticklabels=range(1, len(history) + 1))
+        left.figure.colorbar(shown, ax=left)
+        left.set(
+            title="probability",
+            xlabel="squeeze",
+            xticks=range(len(history)),
+            xticklabels=range(1, len(history) + 1),
+        )
         left.set_yticks(range(len(names)), names)
         left.grid(visible=False)
         right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color=COLOURS["orange"])
@@ -347,6 +352,8 @@ def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) 
 
 def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted: bool) -> Figure:
     """Score and stiffness, unrolled, with the best grasp; and the bottle in the fingers."""
+    from scipy.interpolate import griddata
+
     from ..report.style import COLOURS, draw_axes
 
     points, used = plan.surface.vertices_m, np.unique(plan.surface.faces)
@@ -359,10 +366,14 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted
         (stiffness, "stiffness [N/mm]", {"norm": "log", "vmin": low, "vmax": high}),
     )
 
+    height_mm = 1e3 * points[used, 2]
+    at_deg_mm = np.meshgrid(np.arange(-180, 180, 5), np.linspace(height_mm.min(), height_mm.max(), 60))
+
     def draw(*axes: Axes) -> None:
         for at, (values, label, scale) in zip(axes, fields, strict=False):
-            shown = at.tripcolor(
-                around, 1e3 * points[used, 2], values, shading="gouraud", cmap="viridis", **scale
+            field = griddata((around, height_mm), values, at_deg_mm, method="nearest", rescale=True)
+            shown = at.pcolormesh(
+                *at_deg_mm, field, cmap="viridis", shading="nearest", rasterized=True, **scale
             )
             at.figure.colorbar(shown, ax=at, extend="both" if scale else "neither")
             at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]", title=label)
