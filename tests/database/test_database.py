@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from visuohaptic.database import (
     FeatureIndex,
     ObjectDatabase,
     add_evidence,
+    connection,
     export_object,
     import_object,
     import_objects,
@@ -296,6 +298,27 @@ def test_sixteen_writers(tmp_path: Path) -> None:
     with open_database(tmp_path / "db") as db:
         assert len(db) == 16 * 4 + 1
     assert (found["lost"], found["problems"]) == (0, 0)
+
+
+def test_no_writer_is_refused_while_others_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All sixteen together take longer than a writer waits for a database that stands still."""
+    monkeypatch.setattr(connection, "_WAIT_S", 0.25)
+    found = objects_faults.writers(tmp_path / "db", objects=4)
+    assert found["acknowledged"] == 2 * 16 * 4
+    assert (found["lost"], found["problems"]) == (0, 0)
+
+
+def test_a_writer_that_holds_the_lock_and_does_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection, "_WAIT_S", 0.2)
+    with open_database(tmp_path) as db, open_database(tmp_path) as other, other.connections.writing():
+        began_s = time.monotonic()
+        with pytest.raises(DatabaseError, match="database is locked; what was being written is not stored"):
+            db.add(make_object(1))
+        assert time.monotonic() - began_s >= 0.2
+    with open_database(tmp_path) as db:
+        assert db.add(make_object(1)).id in db
 
 
 def test_writers_that_are_killed_at_once(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import Contact, ErrorBudget, Event, EventKind, ForceProfile, InputError, Reason
-from visuohaptic.sensing.push import ContactEvents, DeflectionEvents
+from visuohaptic.sensing.push import ContactEvents, DeflectionEvents, events
 
 SIGMA = 2e-5
 FRAME = 1 / 30
@@ -55,6 +55,22 @@ def test_a_fixed_object_never_moves() -> None:
         value = 0.6 * max(travel - 0.01, 0) + SIGMA * rng.standard_normal()
         kinds += [event.kind for event in machine.update(i * FRAME, value, SIGMA, travel)]
     assert kinds == [EventKind.CONTACT]
+
+
+def test_a_contact_that_lasts_holds_no_more_memory_and_still_tells_motion() -> None:
+    """The platform stands and presses for ten minutes, drives on, and the object moves."""
+    rng = np.random.default_rng(0)
+    machine, raised = DeflectionEvents(), []
+    still = 18_000
+    for i in range(still + 300):
+        driven = min(0.001 * i, 0.004) + 0.001 * max(i - still, 0)
+        deflection = min(driven, 0.006) + SIGMA * rng.standard_normal()
+        raised += machine.update(i * FRAME, deflection, SIGMA, driven)
+        assert len(machine._window) <= events._MAX_WINDOW
+        assert len(machine._deeper) < 50  # records of independent noise grow as the logarithm of their number
+    assert [event.kind for event in raised] == [EventKind.CONTACT, EventKind.MOTION]
+    assert abs(raised[1].t_s - (still + 2) * FRAME) < 3 * FRAME
+    assert len(machine._window) == 1  # an object that moves already needs no more of them
 
 
 def test_an_object_that_runs_ahead_has_moved() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,8 +18,11 @@ from ..core.errors import DatabaseError, InputError, MissingExtraError
 
 __all__ = ["Connections", "connect", "connect_file", "connect_server", "shown_url"]
 
-#: How long a writer waits for other writers [s].
+#: How long a writer waits while no other writer commits [s].
 _WAIT_S = 60.0
+#: Interval at which a writer tries to lock [s]: about the duration of a commit, which syncs the disk four times. Longer
+#: intervals leave the database idle, shorter ones take processor time from the writer that holds the lock.
+_TURN_S = 0.005
 _SERVER = re.compile(r"^postgres(ql)?(\+psycopg)?://")
 _NOT_STORED = "; what was being written is not stored"
 #: Parameters of an address that may appear in messages.
@@ -82,11 +87,40 @@ def connect_file(path: Path) -> Engine:
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
-        # A writer locks immediately: upgrading from a read to a write lock could fail halfway.
-        writes = connection.get_execution_options().get("writes", False)
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+        if connection.get_execution_options().get("writes", False):
+            _begin_writing(connection)
+        else:
+            connection.exec_driver_sql("BEGIN")
 
     return engine
+
+
+def _begin_writing(connection: Connection) -> None:
+    """Begin a transaction with the write lock; waits without limit while other writers commit.
+
+    A writer locks immediately: upgrading from a read to a write lock could fail halfway. The wait is not left to SQLite,
+    whose pauses grow from 1 to 100 ms: a writer that has just committed asks again before those that have waited for long,
+    and one of 16 writers may starve. Here all ask at the same interval.
+    """
+    driver: Any = connection.connection.driver_connection
+    seen, until_s = None, time.monotonic() + _WAIT_S
+    driver.execute("PRAGMA busy_timeout = 0")
+    try:
+        while True:
+            try:
+                # Changes with every commit of another connection.
+                if (version := driver.execute("PRAGMA data_version").fetchone()) != seen:
+                    seen, until_s = version, time.monotonic() + _WAIT_S
+                driver.execute("BEGIN IMMEDIATE")
+                return
+            except sqlite3.OperationalError as error:
+                # The low byte is common to all kinds of busy.
+                busy = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
+                if not busy or time.monotonic() > until_s:
+                    raise
+            time.sleep(_TURN_S)
+    finally:
+        driver.execute(f"PRAGMA busy_timeout = {round(1000 * _WAIT_S)}")
 
 
 def connect_server(url: str) -> Engine:
@@ -193,8 +227,8 @@ class Connections:
         """Convert errors of the underlying libraries, stating what was lost."""
         try:
             yield
-        except DBAPIError as error:
-            said = " ".join(str(error.orig).split())
+        except (DBAPIError, sqlite3.Error) as error:
+            said = " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
             raise DatabaseError(f"{self._where}: {said}{loss}") from error
         except FileNotFoundError:
             raise

@@ -27,6 +27,11 @@ __all__ = ["ContactEvents", "DeflectionEvents", "EventSettings"]
 
 #: Reasons for which the force is invalid but the contour is valid, and ``OK``.
 _CONTOUR_SEEN = frozenset({Reason.OK, Reason.UNLOADING, Reason.SATURATED})
+#: Frames of the last travel that are kept. At 30 Hz and the default travel of two windows of 2 mm each, a platform faster
+#: than 0.25 mm/s needs fewer.
+_MAX_WINDOW = 480
+#: Time [s], deflection [m], its standard deviation [m] and travel [m] of a frame.
+_Row = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +75,10 @@ class DeflectionEvents:
         self._last_t = -np.inf
         self._first = (0.0, 0.0)  # time and deflection of the first frame above the threshold
         self._rate = 0.0  # highest rate of the rise so far, used as the speed of the platform [m/s]
-        self._history: list[tuple[float, float, float, float]] = []
+        #: Frames of the last travel, as many as :meth:`_motion_onset` needs, and frames that were deeper than all before them:
+        #: a contact may last for hours.
+        self._window: list[_Row] = []
+        self._deeper: list[_Row] = []
 
     def update(
         self, t_s: float, deflection_m: float, sigma_m: float, travel_m: float | None = None
@@ -104,7 +112,7 @@ class DeflectionEvents:
                 return ()
             if self._above == 0:
                 self._first = (t_s, deflection_m)
-                self._history = []
+                self._window, self._deeper = [], []
             self._above += 1
             self._remember(t_s, deflection_m, sigma_m, travel_m)
             if self._above < c.confirm_frames:
@@ -117,12 +125,12 @@ class DeflectionEvents:
                 self._first = (t_s, deflection_m)
             if self._below >= c.confirm_frames:
                 lost: tuple[Event, ...] = (Event(EventKind.RELEASE, self._first[0], self.s_m),)
-                peak = max(self._history, key=lambda row: row[1])
+                peak = self._deeper[-1]
                 # The platform continued and yet the contact was lost: the object ran ahead of it.
                 ran_ahead = not self.moving and travel_m is not None and travel_m > peak[3]
                 if ran_ahead:
                     lost = (Event(EventKind.MOTION, peak[0], self.s_m), *lost)
-                self.in_contact, self.moving, self._history, self._rate = False, False, [], 0.0
+                self.in_contact, self.moving, self._rate = False, False, 0.0
                 return lost
             return ()
         self._below = 0
@@ -134,36 +142,46 @@ class DeflectionEvents:
         return (Event(EventKind.MOTION, onset, self.s_m),)
 
     def _remember(self, t_s: float, deflection_m: float, sigma_m: float, travel_m: float | None) -> None:
+        before = self._window[-1] if self._window else None
         if travel_m is None:
-            before = self._history[-1] if self._history else None
             if before is not None:
                 self._rate = max(self._rate, (deflection_m - before[1]) / (t_s - before[0]))
             travel_m = before[3] + self._rate * (t_s - before[0]) if before else 0.0
-        self._history.append((t_s, deflection_m, sigma_m, travel_m))
+        row = (t_s, deflection_m, sigma_m, travel_m)
+        if not self._deeper or deflection_m > self._deeper[-1][1]:
+            self._deeper.append(row)
+        if self.moving:
+            self._window.clear()
+        self._window.append(row)
+        if len(self._window) > _MAX_WINDOW:  # the platform stands: half of its frames tell the same
+            del self._window[1:-1:2]
 
     def _motion_onset(self) -> float | None:
         """Time at which the deflection stopped following the travel, if within the last window [s]."""
-        c, history = self.settings, np.array(self._history)
-        t, deflection, sigma, travel = history.T
+        c = self.settings
+        t, deflection, sigma, travel = np.array(self._window).T
         inside = np.flatnonzero(travel < travel[-1] - c.motion_travel_m)
         if len(inside) == 0:
             return None
         begin = min(int(inside[-1]), len(t) - c.motion_frames)
         if begin < 0:
             return None
+        # A second window is kept: noisy odometry may go back by a little.
+        older = np.flatnonzero(travel < travel[-1] - 2.0 * c.motion_travel_m)
+        del self._window[: min(begin, int(older[-1]) if len(older) else 0)]
         x, d, s = travel[begin:], deflection[begin:], float(np.mean(sigma[begin:]))
         centred = x - x.mean()
         power = float(centred @ centred)
         slope = float(centred @ d) / power
         # The plateau starts when the deflection first comes within its noise of the later level.
         level = min(float(np.median(d[-max(2, len(d) // 2) :])), float(d.max()))
-        reached = int(np.flatnonzero(deflection >= level - 2.0 * s)[0])
+        reached = next(row for row in self._deeper if row[1] >= level - 2.0 * s)
         # With a soft object the foam deflects by a fraction of the travel: compare with the slope of the rise so far.
-        way = float(travel[reached] - travel[0])
+        way = reached[3] - self._deeper[0][3]
         rise = min(1.0, level / way) if way > 0 else 1.0
         if slope + c.motion_sigmas * s / np.sqrt(power) >= c.motion_slope * rise:
             return None
-        return float(t[reached])
+        return reached[0]
 
 
 @dataclass(slots=True)
