@@ -31,7 +31,8 @@ from visuohaptic.recognition.touch import (
     update_belief,
     with_outline,
 )
-from visuohaptic.recognition.touch.belief import WIDTH_VARIANCE
+from visuohaptic.recognition.touch.belief import WIDTH_VARIANCE, sequential_likelihood
+from visuohaptic.recognition.touch.calibration import EXPLORATIONS
 from visuohaptic.recognition.trees import mean_touches, train_tree
 
 from .worlds import as_explored, synthetic, touch_of
@@ -296,6 +297,24 @@ def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
         assert explore(model, touch_of(strange, row), samples=16).answer == UNKNOWN
 
 
+def test_the_likelihood_of_a_sequence_is_that_of_its_beginnings() -> None:
+    data = synthetic(5)
+    model = fit_model(data)
+    touch = touch_of(data, 0)
+    readings = [touch(height, "x") for height in (3, 9, 14)]
+    place, value, noise = evidence(model, readings)
+    ends = np.array([0, 3, 6, len(place)])
+    told = sequential_likelihood(model, place, value, noise, ends)
+    for end, found in zip(ends, told, strict=True):
+        alone = log_likelihood(model, place[:end], value[:end], noise[:end])
+        assert np.allclose(found, alone, rtol=1e-9)
+    # By determinant and inverse.
+    seen = model.covariance[:, place[:, None], place] + np.diag(noise)
+    away = value - model.mean[:, place]
+    square = np.einsum("co,cop,cp->c", away, np.linalg.inv(seen), away)
+    assert told[-1, 0] == pytest.approx(-0.5 * square - 0.5 * np.linalg.slogdet(seen)[1], rel=1e-6)
+
+
 def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
     data = synthetic(30, spread=0.4)
     plain = fit_model(data, settings=ModelSettings(use_width=False))
@@ -319,6 +338,17 @@ def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
             hit.append(warm.answers[int(np.argmax(fraction))] == unseen.label[row])
     # 300 explorations in seven bins: chance alone gives about 0.05.
     assert calibration_error(np.array(confidence), np.array(hit)) < 0.12
+
+
+def test_limits_of_the_calibration_hardly_depend_on_its_seed() -> None:
+    """The rate beyond a quantile of N explorations has a standard error of sqrt(p (1 - p) / N)."""
+    assert np.sqrt(0.01 * 0.99 / EXPLORATIONS) == pytest.approx(0.15 * 0.01, rel=0.05)
+    data = synthetic(20, spread=0.4)
+    plain = fit_model(data, settings=ModelSettings(use_width=False))
+    found = [calibrate(plain, data, np.random.default_rng(seed), max_touches=3) for seed in range(3)]
+    # A relative error of .15 of a rate that falls by e within some 1.5 nat is .2 nat.
+    assert np.ptp([one.unknown_log_odds for one in found]) < 0.8
+    assert np.ptp([one.tail for one in found]) < 0.2
 
 
 def test_calibration_error_of_an_honest_and_of_a_boasting_forecaster() -> None:

@@ -40,8 +40,6 @@ Training = FeatureSet | Path | str | Sequence[FeatureSet | Path | str]
 MIN_OBJECTS, MAX_FOLDS = 3, 10
 #: Preferences for places that were touched already which :meth:`HapticClassifier.tune` compares.
 REUSES = (0.0, 0.1, 0.3)
-#: Explorations of the calibration: the temperature is known to a few percent.
-EXPLORATIONS = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,7 +346,7 @@ def _calibrated(
     used: FeatureSet, groups: Mapping[str, Sequence[str]], seed: int, *, use_width: bool
 ) -> HapticModel:
     model = fit_model(used, groups, settings=ModelSettings(use_width=use_width))
-    return calibrate(model, used, np.random.default_rng(seed), explorations=EXPLORATIONS)
+    return calibrate(model, used, np.random.default_rng(seed))
 
 
 def _loaded(source: FeatureSet | Path | str) -> FeatureSet:

@@ -17,7 +17,7 @@ def as_measured(
     *,
     pose_errors: Float[np.ndarray, "m c 16 4"] | None = None,
     protocol: TouchProtocol | None = None,
-    pose_m: float = 0.002,
+    pose_m: float | Float[np.ndarray, "m"] = 0.002,
     discrepancy: float = 0.06,
 ) -> Float[np.ndarray, "m 16 4"]:
     """What one exploration of each object measures.
@@ -34,18 +34,19 @@ def as_measured(
     protocol
         How a touch is done.
     pose_m
-        Standard deviation of the height of all touches of an object [m].
+        Standard deviation of the height of all touches of an object [m]; of each object, if there are several.
     discrepancy
         Relative standard deviation by which the simulation is wrong, by place.
     """
     protocol = TouchProtocol() if protocol is None else protocol
     shape = log_stiffness.shape
-    shift = rng.normal(0, pose_m / protocol.place_m, (shape[0], 1, 1))
+    spread_m = np.broadcast_to(np.asarray(pose_m, dtype=float), shape[:1])[:, None, None]
+    shift = rng.normal(0, spread_m / protocol.place_m, (shape[0], 1, 1))
     wrong = rng.normal(0, 1, shape) * np.minimum(protocol.relative_sigmas(np.exp(log_stiffness)), 1.0)
     wrong += rng.normal(0, discrepancy, shape)
-    if pose_errors is None or not pose_m > 0:
+    if pose_errors is None:
         moved: np.ndarray = shift * np.gradient(log_stiffness, axis=1)
     else:
         which = rng.integers(0, pose_errors.shape[1], shape[0])
-        moved = pose_m / POSE_m * pose_errors[np.arange(shape[0]), which]
+        moved = spread_m / POSE_m * pose_errors[np.arange(shape[0]), which]
     return log_stiffness + moved + wrong

@@ -53,6 +53,18 @@ class TouchProtocol:
         stiff = 1 + self.resolution_m_per_N * stiffness_N_per_m
         return np.log(stiffness_N_per_m / stiff), 1 / stiff
 
+    def seen_variance(self, stiffness_N_per_m: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+        """Expected variance of the logarithm that :meth:`seen_stiffness` gives; at most 1, beyond which it is no Gaussian.
+
+        Parameters
+        ----------
+        stiffness_N_per_m
+            Stiffness [N/m], of any shape.
+        """
+        factor = self.seen_stiffness(stiffness_N_per_m)[1]
+        out: np.ndarray = np.minimum(factor * self.relative_sigmas(stiffness_N_per_m), 1.0) ** 2
+        return out
+
     def relative_sigma(self, stiffness_N_per_m: float) -> float:
         """Expected relative standard deviation of the linear coefficient.
 

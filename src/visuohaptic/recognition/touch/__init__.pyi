@@ -12,7 +12,6 @@ from .belief import update_belief as update_belief
 from .belief import with_outline as with_outline
 from .calibration import calibrate as calibrate
 from .calibration import calibration_error as calibration_error
-from .calibration import reading_of as reading_of
 from .contents import DEEPEST_M as DEEPEST_M
 from .contents import EMPTY as EMPTY
 from .contents import FILLINGS as FILLINGS

@@ -201,8 +201,7 @@ def _expected_noise(model: HapticModel, mean: Float[np.ndarray, "*n k"]) -> Floa
     # What is read as stiff as can be seen may be any stiffer: half of it is taken.
     seen = np.exp(mean[..., :2])
     stiffness = seen / np.maximum(1 - model.protocol.resolution_m_per_N * seen, 0.5)
-    factor = model.protocol.seen_stiffness(stiffness)[1]
-    out[..., :2] = np.minimum(factor * model.protocol.relative_sigmas(stiffness), 1.0) ** 2
+    out[..., :2] = model.protocol.seen_variance(stiffness)
     return out
 
 

@@ -30,6 +30,7 @@ __all__ = [
     "doubted",
     "evidence",
     "log_likelihood",
+    "sequential_likelihood",
     "update_belief",
     "with_outline",
 ]
@@ -134,12 +135,36 @@ def log_likelihood(
     place, value, noise
         Of :func:`evidence`; the second row is minus infinity where nothing was ever read.
     """
+    out: np.ndarray = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
+    return out
+
+
+def sequential_likelihood(
+    model: HapticModel,
+    place: Int[np.ndarray, "o"],
+    value: Float[np.ndarray, "o"],
+    noise: Float[np.ndarray, "o"],
+    ends: Int[np.ndarray, "e"],
+) -> Float[np.ndarray, "e 2 c"]:
+    """:func:`log_likelihood` of the first values of a sequence of readings, for several numbers of values.
+
+    The Cholesky factor of the leading block of a matrix is the leading block of its factor, so that one factorisation serves all.
+
+    Parameters
+    ----------
+    model, place, value, noise
+        As of :func:`log_likelihood`.
+    ends
+        Numbers of values that are used, up to o.
+    """
     root, white = _whitened(model, place, value, noise)
-    square = (white[..., 0] ** 2).sum(axis=1)
-    fit = -0.5 * square - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    freedom = model.freedom + len(place)
-    limit = model.tail * chdtri(freedom, FALSE_ALARM) if freedom else np.inf
-    return np.stack([fit, fit + 0.5 * (model.square + square - limit)])
+    terms = np.zeros((2, len(white), len(place) + 1))
+    terms[0, :, 1:], terms[1, :, 1:] = white**2, np.log(np.diagonal(root, axis1=1, axis2=2))
+    square, size = np.cumsum(terms, axis=2)[:, :, ends].transpose(0, 2, 1)
+    fit = -0.5 * square - size
+    freedom = model.freedom + ends
+    limit = np.where(freedom > 0, model.tail * chdtri(np.maximum(freedom, 1), FALSE_ALARM), np.inf)
+    return np.stack([fit, fit + 0.5 * (model.square + square - limit[:, None])], axis=1)
 
 
 def condition(
@@ -157,7 +182,7 @@ def condition(
     """
     root, white = _whitened(model, place, value, noise)
     gain = np.linalg.solve(root, model.covariance[:, place]).transpose(0, 2, 1)
-    after = model.mean + (gain @ white)[..., 0]
+    after = model.mean + (gain @ white[..., None])[..., 0]
     return after, model.covariance - gain @ gain.transpose(0, 2, 1)
 
 
@@ -187,17 +212,27 @@ def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_
         mean=mean,
         covariance=covariance,
         log_prior=score - np.logaddexp.reduce(score),
-        square=(_whitened(model, *read)[1] ** 2).sum(axis=(1, 2)),
+        square=(_whitened(model, *read)[1] ** 2).sum(axis=1),
         freedom=len(level),
     )
 
 
 def _whitened(
     model: HapticModel, place: np.ndarray, value: np.ndarray, noise: np.ndarray
-) -> tuple[Float[np.ndarray, "c o o"], Float[np.ndarray, "c o 1"]]:
-    """Root of the covariance of what is read, and residuals of unit variance."""
-    root = np.linalg.cholesky(model.covariance[:, place[:, None], place] + np.diag(noise))
-    return root, np.linalg.solve(root, (value - model.mean[:, place])[..., None])
+) -> tuple[Float[np.ndarray, "c o o"], Float[np.ndarray, "c o"]]:
+    """Root of the covariance of what is read, and residuals of unit variance.
+
+    With the residuals as one more row, the Cholesky factor has the whitened residuals as its last row.
+    """
+    count = len(place)
+    bordered = np.empty((len(model.mean), count + 1, count + 1))
+    flat = model.covariance.reshape(len(model.mean), -1)
+    seen = flat.take(place[:, None] * model.mean.shape[1] + place, axis=1)  # twice as fast as by two indices
+    bordered[:, :count, :count] = seen + np.diag(noise)
+    bordered[:, count, :count] = bordered[:, :count, count] = value - model.mean[:, place]
+    bordered[:, count, count] = 1e300  # above any square of the residuals; no other value depends on it
+    root = np.linalg.cholesky(bordered)
+    return root[:, :count, :count], root[:, count, :count]
 
 
 def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belief:

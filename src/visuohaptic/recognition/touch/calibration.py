@@ -1,10 +1,13 @@
-"""Probabilities that mean what they say, from explorations of what is left out of the training.
+"""Calibration of a model by simulated explorations of objects that are left out of its training.
 
-Whole objects are left out in turn, half of them moved outside the range of the others and half of them touched by a gripper
-whose pose is poor. The temperature that divides the evidence (Guo et al. 2017) has their smallest mean log loss among the known
-classes; what is added to the log odds of "unknown" is as much as lets only :data:`.FALSE_ALARM` of them be called so at the end.
-Residuals of objects that the classes were not learned from are larger than a Gaussian's: the chi-square from which on readings
-are like no class is that which only :data:`.FALSE_ALARM` of these explorations exceed.
+Whole objects are left out in turn, half of them moved outside the range of the others and half of them touched with an
+inaccurate pose. The temperature that divides the evidence (Guo et al. 2017) minimises their mean log loss among the known
+classes. The log odds of "unknown" are raised until :data:`.FALSE_ALARM` of these explorations end with "unknown". Residuals of
+objects that the classes were not learned from are larger than those of a Gaussian: the limit of chi-square is raised until only
+:data:`.FALSE_ALARM` of the explorations exceed it.
+
+Both limits are quantiles of N simulated explorations. The rate p beyond an empirical quantile has a standard error of
+sqrt(p (1 - p) / N), so that a relative error of :data:`RATE_ERROR` takes N = (1 - p) / (p RATE_ERROR^2) explorations.
 """
 
 from __future__ import annotations
@@ -19,49 +22,57 @@ from scipy.special import chdtri
 from ...core.errors import InputError
 from ..data.data_set import FeatureSet
 from ..data.noise import as_measured
-from ..data.readings import CurveCoefficients, TouchReading
 from .bayes import TOUCHES
-from .belief import FALSE_ALARM, evidence, log_likelihood
+from .belief import FALSE_ALARM, WIDTH_VARIANCE, sequential_likelihood
 from .haptic_model import CARELESS, OUTSIDE, HapticModel, fit_model
+from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
-__all__ = ["calibrate", "calibration_error", "reading_of"]
+__all__ = ["calibrate", "calibration_error"]
 
-#: Parts of the training objects that are left out in turn; what is tried of the temperature.
+#: Parts of the training objects that are left out in turn; candidate temperatures.
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
-#: Fraction of explorations that no temperature is bent to: a few that are wrong without a doubt would outvote all others.
+#: Fraction of explorations that may be wrong at any confidence: without it a few such ones would determine the temperature.
 LAPSES = 0.02
+#: Relative standard error of the false-alarm rate by the number of simulated explorations: .0100 +- .0015. The log odds then
+#: vary by .2 to .3 between seeds, less than by the choice of 180 training objects (.3 to .6 by a bootstrap of the objects).
+RATE_ERROR = 0.15
+#: Explorations that the limits take, and those that the temperature takes: as a mean, it is known to a few percent from these.
+EXPLORATIONS = round((1.0 - FALSE_ALARM) / FALSE_ALARM / RATE_ERROR**2)
+TEMPERED = 600
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judged:
-    """What a model without some objects says of n explorations of them."""
+    """Likelihoods of n explorations of t touches by a model that was fitted without their objects."""
 
     model: HapticModel
-    likelihood: Float[np.ndarray, "n 2 c"]
+    likelihood: Float[np.ndarray, "n t 2 c"]  #: after each touch
     truth: Int[np.ndarray, "n"]  #: answers, of this model
-    limit: Float[np.ndarray, "n"]  #: chi-square that a Gaussian exceeds at the false-alarm rate
+    limit: float  #: chi-square of the last touch that a Gaussian exceeds at the false-alarm rate
 
     def loss(self, temperature: float) -> float:
-        """Mean log loss among the known classes, of which :data:`LAPSES` may be wrong however sure."""
-        score = self.model.log_prior + self.likelihood[:, 0] / temperature
+        """Mean log loss among the known classes, of which :data:`LAPSES` may be wrong at any confidence."""
+        used = self.likelihood[: TEMPERED // FOLDS, :, 0]
+        score = self.model.log_prior + used / temperature
         known = np.where(self.model.answer_of < len(self.model.answers) - 1, score, -np.inf)
-        right = np.where(self.model.answer_of == self.truth[:, None], score, -np.inf)
-        told = np.exp(np.logaddexp.reduce(right, axis=1) - np.logaddexp.reduce(known, axis=1))
-        return float(-np.log((1 - LAPSES) * told + LAPSES / (len(self.model.answers) - 1)).mean())
+        right = self.model.answer_of == self.truth[: len(used), None, None]
+        own = np.logaddexp.reduce(np.where(right, score, -np.inf), axis=2)
+        probability = np.exp(own - np.logaddexp.reduce(known, axis=2))
+        return float(-np.log((1 - LAPSES) * probability + LAPSES / (len(self.model.answers) - 1)).mean())
 
     def margin(self, temperature: float) -> Float[np.ndarray, "n"]:
-        """Log odds of the most probable class against "unknown"."""
-        score = self.model.log_prior + self.likelihood[:, 0] / temperature
+        """Log odds of the most probable class against "unknown" at the end."""
+        score = self.model.log_prior + self.likelihood[:, -1, 0] / temperature
         answers = range(len(self.model.answers))
         each = [np.logaddexp.reduce(score[:, self.model.answer_of == k], axis=1) for k in answers]
         out: np.ndarray = np.max(each[:-1], axis=0) - each[-1]
         return out
 
     def tail(self) -> Float[np.ndarray, "n"]:
-        """Chi-square of the best Gaussian of a known class by the limit."""
+        """Chi-square of the best Gaussian of a known class by the limit, at the end."""
         known = self.model.answer_of < len(self.model.answers) - 1
-        fit, beside = np.moveaxis(self.likelihood[..., known], 1, 0)
+        fit, beside = np.moveaxis(self.likelihood[:, -1][..., known], 1, 0)
         best = np.argmax(fit + self.model.log_prior[known], axis=1)[:, None]
         out: np.ndarray = 1.0 + 2.0 * np.take_along_axis(beside - fit, best, axis=1)[:, 0] / self.limit
         return out
@@ -72,10 +83,10 @@ def calibrate(
     data: FeatureSet,
     rng: np.random.Generator,
     *,
-    explorations: int = 300,
+    explorations: int = EXPLORATIONS,
     max_touches: int = 6,
 ) -> HapticModel:
-    """Fit the temperature, what is added to the log odds of "unknown", and from which chi-square on nothing is known.
+    """Fit the temperature, the offset of the log odds of "unknown", and the factor of the limit of chi-square.
 
     Parameters
     ----------
@@ -84,11 +95,11 @@ def calibrate(
     data
         Its training objects.
     rng
-        Which objects, which touches, what noise.
+        Draws the objects, their touches and the noise.
     explorations
-        How many; each is judged after every touch.
+        Number of simulated explorations.
     max_touches
-        Of one exploration.
+        Touches of one exploration.
     """
     name_of = {member: name for name, members in model.groups.items() for member in members}
     answer = np.array([name_of.get(label, label) for label in data.label])
@@ -106,12 +117,12 @@ def calibrate(
     temperature = float(
         min(TEMPERATURES, key=lambda value: float(np.mean([one.loss(float(value)) for one in judged])))
     )
-    last = np.concatenate([one.margin(temperature)[max_touches - 1 :: max_touches] for one in judged])
+    last = np.concatenate([one.margin(temperature) for one in judged])
     # Before anything is touched "unknown" is at most as probable as all classes together.
     log_odds = min(
         float(np.quantile(last, FALSE_ALARM)), math.log(1 / max(model.settings.unknown_prior, 1e-300) - 1)
     )
-    tails = np.concatenate([one.tail()[max_touches - 1 :: max_touches] for one in judged])
+    tails = np.concatenate([one.tail() for one in judged])
     tail = max(float(np.quantile(tails, 1.0 - FALSE_ALARM)), 1.0)
     return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)
 
@@ -140,32 +151,6 @@ def calibration_error(
     return float(total / len(confidence))
 
 
-def reading_of(data: FeatureSet, row: int, height: int, axis: str, model: HapticModel) -> TouchReading:
-    """A touch of a training object, with the uncertainty expected of such a reading.
-
-    Parameters
-    ----------
-    data
-        Training objects.
-    row
-        Number of the object.
-    height
-        1 to 16.
-    axis
-        ``x`` or ``y``.
-    model
-        Says how the gripper touches.
-    """
-    column = 0 if axis == "x" else 2
-    sides = []
-    for k in (column, column + 1):
-        i, full, second = (float(value) for value in data.features[row, height - 1, k])
-        sides.append(CurveCoefficients(i, full, second, model.protocol.relative_sigma(i), float("nan")))
-    tall = math.nan if data.height_m is None else float(data.height_m[row])
-    width = float(data.width_m[row, height - 1, column // 2])
-    return TouchReading(height, axis, (sides[0], sides[1]), width, tall)
-
-
 def _explored(
     model: HapticModel,
     data: FeatureSet,
@@ -176,41 +161,58 @@ def _explored(
     rng: np.random.Generator,
 ) -> _Judged:
     """Explorations of the objects that are left out, by a model of the others."""
-    rest = data.take(~out)
-    without = fit_model(rest, model.groups, settings=model.settings, protocol=model.protocol)
-    found, truth, limit = [], [], []
-    for row in rng.choice(np.flatnonzero(out), explorations):
-        one = _as_touched(data, int(row), model, rng)
-        right = without.answers.index(str(answer[row]))
-        order = rng.permutation(len(TOUCHES))[:max_touches]
-        readings = [reading_of(one, 0, *TOUCHES[int(k)], without) for k in order]
-        for count in range(1, max_touches + 1):
-            read = evidence(without, readings[:count])
-            found.append(log_likelihood(without, *read))
-            truth.append(right)
-            limit.append(chdtri(len(read[0]), FALSE_ALARM))
-    return _Judged(without, np.array(found), np.array(truth), np.array(limit))
+    without = fit_model(data.take(~out), model.groups, settings=model.settings, protocol=model.protocol)
+    rows = np.resize(rng.permutation(np.flatnonzero(out)), explorations)  # all of them equally often
+    value, noise = _features_as_touched(data, rows, model, rng)
+    order = np.argsort(rng.random((explorations, len(TOUCHES))), axis=1)[:, :max_touches]
+    # Touches are sorted by height, then by axis: touch k reads features 2 k and 2 k + 1, and width k.
+    place = np.stack([2 * order, 2 * order + 1, FIRST_WIDTH + order], axis=2)
+    first = 0
+    if not model.settings.use_width:
+        place = place[:, :, :2]
+    elif data.height_m is not None:
+        first = 1
+    ends = first + place.shape[2] * np.arange(1, max_touches + 1)
+    place = np.column_stack([np.full((explorations, first), HEIGHT), place.reshape(explorations, -1)])
+    found = np.stack([
+        sequential_likelihood(without, here, value[k, here], noise[k, here], ends)
+        for k, here in enumerate(place)
+    ])  # fmt: skip
+    truth = np.array([without.answers.index(str(name)) for name in answer[rows]])
+    return _Judged(without, found, truth, float(chdtri(ends[-1], FALSE_ALARM)))
 
 
-def _as_touched(data: FeatureSet, row: int, model: HapticModel, rng: np.random.Generator) -> FeatureSet:
-    """An object as an exploration reads it: half of them outside the range of their class, half by a poor pose."""
-    settings = model.settings
-    alike = np.array(data.label) == data.label[row]
-    stretch = OUTSIDE if rng.random() < 0.5 else 1.0
-    one = data.take(np.array([row]))
+def _features_as_touched(
+    data: FeatureSet, rows: Int[np.ndarray, "n"], model: HapticModel, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
+    """Features of objects as explorations read them, and their variances.
+
+    Half of the objects are outside the range of their class, half of the poses are inaccurate.
+    """
+    settings, count = model.settings, len(rows)
+    stretch = np.where(rng.random(count) < 0.5, OUTSIDE, 1.0)
+    pose_m = settings.pose_m * np.where(rng.random(count) < 0.5, CARELESS, 1.0)
 
     def moved(values: np.ndarray) -> np.ndarray:
-        middle = np.log(values[alike]).mean(axis=0)
-        return np.asarray(np.exp(middle + stretch * (np.log(values[[row]]) - middle)))
+        logs = np.log(values)
+        mean = np.stack([logs[data.number == k].mean(axis=0) for k in range(len(data.classes))])[data.number]
+        factor = stretch.reshape(-1, *[1] * (logs.ndim - 1))
+        return np.asarray(mean[rows] + factor * (logs - mean)[rows])
 
-    features = one.features.copy()
-    features[..., 0] = moved(data.features[..., 0]) * np.exp(settings.gain * rng.standard_normal())
-    width = moved(data.width_m) + settings.width_m * rng.standard_normal(one.width_m.shape)
-    pose_m = settings.pose_m * (CARELESS if rng.random() < 0.5 else 1.0)
-    tall = None if data.height_m is None else moved(data.height_m) + pose_m * rng.standard_normal(1)
     measured = as_measured(
-        np.log(features[..., 0]), rng, pose_errors=one.pose_errors, protocol=model.protocol,
-        pose_m=pose_m, discrepancy=settings.discrepancy,
+        moved(data.features[..., 0]) + settings.gain * rng.standard_normal((count, 1, 1)), rng,
+        pose_errors=None if data.pose_errors is None else data.pose_errors[rows],
+        protocol=model.protocol, pose_m=pose_m, discrepancy=settings.discrepancy,
     )  # fmt: skip
-    features[..., 0] = np.exp(measured)
-    return replace(one, features=features, width_m=width, height_m=tall)
+    stiffness = np.exp(measured).reshape(count, -1)
+    width_m = np.exp(moved(data.width_m)).reshape(count, -1)
+    width_m += settings.width_m * rng.standard_normal(width_m.shape)
+    height_m = np.full(count, USUAL_HEIGHT_m)
+    if data.height_m is not None:
+        height_m = np.exp(moved(data.height_m)) + pose_m * rng.standard_normal(count)
+    value = np.column_stack([
+        model.protocol.seen_stiffness(stiffness)[0], np.log(width_m), np.log(height_m / USUAL_HEIGHT_m)
+    ])  # fmt: skip
+    noise = np.full((count, FEATURES), WIDTH_VARIANCE)
+    noise[:, :FIRST_WIDTH] = model.protocol.seen_variance(stiffness)
+    return value, noise
