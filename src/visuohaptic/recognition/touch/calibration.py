@@ -22,7 +22,7 @@ from ..data.noise import as_measured
 from ..data.readings import CurveCoefficients, TouchReading
 from .bayes import TOUCHES
 from .belief import FALSE_ALARM, evidence, log_likelihood
-from .haptic_model import CARELESS, OUTSIDE, HapticModel, fit_model
+from .haptic_model import RANGE_WIDENING, UNCALIBRATED_POSE_RATIO, HapticModel, fit_model
 
 __all__ = ["calibrate", "calibration_error", "reading_of"]
 
@@ -30,7 +30,7 @@ __all__ = ["calibrate", "calibration_error", "reading_of"]
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
 #: Fraction of explorations that no temperature is bent to: a few that are wrong without a doubt would outvote all others.
-LAPSES = 0.02
+IGNORED_FRACTION = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,12 +43,14 @@ class _Judged:
     limit: Float[np.ndarray, "n"]  #: chi-square that a Gaussian exceeds at the false-alarm rate
 
     def loss(self, temperature: float) -> float:
-        """Mean log loss among the known classes, of which :data:`LAPSES` may be wrong however sure."""
+        """Mean log loss among the known classes, of which :data:`IGNORED_FRACTION` may be wrong however sure."""
         score = self.model.log_prior + self.likelihood[:, 0] / temperature
         known = np.where(self.model.answer_of < len(self.model.answers) - 1, score, -np.inf)
         right = np.where(self.model.answer_of == self.truth[:, None], score, -np.inf)
         told = np.exp(np.logaddexp.reduce(right, axis=1) - np.logaddexp.reduce(known, axis=1))
-        return float(-np.log((1 - LAPSES) * told + LAPSES / (len(self.model.answers) - 1)).mean())
+        return float(
+            -np.log((1 - IGNORED_FRACTION) * told + IGNORED_FRACTION / (len(self.model.answers) - 1)).mean()
+        )
 
     def margin(self, temperature: float) -> Float[np.ndarray, "n"]:
         """Log odds of the most probable class against "unknown"."""
@@ -196,7 +198,7 @@ def _as_touched(data: FeatureSet, row: int, model: HapticModel, rng: np.random.G
     """An object as an exploration reads it: half of them outside the range of their class, half by a poor pose."""
     settings = model.settings
     alike = np.array(data.label) == data.label[row]
-    stretch = OUTSIDE if rng.random() < 0.5 else 1.0
+    stretch = RANGE_WIDENING if rng.random() < 0.5 else 1.0
     one = data.take(np.array([row]))
 
     def moved(values: np.ndarray) -> np.ndarray:
@@ -206,7 +208,7 @@ def _as_touched(data: FeatureSet, row: int, model: HapticModel, rng: np.random.G
     features = one.features.copy()
     features[..., 0] = moved(data.features[..., 0]) * np.exp(settings.gain * rng.standard_normal())
     width = moved(data.width_m) + settings.width_m * rng.standard_normal(one.width_m.shape)
-    pose_m = settings.pose_m * (CARELESS if rng.random() < 0.5 else 1.0)
+    pose_m = settings.pose_m * (UNCALIBRATED_POSE_RATIO if rng.random() < 0.5 else 1.0)
     tall = None if data.height_m is None else moved(data.height_m) + pose_m * rng.standard_normal(1)
     measured = as_measured(
         np.log(features[..., 0]), rng, pose_errors=one.pose_errors, protocol=model.protocol,
