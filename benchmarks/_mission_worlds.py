@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from visuohaptic.demo import Story, Visit, run_mission
-from visuohaptic.demo.judge import SURE, RunOutcome
+from visuohaptic.demo.judge import CONFIDENT_PROBABILITY, RunOutcome
 
 from ._forecasts import calibration_figure, expected_calibration_error
 from ._journal import Journal
@@ -70,7 +70,7 @@ def worlds(
         calibration_figure(forecasts).savefig(figure, dpi=120)
     ended = Counter(run["outcome"] for run in runs)
     why = Counter(run["summary"].split(":")[0] for run in runs if run["outcome"] == RunOutcome.HONEST_FAILURE)
-    sure = [claim for claim in claims if not claim[5] and claim[4] > SURE]
+    sure = [claim for claim in claims if not claim[5] and claim[4] > CONFIDENT_PROBABILITY]
     fills = [claim[2] - claim[3] for claim in claims if claim[0] == "fill"]
     lids = [claim[5] for claim in claims if claim[0] == "lid"]
     rows = [

@@ -74,7 +74,7 @@ def explore_object(
     """Touch until the classifier is sure: where it asks to, or in a given order."""
     readings: list[TouchReading] = []
     found = classifier.predict(readings, use_width=use_width)
-    while not (readings and found.sure) and len(readings) < MAX_TOUCHES:
+    while not (readings and found.confident) and len(readings) < MAX_TOUCHES:
         place = found.next_touch if order is None else order[len(readings)]
         if place is None:
             break

@@ -53,7 +53,7 @@ def mapping(name: str, seed: int = 0) -> dict[str, float]:
         seconds.append(time.process_time() - started)
     error = np.hypot(*(mapper.trajectory - truth)[:, :2].T)
     return {
-        "way_m": float(np.hypot(*np.diff(truth[:, :2], axis=0).T).sum()),
+        "path_length_m": float(np.hypot(*np.diff(truth[:, :2], axis=0).T).sum()),
         "median_m": float(np.median(error)),
         "worst_m": float(error.max()),
         "end_m": float(error[-1]),
@@ -70,7 +70,7 @@ def run() -> list[dict[str, Any]]:
     for name in LOOPS:
         found = [mapping(name, seed) for seed in (0, 1)]
         worst = {key: max(one[key] for one in found) for key in found[0]}
-        note = f"{found[0]['way_m']:.0f} m, two seeds, the worse; wheels alone end {worst['wheels_end_m']:.1f} m off"
+        note = f"{found[0]['path_length_m']:.0f} m, two seeds, the worse; wheels alone end {worst['wheels_end_m']:.1f} m off"
         for key, text in (
             ("median_m", "median error"),
             ("worst_m", "largest error"),

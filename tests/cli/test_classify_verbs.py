@@ -86,13 +86,13 @@ def test_touches_of_the_plan_identify_an_object_not_trained_with(
     for place in places:
         squeeze(place)
     while (found := _run(capsys, "run", tree, str(curves)))["next_touch"]:
-        assert not found["sure"]
+        assert not found["confident"]
         places.append(found["next_touch"]["touch"])
         squeeze(places[-1])
     assert found["touches"] == places
     assert len(set(places)) == len(places)
     assert found["answer"] == label
-    assert found["sure"]
+    assert found["confident"]
     assert found["probabilities"][label] >= 0.99  # the default of --confidence
     assert sum(found["probabilities"].values()) == pytest.approx(1)
     walked = tmp_path / "walk.json"

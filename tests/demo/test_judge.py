@@ -38,8 +38,8 @@ def test_a_run_is_complete_honest_or_wrong():
     assert RunOutcome.of([good], True) is RunOutcome.COMPLETE
     assert RunOutcome.of([good], False) is RunOutcome.HONEST_FAILURE
     assert RunOutcome.of([good, bad], False) is RunOutcome.WRONG
-    assert bad.wrong_and_sure
-    assert not Claim("lid", "bottle", "open", "closed", probability=0.9).wrong_and_sure
+    assert bad.confidently_wrong
+    assert not Claim("lid", "bottle", "open", "closed", probability=0.9).confidently_wrong
 
 
 def test_a_claim_that_is_not_sure_is_a_claim():

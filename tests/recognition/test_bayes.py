@@ -22,7 +22,7 @@ from visuohaptic.recognition.touch import (
     calibration_error,
     class_statistics,
     condition,
-    doubted,
+    contradicted_assumption,
     evidence,
     explore,
     fit_model,
@@ -164,7 +164,7 @@ def test_what_all_touches_share_is_no_evidence_against_a_class() -> None:
 def test_the_assumption_that_is_doubted_is_named(model: HapticModel) -> None:
     touch = touch_of(synthetic(1, seed=5, spread=1e-6), 1)
     exact = [touch(height, axis) for height in (4, 6, 8, 10, 12, 14) for axis in "xy"]
-    assert doubted(model, exact) == ""
+    assert contradicted_assumption(model, exact) == ""
     # All as stiff as it is one place, 1 cm, further up.
     moved = [
         TouchReading.of_stiffness(
@@ -172,9 +172,9 @@ def test_the_assumption_that_is_doubted_is_named(model: HapticModel) -> None:
         )
         for one in exact
     ]
-    assert "the readings fit rim pressed" in doubted(model, moved)
-    assert "higher" in doubted(model, moved)
-    assert doubted(model, []) == ""
+    assert "the readings fit rim pressed" in contradicted_assumption(model, moved)
+    assert "higher" in contradicted_assumption(model, moved)
+    assert contradicted_assumption(model, []) == ""
 
 
 def test_objects_outside_the_trained_ranges_are_known_and_others_are_not() -> None:

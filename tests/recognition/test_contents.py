@@ -13,10 +13,10 @@ import pytest
 
 from visuohaptic.core import InputError
 from visuohaptic.recognition.touch import (
-    DEEPEST_M,
     EMPTY,
     FALSE_ALARM,
     FORCES_N,
+    MAX_DEFORMATION_M,
     UNKNOWN,
     ContentsModel,
     SqueezeSamples,
@@ -29,7 +29,7 @@ OUTLINE_M = np.array([[RADIUS_M, 0.0], [RADIUS_M, HEIGHT_M]])
 VOLUME_M3 = math.pi * RADIUS_M**2 * HEIGHT_M
 WALL_KG = 1380.0 * WALL_M * 2.0 * math.pi * RADIUS_M * HEIGHT_M
 #: Depths of one side, fine enough to differentiate the volume.
-DEPTH_M = np.linspace(0.0, DEEPEST_M, 701)
+DEPTH_M = np.linspace(0.0, MAX_DEFORMATION_M, 701)
 #: Of a level's mean: load cell and camera of a finger, and what weighing half a second leaves.
 FORCE_N, SURFACE_M, MASS_KG = 0.025, 1.5e-5, 0.003
 

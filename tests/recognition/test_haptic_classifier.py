@@ -43,7 +43,7 @@ def test_objects_that_were_not_trained_are_classified(classifier: HapticClassifi
         assert found.answer == label
         # Three noisy touches of well separated profiles: far more probable than not.
         assert found.confidence > 0.9
-        assert found.sure == (found.confidence >= classifier.confidence)
+        assert found.confident == (found.confidence >= classifier.confidence)
         assert set(found.probabilities) == {*PROFILES, UNKNOWN}
         assert sum(found.probabilities.values()) == pytest.approx(1.0)
         assert found.confidence == found.probabilities[label]
@@ -61,7 +61,7 @@ def test_the_next_touch_tells_most_per_second(classifier: HapticClassifier) -> N
     gains = touch_gains(classifier.model(), ())
     best = max(gain / seconds for gain, seconds in gains.values())
     assert found.information_nat / found.seconds == pytest.approx(best)
-    assert not found.sure
+    assert not found.confident
     # The tree measures its scale first.
     assert found.tree_next_touch == (8, "x")
     assert found.tree_answer is None

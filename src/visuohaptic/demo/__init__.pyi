@@ -20,8 +20,8 @@ from .floor_chapters import map_the_way as map_the_way
 from .floor_chapters import world_map as world_map
 from .hand_chapters import grasp_the_bottle as grasp_the_bottle
 from .hand_chapters import recognise_the_bottle as recognise_the_bottle
+from .judge import CONFIDENT_PROBABILITY as CONFIDENT_PROBABILITY
 from .judge import RULES as RULES
-from .judge import SURE as SURE
 from .judge import Claim as Claim
 from .judge import RunOutcome as RunOutcome
 from .probe_chapters import complete_the_bottle as complete_the_bottle

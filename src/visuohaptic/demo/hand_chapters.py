@@ -161,12 +161,14 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     if contents.lid == UNKNOWN or contents.mass_kg is None:
         return failed(f"{called}, but its contents are not identified: {contents.why}", *parts)
     # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
-    known.closed = contents.sure and contents.lid == "closed"
+    known.closed = contents.confident and contents.lid == "closed"
     known.fill, known.mass_kg = contents.fill[0], contents.mass_kg[0]
     if mission.memory is not None:
-        _keep_the_bottle(mission, found.belief[found.best], wall, contents.lid if contents.sure else UNKNOWN)
+        _keep_the_bottle(
+            mission, found.belief[found.best], wall, contents.lid if contents.confident else UNKNOWN
+        )
     gentle = counted(len(known.curves), "gentle squeeze")
-    lid = "" if contents.sure else "whether it is closed stays undecided: "
+    lid = "" if contents.confident else "whether it is closed stays undecided: "
     why = f"{called} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
     return done(why, *_contents_claims(found, contents, bottle), *parts)
 
@@ -202,7 +204,7 @@ def _contents_claims(found: Classification, contents: ContentsFinding, bottle: T
     told = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     named = Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best])
     return [
-        *[told] * contents.sure,
+        *[told] * contents.confident,
         *[named] * found.ending.success,
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
         Claim("mass", "bottle", contents.mass_kg[0], bottle.container.mass_kg, sigma=contents.mass_kg[1]),

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-__all__ = ["RULES", "SURE", "Claim", "RunOutcome"]
+__all__ = ["CONFIDENT_PROBABILITY", "RULES", "Claim", "RunOutcome"]
 
 #: A wrong claim with a higher probability is a confident error.
-SURE = 0.98
+CONFIDENT_PROBABILITY = 0.98
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +103,9 @@ class Claim:
         return math.erf(ratio / math.sqrt(2.0))
 
     @property
-    def wrong_and_sure(self) -> bool:
-        """Wrong, and claimed with a probability above ``SURE``."""
-        return not self.right and self.forecast > SURE
+    def confidently_wrong(self) -> bool:
+        """Wrong, and claimed with a probability above ``CONFIDENT_PROBABILITY``."""
+        return not self.right and self.forecast > CONFIDENT_PROBABILITY
 
     def as_row(self) -> list[Any]:
         """Kind, object, value, truth, forecast and correctness, for JSON."""

@@ -2,7 +2,7 @@
 
 A kitchen is a name; entries about it have this name at the start of their id and in the context of their sighting.
 Current objects are recognised by shape and position: hypotheses are the known objects and "none of them", no
-object is in two positions, and a match is used if its probability is at least ``SURE``.
+object is in two positions, and a match is used if its probability is at least ``CONFIDENT_PROBABILITY``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from ..tasks.mobile.footprint_after_push import INNER
 __all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
 
 #: A stored object is used from this probability on.
-SURE = 0.9
+CONFIDENT_PROBABILITY = 0.9
 #: Prior of an object that was never observed here, among the same number of hypotheses.
 NEW = 0.2
 #: Standard deviation of laser points from their outline [m]: 9.3 +- 0.8 mm over twenty objects of random houses, for a laser
@@ -309,7 +309,7 @@ def recognise(
     Returns
     -------
     list
-        ``None`` if no known object has a probability of at least ``SURE``.
+        ``None`` if no known object has a probability of at least ``CONFIDENT_PROBABILITY``.
     """
     shapes = [one.geometry.footprint_m if one.geometry is not None else None for one in known]
     known = [one for one, shape in zip(known, shapes, strict=True) if shape is not None]
@@ -343,7 +343,11 @@ def recognise(
         # Several fixed legs are equivalent: they count as one.
         alike = [j for j, other in enumerate(known) if k >= 0 and (j == k or _alike(known[k].tag, other.tag))]
         probability = float(marginal[g, alike].sum())
-        found.append((known[k], probability, fits[g][k][1]) if k >= 0 and probability >= SURE else None)
+        found.append(
+            (known[k], probability, fits[g][k][1])
+            if k >= 0 and probability >= CONFIDENT_PROBABILITY
+            else None
+        )
     return found
 
 
@@ -380,4 +384,4 @@ def recognise_bottle(
     weights = np.exp(np.array(logs) - max(logs))
     weights /= weights.sum()
     k = int(np.argmax(weights))
-    return None if k == 0 or weights[k] < SURE else (known[k - 1], float(weights[k]))
+    return None if k == 0 or weights[k] < CONFIDENT_PROBABILITY else (known[k - 1], float(weights[k]))

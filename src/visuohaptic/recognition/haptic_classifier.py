@@ -26,7 +26,7 @@ from .data.data_set import FeatureSet, join_feature_sets, load_feature_set
 from .data.places import Touch
 from .data.readings import TouchReading, stiffness_grid
 from .touch.bayes import touch_gains
-from .touch.belief import doubted, update_belief
+from .touch.belief import contradicted_assumption, update_belief
 from .touch.calibration import calibrate
 from .touch.haptic_model import HapticModel, ModelSettings, fit_model
 from .trees.tree import train_tree
@@ -49,7 +49,7 @@ class TouchPrediction:
     answer: str  #: most probable class, or "unknown"
     confidence: float  #: probability of the answer
     probabilities: dict[str, float]  #: of every class and of "unknown"; they sum to 1
-    sure: bool  #: the confidence that is asked for is reached
+    confident: bool  #: the confidence that is asked for is reached
     next_touch: (
         Touch | None
     )  #: height 1 .. 16 and axis with most information per second; None where none is left
@@ -57,7 +57,7 @@ class TouchPrediction:
     seconds: float  #: duration of that touch with the way there
     tree_answer: str | None  #: of the classification tree; None where it is not at a leaf, or there is none
     tree_next_touch: Touch | None  #: that the tree asks for
-    doubt: str  #: what must be wrong for the readings to fit the most probable class; "" for nothing
+    contradiction: str  #: what must be wrong for the readings to fit the most probable class; "" for nothing
 
 
 @dataclass(slots=True)
@@ -243,7 +243,7 @@ class HapticClassifier:
             float(seconds),
             tree.classes[int(tree.answer[node])] if tree is not None and wanted is None else None,
             wanted,
-            doubted(model, touches),
+            contradicted_assumption(model, touches),
         )
 
     def save(self, path: Path | str) -> None:

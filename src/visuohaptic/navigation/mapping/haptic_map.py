@@ -227,22 +227,22 @@ class HapticMap:
         cells = np.where(inside[..., None], cells, 0)
         return np.where(inside, layer[cells[..., 1], cells[..., 0]], 0.0)
 
-    def occupancy(self, least: float = 0.05, *, movable: bool = True) -> OccupancyMap:
+    def occupancy(self, min_rate: float = 0.05, *, movable: bool = True) -> OccupancyMap:
         """Occupancy map of what is known with some confidence; a free front never hides an obstacle.
 
         Parameters
         ----------
-        least
+        min_rate
             Minimum magnitude of a value, 0 to 1.
         movable
             Whether the movable layer is included.
         """
         cells = np.full(self.static.shape, UNKNOWN, dtype=np.int8)
-        cells[self.static <= -least] = FREE
-        cells[self.static >= least] = OCCUPIED
+        cells[self.static <= -min_rate] = FREE
+        cells[self.static >= min_rate] = OCCUPIED
         if movable:
-            cells[(self.movable <= -least) & (cells == UNKNOWN)] = FREE
-            cells[self.movable >= least] = OCCUPIED
+            cells[(self.movable <= -min_rate) & (cells == UNKNOWN)] = FREE
+            cells[self.movable >= min_rate] = OCCUPIED
         return OccupancyMap(cells, self.resolution_m, (*self.origin_m, 0.0))
 
     def _window(

@@ -55,7 +55,7 @@ class TouchExploration:
     belief: Belief
     readings: tuple[TouchReading, ...]
     seconds: float  #: of robot time
-    sure: bool  #: the requested confidence was reached
+    confident: bool  #: the requested confidence was reached
 
 
 def touch_gains(

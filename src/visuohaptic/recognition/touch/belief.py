@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from ..data.places import HEIGHTS
 from ..data.readings import TouchReading
-from .haptic_model import NUISANCES, HapticModel
+from .haptic_model import NUISANCE_PARAMETERS, HapticModel
 from .unknown_class import FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = [
@@ -27,7 +27,7 @@ __all__ = [
     "belief_of",
     "by_answer",
     "condition",
-    "doubted",
+    "contradicted_assumption",
     "evidence",
     "log_likelihood",
     "sequential_likelihood",
@@ -39,8 +39,8 @@ __all__ = [
 WIDTH_VARIANCE = 0.0024**2
 #: Probability that readings of a known class are called unlike it, at each look: one in a hundred.
 FALSE_ALARM = 0.01
-#: A nuisance is doubted from this many of its standard deviations on: one exploration in 20 by chance, each.
-_DOUBTED = 2.0
+#: A nuisance is contradicted_assumption from this many of its standard deviations on: one exploration in 20 by chance, each.
+_CONTRADICTION_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,7 +273,7 @@ def by_answer(weight: Float[np.ndarray, "*s c"], model: HapticModel) -> Float[np
     return out
 
 
-def doubted(model: HapticModel, readings: Sequence[TouchReading]) -> str:
+def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]) -> str:
     """What must be wrong with the exploration or the object for the readings to fit the most probable class; "" for nothing.
 
     Parameters
@@ -290,11 +290,11 @@ def doubted(model: HapticModel, readings: Sequence[TouchReading]) -> str:
     effect = model.nuisance[best][:, place]
     # Posterior means of nuisances that are standard normal beforehand; of the height by the scale of a good pose.
     sigmas = effect @ np.linalg.solve(seen, value - model.mean[best, place])
-    sigmas *= np.where(np.array(NUISANCES) == "height", model.pose[best], 1.0)
+    sigmas *= np.where(np.array(NUISANCE_PARAMETERS) == "height", model.pose[best], 1.0)
     worst = int(np.argmax(np.abs(sigmas)))
     settings, much = model.settings, float(sigmas[worst])
     name = model.answers[model.answer_of[best]]
-    if abs(much) >= _DOUBTED:
+    if abs(much) >= _CONTRADICTION_SIGMAS:
         height = 1e3 * settings.pose_m * much
         said = (
             f"that is {100 * np.expm1(settings.gain * much):+.0f} % stiffer, or read so",

@@ -24,7 +24,7 @@ from ..data.data_set import FeatureSet
 from ..data.noise import as_measured
 from .bayes import TOUCHES
 from .belief import FALSE_ALARM, WIDTH_VARIANCE, sequential_likelihood
-from .haptic_model import CARELESS, OUTSIDE, HapticModel, fit_model
+from .haptic_model import UNCALIBRATED_POSE_RATIO, RANGE_WIDENING, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = ["calibrate", "calibration_error"]
@@ -33,7 +33,7 @@ __all__ = ["calibrate", "calibration_error"]
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
 #: Fraction of explorations that may be wrong at any confidence: without it a few such ones would determine the temperature.
-LAPSES = 0.02
+IGNORED_FRACTION = 0.02
 #: Relative standard error of the false-alarm rate by the number of simulated explorations: .0100 +- .0015. The log odds then
 #: vary by .2 to .3 between seeds, less than by the choice of 180 training objects (.3 to .6 by a bootstrap of the objects).
 RATE_ERROR = 0.15
@@ -52,14 +52,18 @@ class _Judged:
     limit: float  #: chi-square of the last touch that a Gaussian exceeds at the false-alarm rate
 
     def loss(self, temperature: float) -> float:
-        """Mean log loss among the known classes, of which :data:`LAPSES` may be wrong at any confidence."""
+        """Mean log loss among the known classes, of which :data:`IGNORED_FRACTION` may be wrong at any confidence."""
         used = self.likelihood[: TEMPERED // FOLDS, :, 0]
         score = self.model.log_prior + used / temperature
         known = np.where(self.model.answer_of < len(self.model.answers) - 1, score, -np.inf)
         right = self.model.answer_of == self.truth[: len(used), None, None]
         own = np.logaddexp.reduce(np.where(right, score, -np.inf), axis=2)
         probability = np.exp(own - np.logaddexp.reduce(known, axis=2))
-        return float(-np.log((1 - LAPSES) * probability + LAPSES / (len(self.model.answers) - 1)).mean())
+        return float(
+            -np.log(
+                (1 - IGNORED_FRACTION) * probability + IGNORED_FRACTION / (len(self.model.answers) - 1)
+            ).mean()
+        )
 
     def margin(self, temperature: float) -> Float[np.ndarray, "n"]:
         """Log odds of the most probable class against "unknown" at the end."""
@@ -190,8 +194,8 @@ def _features_as_touched(
     Half of the objects are outside the range of their class, half of the poses are inaccurate.
     """
     settings, count = model.settings, len(rows)
-    stretch = np.where(rng.random(count) < 0.5, OUTSIDE, 1.0)
-    pose_m = settings.pose_m * np.where(rng.random(count) < 0.5, CARELESS, 1.0)
+    stretch = np.where(rng.random(count) < 0.5, RANGE_WIDENING, 1.0)
+    pose_m = settings.pose_m * np.where(rng.random(count) < 0.5, UNCALIBRATED_POSE_RATIO, 1.0)
 
     def moved(values: np.ndarray) -> np.ndarray:
         logs = np.log(values)

@@ -43,13 +43,20 @@ from .haptic_model import UNKNOWN
 from .unknown_state import posterior_with_unknown
 
 __all__ = [
-    "DEEPEST_M", "EMPTY", "FILLINGS", "FORCES_N", "ContentsModel", "ContentsPosterior", "Filling",
-    "SqueezeSamples", "wall_from_stiffness",
+    "EMPTY",
+    "FILLINGS",
+    "FORCES_N",
+    "MAX_DEFORMATION_M",
+    "ContentsModel",
+    "ContentsPosterior",
+    "Filling",
+    "SqueezeSamples",
+    "wall_from_stiffness",
 ]  # fmt: skip
 
 #: Levels of a firm squeeze [N], and the deformation of one side at which it ends [m].
 FORCES_N = (1.0, 3.0, 6.0, 10.0, 15.0, 20.0, 26.0, 33.0, 40.0, 47.0, 54.0)
-DEEPEST_M = 0.007
+MAX_DEFORMATION_M = 0.007
 #: What is not known: of wall and modulus, logarithmic; of the wall's own bend at the deepest level; of what is
 #: enclosed; and where the deformation begins [m].
 SCALE, BEND, ENCLOSED, ZERO_M = 0.4, 0.01, 0.12, 1e-4
@@ -223,7 +230,7 @@ class ContentsModel:
 
     def _distance(self, height_m: float) -> float:
         """Squared Mahalanobis distance of the enclosed air from none, as deep as an open one allows."""
-        d = np.linspace(0.0, DEEPEST_M, 200)[1:]
+        d = np.linspace(0.0, MAX_DEFORMATION_M, 200)[1:]
         reached = d[self.force_N(height_m, d, closed=False, filling=EMPTY) <= FORCES_N[-1]]
         if len(reached) < 4:
             return 0.0

@@ -22,28 +22,35 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.protocol import TouchProtocol
 from .belief import evidence
-from .haptic_model import OUTSIDE, ClassStatistics, HapticModel, ModelSettings, assemble, pose_covariance
-from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, smooth_profile, unknown_kinds
+from .haptic_model import (
+    RANGE_WIDENING,
+    ClassStatistics,
+    HapticModel,
+    ModelSettings,
+    assemble,
+    pose_covariance,
+)
+from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, smooth_profile, unknown_kinds
 
 __all__ = ["learn_from_curves"]
 
-#: What containers differ by before any is touched, in grooves and shoulders, too; as :data:`.ANYTHING`, and the places over
+#: What containers differ by before any is touched, in grooves and shoulders, too; as :data:`.UNKNOWN_CLASS_SIGMAS`, and the places over
 #: which a profile is smooth. Root mean squares over classes of glass, tin and plastic, waists and bowls.
 POPULATION, SMOOTH = (1.5, 0.6, 0.3, 0.2, 0.4), 2.5
-#: What objects of a class differ by, as :data:`.ANYTHING`: root mean squares over the nine shipped classes.
-WITHIN = (0.34, 0.15, 0.045, 0.047, 0.1)
+#: What objects of a class differ by, as :data:`.UNKNOWN_CLASS_SIGMAS`: root mean squares over the nine shipped classes.
+WITHIN_CLASS_SIGMAS = (0.34, 0.15, 0.045, 0.047, 0.1)
 #: And each place by itself: walls are 1.5 % thicker or thinner.
-ROUGH = 0.03
+PLACE_SIGMA = 0.03
 #: Factors of it that are tried where several objects of a class were squeezed.
-FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+WITHIN_CLASS_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: l of the Gaussians of a class of several: one exploration in four is three times as far off as the others. By a single Gaussian
 #: three times as many published grasps are called unknown; if half were so far off, 97 % of readings would be in the 90 % band.
-TOUCHED = (1.0, 1.0, 1.0, 3.0)
+TOUCHED_FACTORS = (1.0, 1.0, 1.0, 3.0)
 #: What classes differ by at each place by itself, as is tried: nothing in stiffness and in width of containers, whose opposite
 #: sides are alike; much where the fingers of a hand read what they like.
 PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
 #: What a simulated class is wrong by: walls and moduli are known to 10 % (k goes with E t^2), lengths to 3 %.
-TRANSFER = (0.22, 0.1, 0.03, 0.02, 0.03)
+SIMULATION_SIGMAS = (0.22, 0.1, 0.03, 0.02, 0.03)
 #: Width of a container, where none was measured [m].
 _USUAL_WIDTH_m = 0.07
 
@@ -91,7 +98,7 @@ def learn_from_curves(
     usual = _usual_within(mean, between, [objects for objects in touched.values() if len(objects) > 1])
     for label, objects in touched.items():
         prior = learned.get(label)
-        spread = smooth_profile(*TRANSFER, reach=5.0) if prior else between
+        spread = smooth_profile(*SIMULATION_SIGMAS, reach=5.0) if prior else between
         single = prior is None and len(objects) == 1
         within = prior.within if prior else usual if single else _own_within(mean, between, usual, objects)
         middle, left = _posterior(
@@ -100,7 +107,7 @@ def learn_from_curves(
         # Objects that differ were touched by explorations that differ, too.
         several = prior is None and not single
         pose = prior.pose if prior else (not several) * _pose(middle, settings, protocol)
-        spreads = (0.0, 1.0) if single else TOUCHED if several else (1.0, OUTSIDE)
+        spreads = (0.0, 1.0) if single else TOUCHED_FACTORS if several else (1.0, RANGE_WIDENING)
         learned[label] = ClassStatistics(middle, left, within, pose, spreads, several)
     return assemble(learned, groups or {}, settings, protocol)
 
@@ -144,10 +151,10 @@ def _likelihood(
 
 
 def _container_within(stiff: float = 1.0, wide: float = 1.0) -> Float[np.ndarray, "p p"]:
-    """What objects of a class differ by, :data:`WITHIN` by two factors, in stiffness and in width."""
-    level, bend, *outline = WITHIN
+    """What objects of a class differ by, :data:`WITHIN_CLASS_SIGMAS` by two factors, in stiffness and in width."""
+    level, bend, *outline = WITHIN_CLASS_SIGMAS
     smooth = smooth_profile(stiff * level, stiff * bend, *(wide * part for part in outline), reach=SMOOTH)
-    return smooth + ROUGH**2 * np.eye(len(smooth))
+    return smooth + PLACE_SIGMA**2 * np.eye(len(smooth))
 
 
 def _by_place(
@@ -172,7 +179,7 @@ def _usual_within(
     """What objects of a class differ by: as makes the readings of classes with several most probable."""
     if not classes:
         return _container_within()
-    tried = [_container_within(*factors) for factors in product(FACTORS, FACTORS)]
+    tried = [_container_within(*factors) for factors in product(WITHIN_CLASS_FACTORS, WITHIN_CLASS_FACTORS)]
     best = max(tried, key=lambda within: _likelihood(mean, spread, within, classes))
     return _measured_within(best, classes)
 
@@ -184,7 +191,7 @@ def _own_within(
     objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> Float[np.ndarray, "p p"]:
     """What objects of one class differ by: as those of all do, by a factor that its own readings say (its posterior mean)."""
-    square = np.array(FACTORS) ** 2
+    square = np.array(WITHIN_CLASS_FACTORS) ** 2
     score = np.array([_likelihood(mean, spread, factor * usual, [objects]) for factor in square])
     weight = np.exp(score - score.max())
     return float(weight @ square / weight.sum()) * usual
@@ -240,5 +247,5 @@ def _pose(
 
 def _anything(settings: ModelSettings, protocol: TouchProtocol) -> ClassStatistics:
     mean = np.zeros(FEATURES)
-    wide = smooth_profile(*ANYTHING, reach=5.0)
+    wide = smooth_profile(*UNKNOWN_CLASS_SIGMAS, reach=5.0)
     return ClassStatistics(mean, 0 * wide, wide, 0 * wide)

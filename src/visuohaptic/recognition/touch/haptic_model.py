@@ -10,7 +10,7 @@ An exploration of an object of class k reads, at the places that are touched,
 w is the variation within the class, e the effect of a pose error of the gripper, J theta the effects of force gain, sensor
 zeros, Young's modulus and the closure of the mouth, and d the error of the simulation at each place. All but d are shared by
 the touches of one exploration. All are integrated out in closed form, since everything is Gaussian given l and s: l is 1 for
-an object inside the trained ranges and :data:`OUTSIDE` for one outside, s is 1 for an accurate pose and :data:`CARELESS` for
+an object inside the trained ranges and :data:`RANGE_WIDENING` for one outside, s is 1 for an accurate pose and :data:`UNCALIBRATED_POSE_RATIO` for
 an inaccurate one. Each combination is a Gaussian component with equal prior probability, so that residuals have the heavy
 tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated
 likelihood. The unknown class is an answer with components of its own (:mod:`.unknown_class`). Stiffness is read in series with the resolution c0 of a touch, k / (1 + c0 k): stiffness beyond the resolution saturates, and
@@ -31,10 +31,10 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.pose_error import POSE_m
 from ..data.protocol import TouchProtocol
-from .unknown_class import ANYTHING, FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m, unknown_kinds
+from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m, unknown_kinds
 
 __all__ = [
-    "NUISANCES",
+    "NUISANCE_PARAMETERS",
     "UNKNOWN",
     "ClassStatistics",
     "HapticModel",
@@ -53,13 +53,13 @@ _PLACE_m = 0.01  # between two of the 16 heights of most containers
 #: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
 #: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with it more unknown
 #: objects are accepted as known than known objects outside their ranges are gained.
-OUTSIDE = 1.43
+RANGE_WIDENING = 1.43
 #: Pose error of an uncalibrated gripper (5 mm) by that of a calibrated one (2 mm).
-CARELESS = 2.5
+UNCALIBRATED_POSE_RATIO = 2.5
 #: Candidate strengths of the shrinkage: number of objects that the average covariance of all classes counts for.
-STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+SHRINKAGE_STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
-NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
+NUISANCE_PARAMETERS = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
 #: Places over which the effect of the mouth's closure falls by e: fit to maps of bottles with free and with held mouths.
 MOUTH_REACH = 2.2
 
@@ -71,7 +71,10 @@ class ModelSettings:
     discrepancy: float = 0.04  #: relative error of simulated stiffness, independent by place
     end_discrepancy: float = 0.5  #: at the lowest and highest place, which depend on boundary conditions
     pose_m: float = POSE_m  #: error of the height, common to all touches
-    poses: tuple[float, ...] = (1.0, CARELESS)  #: factors of it with equal probability; 1 if it was measured
+    poses: tuple[float, ...] = (
+        1.0,
+        UNCALIBRATED_POSE_RATIO,
+    )  #: factors of it with equal probability; 1 if it was measured
     tilt_rad: float = 0.05  #: error of the gripper's tilt against the object, 3 degrees
     width_m: float = 0.0008  #: error of the width by pose and contact
     width_discrepancy: float = 0.005  #: relative
@@ -94,7 +97,9 @@ class HapticModel:
     mean: Float[np.ndarray, "c p"]
     covariance: Float[np.ndarray, "c p p"]
     log_prior: Float[np.ndarray, "c"]
-    nuisance: Float[np.ndarray, "c m p"]  #: effect of one standard deviation of each of :data:`NUISANCES`
+    nuisance: Float[
+        np.ndarray, "c m p"
+    ]  #: effect of one standard deviation of each of :data:`NUISANCE_PARAMETERS`
     spread: Float[np.ndarray, "c"]  #: l of each Gaussian
     pose: Float[np.ndarray, "c"]  #: s of each Gaussian
     groups: Mapping[str, Sequence[str]]  #: name -> trained classes that are answered by it
@@ -115,7 +120,7 @@ class ClassStatistics:
     mean_covariance: Float[np.ndarray, "p p"]  #: uncertainty of the mean
     within: Float[np.ndarray, "p p"]  #: variation within the class
     pose: Float[np.ndarray, "p p"]  #: effect of pose errors
-    spreads: tuple[float, ...] = (1.0, OUTSIDE)  #: l of its Gaussians
+    spreads: tuple[float, ...] = (1.0, RANGE_WIDENING)  #: l of its Gaussians
     touched: bool = False  #: learned from separate explorations: ``within`` includes the nuisances
 
 
@@ -167,7 +172,7 @@ def class_statistics(
         )
     within = _within(away, number, _discrepancy(settings))
     if data.height_m is None:
-        within[:, HEIGHT, HEIGHT] = ANYTHING[4] ** 2
+        within[:, HEIGHT, HEIGHT] = UNKNOWN_CLASS_SIGMAS[4] ** 2
     out = {}
     for k, name in enumerate(data.classes):
         rows = number == k
@@ -198,7 +203,7 @@ def assemble(
     fraction = _prior(answers, None, settings)
     own = np.diag(_discrepancy(settings))
     kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
-    apart = [k for k, name in enumerate(NUISANCES) if name != "height"]  # which is in the pose
+    apart = [k for k, name in enumerate(NUISANCE_PARAMETERS) if name != "height"]  # which is in the pose
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
@@ -208,7 +213,7 @@ def assemble(
         chance = fraction[name_of[part]] / alike / len(one.spreads) / len(settings.poses)
         for spread, pose in product(one.spreads, settings.poses):
             whole = shared + spread**2 * one.within + pose**2 * one.pose
-            scaled = effect * np.where(np.array(NUISANCES) == "height", pose, 1.0)[:, None]
+            scaled = effect * np.where(np.array(NUISANCE_PARAMETERS) == "height", pose, 1.0)[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
         for kind, part_of in zip(kinds, likely, strict=True):
             chance = fraction[UNKNOWN] / len(learned) * part_of
@@ -278,7 +283,7 @@ def nuisance_effects(
     settings, protocol
         Assumed standard deviations, and how the gripper touches.
     """
-    out = np.zeros((len(NUISANCES), FEATURES))
+    out = np.zeros((len(NUISANCE_PARAMETERS), FEATURES))
     stiffness = np.exp(mean[:FIRST_WIDTH])
     reach = np.minimum(protocol.max_deformation_m, protocol.max_force_N / stiffness)
     out[0, :FIRST_WIDTH] = settings.gain
@@ -343,19 +348,19 @@ def _within(
     Bayesian information criterion (Schwarz) accepts one more parameter.
     """
     turn = np.arange(len(number)) % 3
-    score = np.zeros((len(STRENGTHS), int(number.max()) + 1))
+    score = np.zeros((len(SHRINKAGE_STRENGTHS), int(number.max()) + 1))
     for fold in range(3):
         kept = [away[(turn != fold) & (number == k)] for k in range(score.shape[1])]
         middle = np.stack([rows.mean(axis=0) if len(rows) else np.zeros_like(own) for rows in kept])
         moved = away - middle[number]
-        for trial, strength in enumerate(STRENGTHS):
+        for trial, strength in enumerate(SHRINKAGE_STRENGTHS):
             for k, covariance in enumerate(_shrunk(moved[turn != fold], number[turn != fold], strength)):
                 # The uncertainty of the mean of n objects is that of one by n.
                 root = np.linalg.cholesky(covariance * (1 + 1 / max(len(kept[k]), 1)) + np.diag(own))
                 left = moved[(turn == fold) & (number == k)]
                 white = np.linalg.solve(root, left.T)
                 score[trial, k] -= 0.5 * (white**2).sum() + len(left) * np.log(np.diag(root)).sum()
-    each = np.stack([_shrunk(away, number, strength) for strength in STRENGTHS])
+    each = np.stack([_shrunk(away, number, strength) for strength in SHRINKAGE_STRENGTHS])
     score[score.sum(axis=1).argmax()] += 0.5 * np.log(away.size)
     return np.asarray(each[score.argmax(axis=0), np.arange(score.shape[1])])
 

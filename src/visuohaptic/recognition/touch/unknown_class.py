@@ -21,9 +21,9 @@ USUAL_HEIGHT_m = 0.12
 #: Standard deviations of the logarithm of what any container may be: stiffness in common and by place, width in common and
 #: by place, and height. Glass is 60 times as stiff as a thin cup, exp(2 * 2.05); a jar three times as wide as a tube, and a
 #: bottle five times as tall as a bowl.
-ANYTHING = (1.5, 0.25, 0.3, 0.2, 0.4)
+UNKNOWN_CLASS_SIGMAS = (1.5, 0.25, 0.3, 0.2, 0.4)
 #: Standard deviation of the logarithm of stiffness by grooves and shoulders, which run all around one height.
-GROOVES = 0.05
+GROOVE_SIGMA = 0.05
 
 
 def unknown_kinds(
@@ -32,7 +32,7 @@ def unknown_kinds(
     """Covariances by which an unknown object differs from a known class, and the probability of each.
 
     As classes differ, and as anything may; each for objects whose axes differ, and for round ones. The first is learned from
-    what the known classes differ by, as if :data:`ANYTHING` were one more class. An object is round or is not, once for all
+    what the known classes differ by, as if :data:`UNKNOWN_CLASS_SIGMAS` were one more class. An object is round or is not, once for all
     of its touches: were each height to differ around by chance, every second touch of a height would be evidence against an
     unknown object. How many are round is learned from the known classes, too (Laplace's rule of succession).
 
@@ -57,20 +57,23 @@ def unknown_kinds(
         )
     inner = means[:, 4 : FIRST_WIDTH - 4]  # what holds the ends says nothing of the wall
     learned = []
-    for part, generic in ((inner, ANYTHING[:2]), (means[:, FIRST_WIDTH:HEIGHT], ANYTHING[2:4])):
+    for part, generic in (
+        (inner, UNKNOWN_CLASS_SIGMAS[:2]),
+        (means[:, FIRST_WIDTH:HEIGHT], UNKNOWN_CLASS_SIGMAS[2:4]),
+    ):
         level = part.mean(axis=1, keepdims=True)
         shape = part - level - (part - level).mean(axis=0)
         for squares, usual in ((level - level.mean(), generic[0]), (shape, generic[1])):
             learned.append(np.sqrt(((squares**2).mean(axis=1).sum() + usual**2) / len(means)))
     tall = means[:, HEIGHT] - means[:, HEIGHT].mean()
-    learned.append(np.sqrt(((tall**2).sum() + ANYTHING[4] ** 2) / len(means)))
+    learned.append(np.sqrt(((tall**2).sum() + UNKNOWN_CLASS_SIGMAS[4] ** 2) / len(means)))
     out = [
         smooth_profile(*spread, reach=reach, even=even)
         for even in (False, True)
-        for spread, reach in ((learned, 4.0), (ANYTHING, 5.0))
+        for spread, reach in ((learned, 4.0), (UNKNOWN_CLASS_SIGMAS, 5.0))
     ]
     sides = inner.reshape(len(means), -1, 2, 2).mean(axis=3)
-    even = np.sqrt(((sides[..., 0] - sides[..., 1]) ** 2).mean(axis=1)) < GROOVES
+    even = np.sqrt(((sides[..., 0] - sides[..., 1]) ** 2).mean(axis=1)) < GROOVE_SIGMA
     fraction = (even.sum() + 1) / (len(means) + 2)
     return np.stack(out), 0.5 * np.array([1 - fraction, 1 - fraction, fraction, fraction])
 
@@ -97,7 +100,7 @@ def smooth_profile(
     height, axis = np.arange(FIRST_WIDTH) // 4, np.arange(FIRST_WIDTH) // 2 % 2
     near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)
     alike = np.where(even | (axis[:, None] == axis), 1.0, 0.7)
-    ring = GROOVES**2 * (height[:, None] == height)
+    ring = GROOVE_SIGMA**2 * (height[:, None] == height)
     out[:FIRST_WIDTH, :FIRST_WIDTH] = level**2 + (bend**2 * near + ring) * alike
     height, axis = np.arange(HEIGHTS * 2) // 2, np.arange(HEIGHTS * 2) % 2
     near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)

@@ -56,7 +56,7 @@ def best_splits(
 
 
 @kernel
-def parted(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndarray, np.ndarray]:
+def partition_order(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndarray, np.ndarray]:
     """The orders (p, k) of both children; ``left`` objects of the node are in the first."""
     features, count = order.shape
     first = np.empty((features, left), order.dtype)

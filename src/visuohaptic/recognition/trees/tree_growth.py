@@ -146,7 +146,7 @@ def grown(
     alpha
         Cost of a leaf, relative to the weight of all objects.
     """
-    from ._tree_kernels import best_splits, parted
+    from ._tree_kernels import best_splits, partition_order
 
     if not 0 <= reuse < 1:
         raise InputError("reuse", f"found {reuse}, expected 0 to less than 1")
@@ -173,7 +173,7 @@ def grown(
         # Of equal splits the widest gap: noise of a measurement passes it last.
         feature = int(np.argmax(np.where(decrease >= best - _MIN, gap, -1.0)))
         left = columns[feature] <= threshold[feature]
-        both = parted(order, left, int(np.count_nonzero(left[rows])))
+        both = partition_order(order, left, int(np.count_nonzero(left[rows])))
         below = touched | {touch[feature]}
         nodes[here] = [feature, threshold[feature], grow(both[0], below), grow(both[1], below)]
         return here

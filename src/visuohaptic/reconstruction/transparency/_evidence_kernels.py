@@ -16,14 +16,14 @@ NO_VOXEL, SOME_VOXELS, EACH_VOXEL = 0, 1, 2
 
 
 @kernel(parallel=True)
-def tile_bounds(limits, found, reaching, nearest, farthest, max_found, max_reaching):
+def tile_bounds(limits, on_ray, at_voxel, nearest, farthest, max_on_ray, max_at_voxel):
     """Bounds of every tile of pixels, from which :func:`sum_evidence` bounds the evidence of a block of voxels.
 
     Parameters
     ----------
-    limits, found, reaching
+    limits, on_ray, at_voxel
         As of :func:`sum_evidence`.
-    nearest, farthest, max_found, max_reaching
+    nearest, farthest, max_on_ray, max_at_voxel
         Smallest and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across),
         filled.
     """
@@ -33,19 +33,19 @@ def tile_bounds(limits, found, reaching, nearest, farthest, max_found, max_reach
         for a in range(down):
             for b in range(across):
                 least, most = np.float32(np.inf), np.float32(0)
-                top_found, top_reaching = np.float32(-np.inf), np.float32(-np.inf)
+                top_on_ray, top_at_voxel = np.float32(-np.inf), np.float32(-np.inf)
                 for i in range(a * EDGE, min((a + 1) * EDGE, rows)):
                     for j in range(b * EDGE, min((b + 1) * EDGE, columns)):
                         least, most = min(least, limits[n, i, j]), max(most, limits[n, i, j])
                         if limits[n, i, j] > np.float32(0):
-                            top_found = max(top_found, found[n, i, j])
-                            top_reaching = max(top_reaching, reaching[n, i, j])
+                            top_on_ray = max(top_on_ray, on_ray[n, i, j])
+                            top_at_voxel = max(top_at_voxel, at_voxel[n, i, j])
                 nearest[n, a, b], farthest[n, a, b] = least, most
-                max_found[n, a, b], max_reaching[n, a, b] = top_found, top_reaching
+                max_on_ray[n, a, b], max_at_voxel[n, a, b] = top_on_ray, top_at_voxel
 
 
 @kernel
-def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, max_found, max_reaching):
+def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, max_on_ray, max_at_voxel):
     """(Whether a view has evidence for no, some or all voxels of a block, upper bounds of both kinds of evidence)."""
     half = np.float32(0.5)
     low_z, high_z = np.float32(np.inf), np.float32(-np.inf)
@@ -60,9 +60,9 @@ def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthe
             u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * w + m[0, 3]) / z + cx + half
             v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * w + m[1, 3]) / z + cy + half
             low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
-    top_found, top_reaching = np.float32(-np.inf), np.float32(-np.inf)
+    top_on_ray, top_at_voxel = np.float32(-np.inf), np.float32(-np.inf)
     if high_z <= np.float32(0.05):
-        return NO_VOXEL, top_found, top_reaching
+        return NO_VOXEL, top_on_ray, top_at_voxel
     behind = low_z <= np.float32(0.051)
     # Margin for single precision: one pixel, and a tenth of a millimetre in depth.
     first_row = 0 if behind else int(min(max(low_v - 1, 0), rows)) // EDGE
@@ -74,19 +74,19 @@ def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthe
         for a in range(first_row, last_row // EDGE + 1):
             for b in range(first_column, last_column // EDGE + 1):
                 least, most = min(least, nearest[a, b]), max(most, farthest[a, b])
-                top_found = max(top_found, max_found[a, b])
-                top_reaching = max(top_reaching, max_reaching[a, b])
+                top_on_ray = max(top_on_ray, max_on_ray[a, b])
+                top_at_voxel = max(top_at_voxel, max_at_voxel[a, b])
     slack = np.float32(1e-4)
     if low_z - slack >= most:
-        return NO_VOXEL, top_found, top_reaching
+        return NO_VOXEL, top_on_ray, top_at_voxel
     inside = low_u >= 1 and low_v >= 1 and high_u < columns - 1 and high_v < rows - 1
     if inside and not behind and high_z + slack < least:
-        return EACH_VOXEL, top_found, top_reaching
-    return SOME_VOXELS, max(top_found, np.float32(0)), max(top_reaching, np.float32(0))
+        return EACH_VOXEL, top_on_ray, top_at_voxel
+    return SOME_VOXELS, max(top_on_ray, np.float32(0)), max(top_at_voxel, np.float32(0))
 
 
 @kernel
-def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, first, shape, evidence, extent):  # fmt: skip
+def _add_view(limit, on_ray, at_voxel, weight, m, fx, fy, cx, cy, low, voxel, first, shape, evidence, extent):  # fmt: skip
     """Add the evidence of one view to the voxels of a block."""
     rows, columns = limit.shape
     half = np.float32(0.5)
@@ -109,8 +109,8 @@ def _add_view(limit, found, reaching, weight, m, fx, fy, cx, cy, low, voxel, fir
                     continue
                 a, b = int(v), int(u)
                 if z < limit[a, b]:
-                    evidence[i, j, k] += weight * found[a, b]
-                    extent[i, j, k] += weight * reaching[a, b]
+                    evidence[i, j, k] += weight * on_ray[a, b]
+                    extent[i, j, k] += weight * at_voxel[a, b]
 
 
 @kernel
@@ -125,7 +125,7 @@ def _sees(limit, m, fx, fy, cx, cy, x, y, w):
 
 
 @kernel(parallel=True)
-def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, nearest, farthest, max_found, max_reaching, low, voxel, evidence, extent, seen):  # fmt: skip
+def sum_evidence(limits, on_ray, at_voxel, weights, motions, fx, fy, cx, cy, nearest, farthest, max_on_ray, max_at_voxel, low, voxel, evidence, extent, seen):  # fmt: skip
     """For every voxel, sum over the views the evidence of the ray through it that ends behind it.
 
     Blocks of voxels whose upper bound, from the tiles in which they are visible, is not positive are skipped.
@@ -134,7 +134,7 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
     ----------
     limits
         Depth up to which each ray is evidence (n, h, w) [m]; 0: no evidence.
-    found, reaching
+    on_ray, at_voxel
         Evidence of each ray for glass on the ray, and for glass at the voxel rather than beside it (n, h, w) [nat].
     weights
         Weight of each view (n).
@@ -142,7 +142,7 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
         ``T_camera_world`` (n, 3, 4).
     fx, fy, cx, cy
         Focal lengths and principal point [px].
-    nearest, farthest, max_found, max_reaching
+    nearest, farthest, max_on_ray, max_at_voxel
         Bounds from :func:`tile_bounds`.
     low, voxel
         Lowest corner (3) and edge of a voxel [m].
@@ -167,7 +167,7 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
         bound, reach, whole = np.float32(0), np.float32(0), np.float32(0)
         for n in range(views):
             sight[n], most, wide = _block_sight(
-                motions[n], fx, fy, cx, cy, rows, columns, corner, size, nearest[n], farthest[n], max_found[n], max_reaching[n]
+                motions[n], fx, fy, cx, cy, rows, columns, corner, size, nearest[n], farthest[n], max_on_ray[n], max_at_voxel[n]
             )  # fmt: skip
             if sight[n] != NO_VOXEL:
                 bound += weights[n] * most
@@ -184,6 +184,6 @@ def sum_evidence(limits, found, reaching, weights, motions, fx, fy, cx, cy, near
         for n in range(views):
             if summed and sight[n] != NO_VOXEL:
                 _add_view(
-                    limits[n], found[n], reaching[n], weights[n], motions[n], fx, fy, cx, cy, low, voxel, first, shape,
+                    limits[n], on_ray[n], at_voxel[n], weights[n], motions[n], fx, fy, cx, cy, low, voxel, first, shape,
                     evidence, extent
                 )  # fmt: skip

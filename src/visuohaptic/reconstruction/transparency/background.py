@@ -56,7 +56,7 @@ class LocalViews:
     jump_m: float = 0.15  #: a longer step is a tracking error [m]
     jump_rad: float = math.radians(20)  #: a larger rotation is a tracking error [rad]
     frames: list[DepthFrame] = field(default_factory=list)  #: kept views, oldest first
-    way_m: list[float] = field(default_factory=list)  #: path length at each of them [m]
+    path_length_m: list[float] = field(default_factory=list)  #: path length at each of them [m]
 
     def jumped(self, frame: DepthFrame) -> bool:
         """Whether the step from the last kept view is a tracking error.
@@ -86,23 +86,23 @@ class LocalViews:
             step = float(np.linalg.norm(frame.T_world_camera.translation_m - before))
             if step < self.min_step_m:
                 return False
-        self.way_m.append(self.way_m[-1] + step if self.frames else 0.0)
+        self.path_length_m.append(self.path_length_m[-1] + step if self.frames else 0.0)
         self.frames.append(frame)
-        oldest = self.way_m[-1] - self.gap_m - self.span_m - self.jump_m
-        while len(self.way_m) > 2 and self.way_m[1] < oldest:
-            del self.frames[0], self.way_m[0]
+        oldest = self.path_length_m[-1] - self.gap_m - self.span_m - self.jump_m
+        while len(self.path_length_m) > 2 and self.path_length_m[1] < oldest:
+            del self.frames[0], self.path_length_m[0]
         return True
 
     def clear(self) -> None:
         """Discard all views, after a tracking error."""
         self.frames.clear()
-        self.way_m.clear()
+        self.path_length_m.clear()
 
     def of_model(self) -> list[DepthFrame]:
         """Views for the model of the last added view: spread over the span, oldest first."""
-        if not self.way_m:
+        if not self.path_length_m:
             return []
-        behind = self.way_m[-1] - np.array(self.way_m)
+        behind = self.path_length_m[-1] - np.array(self.path_length_m)
         slack = 0.5 * self.span_m / max(self.count - 1, 1)
         usable = np.flatnonzero((behind >= self.gap_m - 1e-9) & (behind <= self.gap_m + self.span_m + slack))
         if len(usable) > self.count:

@@ -278,8 +278,8 @@ class RayEvidence:
     frames: Sequence[DepthFrame]  #: views of one camera
     weights: Float32[np.ndarray, "n"]  #: weight of each view, in independent views
     limit_m: Float32[np.ndarray, "n h w"]  #: depth up to which each ray is evidence; 0: no evidence [m]
-    found: Float32[np.ndarray, "n h w"]  #: evidence for glass on the ray [nat]
-    reaching: Float32[np.ndarray, "n h w"]  #: evidence for glass here rather than beside [nat]
+    on_ray: Float32[np.ndarray, "n h w"]  #: evidence for glass on the ray [nat]
+    at_voxel: Float32[np.ndarray, "n h w"]  #: evidence for glass here rather than beside [nat]
 
     @classmethod
     def of_ratios(
@@ -321,7 +321,7 @@ class RayEvidence:
         """
         from ._evidence_kernels import EDGE, sum_evidence, tile_bounds
 
-        rays = self.limit_m, self.found, self.reaching
+        rays = self.limit_m, self.on_ray, self.at_voxel
         n, h, w = self.limit_m.shape
         bounds = [np.empty((n, -(-h // EDGE), -(-w // EDGE)), np.float32) for _ in range(4)]
         tile_bounds(*rays, *bounds)

@@ -22,7 +22,7 @@ from ...io.ros import ros_messages as messages
 from ...recognition.classifier_file import load_classifier
 from ...recognition.data.curve_file import read_curves
 from ...recognition.data.readings import TouchNoise
-from ...recognition.touch.belief import doubted, update_belief
+from ...recognition.touch.belief import contradicted_assumption, update_belief
 from ..wire.graph import LATCHED
 from .component import Component, Status
 from .parameters import NodeParameters
@@ -67,7 +67,7 @@ class ClassifyNode(Component):
             "answer": belief.answer,
             "confidence": belief.confidence,
             "probabilities": belief.as_mapping(),
-            "doubt": doubted(model, readings),
+            "contradiction": contradicted_assumption(model, readings),
             "touches": len(readings),
         }
         self._belief.publish({"data": dumps(answer)})

@@ -153,9 +153,9 @@ class QuickWorld(CommandedBase):
                         found.append((o, cut))
         return found
 
-    def _move(self, name: str, way_m: Float[np.ndarray, "2"]) -> None:
+    def _move(self, name: str, step_m: Float[np.ndarray, "2"]) -> None:
         px, py = self.places[name]
-        self.places[name] = (px + float(way_m[0]), py + float(way_m[1]))
+        self.places[name] = (px + float(step_m[0]), py + float(step_m[1]))
 
     def _overlaps(self, o: SimulatedObstacle, pose: tuple[float, float, float]) -> bool:
         """Whether the hull, a rectangle, and an object overlap."""

@@ -257,7 +257,7 @@ class VirtualGripper(Closing, Gripper):
         self._position += move
         self._record(now.t_s + dt_s, self._squeeze(dt_s, move))
 
-    def _squeeze(self, dt_s: float, way_m: float) -> Float[np.ndarray, "objects"]:
+    def _squeeze(self, dt_s: float, travel_m: float) -> Float[np.ndarray, "objects"]:
         """Advance foam and springs by one step of the finger.
 
         The springs are moved before the foam is compressed, by the amount that its stiffness in the last step
@@ -269,7 +269,7 @@ class VirtualGripper(Closing, Gripper):
         soft, spring, foam = np.isfinite(self._springs), self._springs, self._stiffness
         rest = self._load[soft] - spring[soft] * self._shift[soft]
         touched = self._load[soft] > 0
-        give = np.where(touched, rest + foam[soft] * way_m, rest) / (spring[soft] + foam[soft])
+        give = np.where(touched, rest + foam[soft] * travel_m, rest) / (spring[soft] + foam[soft])
         self._shift[soft] += give
         state = self._strip.press(
             [
@@ -278,7 +278,7 @@ class VirtualGripper(Closing, Gripper):
             ],
             dt_s,
         )
-        pressed = np.full(len(self.objects), way_m)
+        pressed = np.full(len(self.objects), travel_m)
         pressed[soft] -= give
         change, self._load = state.body_force_N[:, 0] - self._load, state.body_force_N[:, 0]
         bound = state.stiffness_N_per_m

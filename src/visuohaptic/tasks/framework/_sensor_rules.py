@@ -14,7 +14,7 @@ from ...core.robots import DepthSource, FingerTouch, FrameSource, Localizer, Map
 
 __all__ = [
     "FRESH_s",
-    "Feeling",
+    "TouchReader",
     "camera_rules",
     "clock_rules",
     "depth_rules",
@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 #: Accepted ratio of measured to commanded motion: a ramp of a quarter of the time loses an eighth of the distance.
-LEAST, MOST = 0.5, 1.5
+MIN_RATIO, MAX_RATIO = 0.5, 1.5
 #: Maximum age of a measurement; motion is stopped after this time without a new one [s].
 FRESH_s = 0.2
 #: Plausible maxima, beyond which a value has another unit: depth in a room [m], force [N] and position [m] of an unloaded finger.
@@ -33,7 +33,7 @@ MAX_DEPTH_m, MAX_IDLE_N, MAX_SURFACE_m = 50.0, 2.0, 0.5
 IMAGES = 5
 
 
-class Feeling(Protocol):
+class TouchReader(Protocol):
     """Finger sensor: computes the touch from a frame."""
 
     def __call__(self, frame: Frame) -> FingerTouch:
@@ -99,7 +99,7 @@ def clock_rules(
     wait(waited_s)
     passed = time_s() - before
     found = f"{passed:.4g} s in its times while {waited_s:.4g} s passed"
-    yield rule("time advances, in seconds", LEAST * waited_s <= passed <= MOST * waited_s, found)
+    yield rule("time advances, in seconds", MIN_RATIO * waited_s <= passed <= MAX_RATIO * waited_s, found)
     yield fresh_rule(time_s, wait)
 
 
@@ -167,11 +167,11 @@ def localizer_rules(
     base.stop()
     wait(1.0)
     end, after = localizer.locate(), base.state()
-    way_m = math.hypot(end.x_m - start.x_m, end.y_m - start.y_m)
+    step_m = math.hypot(end.x_m - start.x_m, end.y_m - start.y_m)
     driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
     # 10 cm and half a radian reveal wrong units, axes or signs, despite differences between odometry and map.
-    found = f"{way_m:.4g} m, the base says {driven_m:.4g} m"
-    yield rule("it moves with the base, in metres", abs(way_m - driven_m) < 0.05, found)
+    found = f"{step_m:.4g} m, the base says {driven_m:.4g} m"
+    yield rule("it moves with the base, in metres", abs(step_m - driven_m) < 0.05, found)
     turns = [wrap_angle(b.heading_rad - a.heading_rad) for a, b in ((start, end), (before, after))]
     found = f"{turns[0]:.4g} rad, the base says {turns[1]:.4g} rad"
     yield rule("it turns with the base, in radians", abs(turns[0] - turns[1]) < 0.2, found)
@@ -209,7 +209,7 @@ def depth_rules(depth: DepthSource, wait: Callable[[float], None]) -> Iterator[t
     yield _ascending([image.t_s for image in images])
 
 
-def touch_rules(feel: Feeling, camera: FrameSource | None) -> Iterator[tuple[str, str]]:
+def touch_rules(feel: TouchReader, camera: FrameSource | None) -> Iterator[tuple[str, str]]:
     """Check the readings of an unloaded finger.
 
     Parameters

@@ -31,9 +31,9 @@ from ...core.robots import (
     require_members,
 )
 from ._sensor_rules import (
-    LEAST,
-    MOST,
-    Feeling,
+    MAX_RATIO,
+    MIN_RATIO,
+    TouchReader,
     camera_rules,
     clock_rules,
     depth_rules,
@@ -62,7 +62,7 @@ class RobotParts:
     camera: FrameSource | None = None
     localizer: Localizer | None = None
     depth: DepthSource | None = None
-    feel: Feeling | None = None  #: sensor of the finger that the camera looks at
+    feel: TouchReader | None = None  #: sensor of the finger that the camera looks at
     contract: str = ROBOT_CONTRACT  #: version of the protocols that the driver implements
     wait: Callable[[float], None] = time.sleep  #: waits for a duration [s]; a simulation steps here
 
@@ -121,7 +121,7 @@ def check_robot(
             lambda part, wait, motion: localizer_rules(part, parts.base, wait, motion),
         ),
         "depth": (DepthSource, lambda part, wait, _motion: depth_rules(part, wait)),
-        "feel": (Feeling, lambda part, _wait, _motion: touch_rules(part, parts.camera)),
+        "feel": (TouchReader, lambda part, _wait, _motion: touch_rules(part, parts.camera)),
     }
     found = []
     for name, (protocol, rules) in tried.items():
@@ -130,7 +130,7 @@ def check_robot(
             continue
         signature = f"it is a {protocol.__name__}"
         try:
-            members = ("__call__",) if protocol is Feeling else None
+            members = ("__call__",) if protocol is TouchReader else None
             require_members(part, protocol, where, role=name, members=members)
         except InputError as problem:
             found.append(ContractRule(name, signature, str(problem)))
@@ -196,7 +196,7 @@ def assert_robot(robot: RobotParts | Mapping[str, Any], *, motion: bool = True, 
 def _between(promise: str, found: float, commanded: float, unit: str) -> tuple[str, str]:
     """Rule that is kept if the measured motion is within the tolerance of ramps and delays."""
     both = f"{found:.4g} {unit} where {commanded:.4g} {unit} were commanded"
-    return rule(promise, LEAST <= found / commanded <= MOST, both)
+    return rule(promise, MIN_RATIO <= found / commanded <= MAX_RATIO, both)
 
 
 def _refuses(command: str, try_it: Callable[[], object]) -> tuple[str, str]:

@@ -15,7 +15,7 @@ __all__ = ["run_machine"]
 def run_machine(
     task: Machine[Any, ObservationT, CommandT],
     observations: Iterable[ObservationT],
-    carry_out: Callable[[CommandT], None],
+    execute: Callable[[CommandT], None],
     *stops: Callable[[], None],
     refused: str = "device_failed",
     after: Callable[[], None] | None = None,
@@ -28,7 +28,7 @@ def run_machine(
         Task to run; its ending is set.
     observations
         Iterable of observations, each made after the previous command was executed.
-    carry_out
+    execute
         Executes a command; called only if the command has changed.
     *stops
         Functions that stop a part of the robot each; always called at the end.
@@ -44,7 +44,7 @@ def run_machine(
             command = task.step(seen)
             if command != last and not task.ended:
                 outcome, last = refused, command
-                carry_out(command)
+                execute(command)
                 outcome = "device_failed"
             if after is not None:
                 after()

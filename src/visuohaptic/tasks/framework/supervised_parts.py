@@ -201,9 +201,9 @@ class _SupervisedBase(MobileBase):
         self._guard.odometry += not same
         jumped = ""
         if last is not None:
-            way_m = math.hypot(state.x_m - last.x_m, state.y_m - last.y_m)
+            step_m = math.hypot(state.x_m - last.x_m, state.y_m - last.y_m)
             jumped = _leap(
-                self.name, way_m, state.t_s - last.t_s, self._guard.limits.max_speed_m_s, self._guard
+                self.name, step_m, state.t_s - last.t_s, self._guard.limits.max_speed_m_s, self._guard
             )
         # A base that reports a velocity has a new pose each time; a base at rest reports zero velocity.
         rate = max(abs(state.speed_m_s), abs(state.turn_rate_rad_s))
@@ -211,7 +211,7 @@ class _SupervisedBase(MobileBase):
         self._guard.note(self.name, state.t_s, frozen=frozen, jumped=jumped)
         return state
 
-    def carry_out(self) -> None:
+    def execute(self) -> None:
         self._device.drive(*self._wanted)
 
     def halt(self) -> None:
@@ -236,13 +236,13 @@ def _apart_m(first: Pose, second: Pose) -> float:
     return float(np.linalg.norm(first.translation_m - second.translation_m))
 
 
-def _leap(name: str, way_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
+def _leap(name: str, step_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
     """Describe a change of state that no motion within the limits can make; empty if plausible."""
     limits = guard.limits
     # Jumps of the clock are reported separately.
-    if abs(passed_s) > limits.max_jump_s or way_m <= max_speed_m_s * max(passed_s, 0.0) + limits.max_leap_m:
+    if abs(passed_s) > limits.max_jump_s or step_m <= max_speed_m_s * max(passed_s, 0.0) + limits.max_leap_m:
         return ""
-    return f"{name} says that it has moved by {way_m:.2f} m in {passed_s:.2f} s"
+    return f"{name} says that it has moved by {step_m:.2f} m in {passed_s:.2f} s"
 
 
 class _SupervisedArm(ProbeArm):
@@ -300,10 +300,10 @@ class _SupervisedArm(ProbeArm):
             pose.translation_m,
             float(np.linalg.norm(self._target.translation_m - pose.translation_m)),
         )
-        to_move = self._guard.carries_out(self) and far_m > STANDING_M
+        to_move = self._guard.is_executing(self) and far_m > STANDING_M
         self._frozen = bool(np.array_equal(tip_m, self._tip_m)) and (self._frozen or to_move)
-        way_m, passed_s = float(np.linalg.norm(tip_m - self._tip_m)), t_s - self._t_s
-        jumped = _leap(self.name, way_m, passed_s, self._guard.limits.max_tip_speed_m_s, self._guard)
+        step_m, passed_s = float(np.linalg.norm(tip_m - self._tip_m)), t_s - self._t_s
+        jumped = _leap(self.name, step_m, passed_s, self._guard.limits.max_tip_speed_m_s, self._guard)
         self._tip_m, self._t_s = tip_m, t_s
         self._guard.note(
             self.name, t_s, frozen=self._frozen, jumped=jumped if math.isfinite(passed_s) else ""
@@ -314,7 +314,7 @@ class _SupervisedArm(ProbeArm):
         """Minimum and maximum distance of the tip from the base [m]."""
         return self._device.reach_m()
 
-    def carry_out(self) -> None:
+    def execute(self) -> None:
         self._device.move_linear(self._target, self._speed_m_s)
 
     def halt(self) -> None:
@@ -350,13 +350,13 @@ class _SupervisedGripper(Gripper):
     def state(self) -> GripperState:
         """Newest reading."""
         state = self._device.state()
-        to_move = self._guard.carries_out(self) and abs(self._target_m - state.opening_m) > STANDING_M
+        to_move = self._guard.is_executing(self) and abs(self._target_m - state.opening_m) > STANDING_M
         self._frozen = state.opening_m == self._opening_m and (self._frozen or to_move)
         self._opening_m = state.opening_m
         self._guard.note(self.name, state.t_s, frozen=self._frozen)
         return state
 
-    def carry_out(self) -> None:
+    def execute(self) -> None:
         self._device.move(self._target_m, self._speed_m_s)
 
     def halt(self) -> None:

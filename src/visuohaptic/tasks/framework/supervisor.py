@@ -79,7 +79,7 @@ class SupervisedPart(Protocol):
 
     name: str
 
-    def carry_out(self) -> None:
+    def execute(self) -> None:
         """Send the requested command to the device."""
 
     def halt(self) -> None:
@@ -204,7 +204,7 @@ class SupervisorCore(Closing):
                 if motion.moving:
                     self.release(motion.part)
 
-    def carries_out(self, part: SupervisedPart) -> bool:
+    def is_executing(self, part: SupervisedPart) -> bool:
         """Whether a requested motion of a part is being executed.
 
         Parameters
@@ -263,7 +263,7 @@ class SupervisorCore(Closing):
                 self._hold(motion, now_s, reason)
             else:
                 motion.held, motion.held_since_s = "", math.nan
-                part.carry_out()
+                part.execute()
 
     def note(self, name: str, t_s: float, *, frozen: bool = False, jumped: str = "") -> None:
         """Record a reading of a sensor or of the state of a part.
@@ -370,7 +370,7 @@ class SupervisorCore(Closing):
                 and not self._pressed(motion)
             ):
                 motion.held, motion.held_since_s = "", math.nan
-                motion.part.carry_out()
+                motion.part.execute()
 
     def _fail(self, reason: str) -> None:
         self.fault = self.fault or reason

@@ -76,7 +76,7 @@ class CompleteSettings:
     probe_m_s: float = 0.03
     sigma_m: float = 0.0005  #: standard deviation of a contact: arm, tip and sensor [m]
     compliance_m_per_N: float = 0.0  #: compliance of the tip [m/N]
-    blind_frames: int = 15
+    max_invalid_frames: int = 15
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -152,7 +152,7 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
     def decide(self, seen: ProbeObservation) -> ProbeCommand:
         """Command of the probe after one frame."""
         s = self.settings
-        if self.unread(seen.felt, CompleteOutcome.SENSOR_FAILED, s.blind_frames) or not seen.felt:
+        if self.unread(seen.felt, CompleteOutcome.SENSOR_FAILED, s.max_invalid_frames) or not seen.felt:
             return self.halt()
         work = {
             CompleteState.PLAN: self._plan, CompleteState.PROBE: self._probe, CompleteState.BACK: self._back,
@@ -324,7 +324,7 @@ def complete_by_touch(
                 len(probing.touches), probing.error_m, probing.done,
             )  # fmt: skip
 
-    def carry_out(command: ProbeCommand) -> None:
+    def execute(command: ProbeCommand) -> None:
         if command.report:
             probing.report(pose.translation_m, force_N, contact=command.contact)
         if command.move:
@@ -332,6 +332,6 @@ def complete_by_touch(
         else:
             arm.stop()
 
-    run_machine(task, observations(), carry_out, arm.stop, refused=CompleteOutcome.OUT_OF_REACH)
+    run_machine(task, observations(), execute, arm.stop, refused=CompleteOutcome.OUT_OF_REACH)
     assert task.ending is not None
     return CompletionByTouch(task.ending, tuple(probing.touches), probing.error_m, task.trace())

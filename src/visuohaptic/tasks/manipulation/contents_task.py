@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from ...core.errors import InputError
 from ...core.measurement import GRAVITY_M_S2
 from ...recognition.touch.contents import (
-    DEEPEST_M,
     FILLINGS,
     FORCES_N,
+    MAX_DEFORMATION_M,
     ContentsModel,
     ContentsPosterior,
     SqueezeSamples,
@@ -56,10 +56,10 @@ class ContentsFinding:
     @property
     def fill(self) -> tuple[float, float]:
         """Mean and standard deviation of the fill fraction, given the lid state if that is claimed."""
-        return self.posterior.fill_of(self.lid if self.sure else None)
+        return self.posterior.fill_of(self.lid if self.confident else None)
 
     @property
-    def sure(self) -> bool:
+    def confident(self) -> bool:
         """Whether a lid state is claimed: only after weighing, since an open container feels the same whatever it contains."""
         return self.lid != UNKNOWN and self.mass_kg is not None and self.belief[self.lid] >= CONFIDENCE
 
@@ -98,7 +98,11 @@ def identify_contents(
         No place yielded a large-deformation curve.
     """
     settings = SqueezeSettings(
-        object_m=object_m, forces_N=FORCES_N, deformation_m=DEEPEST_M, open_m=open_m, hold_frames=HOLD_FRAMES
+        object_m=object_m,
+        forces_N=FORCES_N,
+        deformation_m=MAX_DEFORMATION_M,
+        open_m=open_m,
+        hold_frames=HOLD_FRAMES,
     )
     # After all heights, repeat them from the side, where wall and noise differ.
     heights = model.heights_m()
@@ -115,7 +119,7 @@ def identify_contents(
             mass = found.mass_kg or weigh(hand, model, curves[-1], object_m, open_m)
             samples = [SqueezeSamples(c.place.height_m, c.deformation_m, c.force_N) for c in curves]
             found = ContentsFinding(model.posterior(samples, mass), curves, mass)
-            if found.sure or mass is None:
+            if found.confident or mass is None:
                 break
     if not curves:
         raise InputError("squeeze", f"{why}; no curve of large deformation")
@@ -152,7 +156,7 @@ def weigh(
     heaviest = max(mass + 3.0 * sigma for mass, sigma in (model.mass_kg(1.0, name) for name in FILLINGS))
     needed = WEIGH_MARGIN * heaviest * GRAVITY_M_S2 / (2.0 * FOAM_FRICTION)
     plan = LiftPlan(
-        curve.place, min(needed, float(curve.force_N[-1])), DEEPEST_M + 1e-3, object_m,
+        curve.place, min(needed, float(curve.force_N[-1])), MAX_DEFORMATION_M + 1e-3, object_m,
         lift_m=WEIGH_M, open_m=open_m, arm_m_s=LIFT_M_S, put_back=True,
     )  # fmt: skip
     mass = grasp_and_lift(hand, plan).mass_kg

@@ -103,7 +103,7 @@ class CapSettings:
     fast_m_s: float = 0.1
     slow_m_s: float = 0.01
     turn_m_s: float = 0.01  #: speed of the hook during rotation
-    blind_frames: int = 15  #: number of consecutive invalid wrenches that ends the task
+    max_invalid_frames: int = 15  #: number of consecutive invalid wrenches that ends the task
     state_timeout_s: float = 40.0
 
     def __post_init__(self) -> None:

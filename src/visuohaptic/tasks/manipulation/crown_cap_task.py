@@ -81,7 +81,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         """Command of the arm after one frame."""
         tip = np.array(seen.tip_m)
         looks = self.state in (CapState.FIND, CapState.TRACK)
-        if self.unread(seen.felt or looks, CapOutcome.SENSOR_FAILED, self.settings.blind_frames):
+        if self.unread(seen.felt or looks, CapOutcome.SENSOR_FAILED, self.settings.max_invalid_frames):
             return _STOP
         if not (seen.felt or looks):
             return _STOP

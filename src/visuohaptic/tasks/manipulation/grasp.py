@@ -53,7 +53,7 @@ class LiftPlan:
     arm_m_s: float = field(default=0.12, metadata=POSITIVE)
     hold_s: float = 0.5
     put_back: bool = False  #: whether to put it back, as after weighing
-    blind_frames: int = 15
+    max_invalid_frames: int = 15
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -113,7 +113,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
     def decide(self, seen: HandObservation) -> HandCommand:
         """Command of arm and gripper after one frame."""
         p = self.plan
-        if self.unread(seen.felt, GraspOutcome.SENSOR_FAILED, p.blind_frames):
+        if self.unread(seen.felt, GraspOutcome.SENSOR_FAILED, p.max_invalid_frames):
             return self.halt()
         x, y, z = p.object_m
         grasp = (x, y, z + p.place.height_m)

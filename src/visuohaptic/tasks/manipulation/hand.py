@@ -117,7 +117,7 @@ def run_hand(hand: Hand, task: HandTask[Any]) -> None:
     run_machine(
         task,
         (_observation(hand, frame, task.weighs(frame.t_s)) for frame in hand.source),
-        lambda command: _carry_out(hand, command),
+        lambda command: _execute(hand, command),
         hand.gripper.stop,
         hand.arm.stop,
     )
@@ -138,7 +138,7 @@ def _observation(hand: Hand, frame: Frame, weighs: bool) -> HandObservation:
     )
 
 
-def _carry_out(hand: Hand, command: HandCommand) -> None:
+def _execute(hand: Hand, command: HandCommand) -> None:
     if command.move:
         pose = Pose.from_rotation_vector([0.0, 0.0, command.angle_rad], np.array(command.tip_m))
         hand.arm.move_linear(pose, command.speed_m_s)

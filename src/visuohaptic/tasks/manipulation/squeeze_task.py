@@ -55,7 +55,7 @@ class SqueezeSettings:
     finger_m_s: float = field(default=0.012, metadata=POSITIVE)
     arm_m_s: float = field(default=0.15, metadata=POSITIVE)
     hold_frames: int = field(default=6, metadata=POSITIVE)
-    blind_frames: int = 15
+    max_invalid_frames: int = 15
 
     def __post_init__(self) -> None:
         if not self.forces_N or min(self.forces_N) <= 0 or list(self.forces_N) != sorted(self.forces_N):
@@ -138,7 +138,7 @@ class SqueezeTask(HandTask[SqueezeState]):
     def decide(self, seen: HandObservation) -> HandCommand:
         """Command of arm and gripper after one frame."""
         s = self.settings
-        if self.unread(seen.felt, SqueezeOutcome.SENSOR_FAILED, s.blind_frames):
+        if self.unread(seen.felt, SqueezeOutcome.SENSOR_FAILED, s.max_invalid_frames):
             return self.halt()
         if self.state is SqueezeState.OPEN:
             if seen.opening_m >= s.open_m - 1e-3:

@@ -44,7 +44,7 @@ class PushRecording:
         self.states.append(state)
         self.angles_rad.append(angle_rad)
 
-    def stood(self, profile: ForceProfile, state: BaseState) -> None:
+    def add_standstill(self, profile: ForceProfile, state: BaseState) -> None:
         """Record a frame of the halt; frames during which the platform still moves are ignored.
 
         Parameters

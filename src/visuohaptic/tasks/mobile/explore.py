@@ -148,7 +148,7 @@ def explore_obstacle(
     def after() -> None:
         step = senses.newest
         if step.phase == ExploreState.HALT and not task.ended:
-            senses.recording.stood(step.profile, step.state)
+            senses.recording.add_standstill(step.profile, step.state)
         if on_step is not None:
             on_step(replace(step, phase=task.state.value))
 

@@ -71,7 +71,7 @@ class ExploreSettings:
     strain_fraction: float = 0.9  #: fraction of the densification strain at which to stop
     halt_s: float = 0.7  #: duration of the halt, in which shape and deceleration are measured
     back_off_m: float = 0.05
-    blind_frames: int = 15  #: number of consecutive frames without a valid contour that ends the push
+    max_invalid_frames: int = 15  #: number of consecutive frames without a valid contour that ends the push
     timeout_s: float = 60.0
 
     def __post_init__(self) -> None:

@@ -58,7 +58,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         self.touched = False
         # The foam is compliant: a single reading at the limit is reliable.
         self._guard = ForceGuard(
-            self.settings.max_force_N, median_of=1, max_unread=self.settings.blind_frames
+            self.settings.max_force_N, median_of=1, max_unread=self.settings.max_invalid_frames
         )
         self._first: ExploreObservation | None = None
         self._contact = False  #: whether the previous frame showed a contact
@@ -89,7 +89,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             self.end(False, ExploreOutcome.TIMED_OUT, f"after {passed_s:.1f} s")
         elif allowed is GuardState.UNREAD and pressing:
             # Densified foam may remain unreadable: the retreat does not need a reading.
-            why = f"{self.settings.blind_frames} frames in a row cannot be trusted"
+            why = f"{self.settings.max_invalid_frames} frames in a row cannot be trusted"
             self.end(False, ExploreOutcome.SENSOR_FAILED, why)
         elif allowed is GuardState.TOO_HEAVY:
             self.touched = True

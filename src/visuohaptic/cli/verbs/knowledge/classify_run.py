@@ -85,15 +85,15 @@ def run(args: Any) -> dict[str, Any]:
             write_text(args.steps, json.dumps(walked, indent=1) + "\n")
         if args.view:
             args.report(f"{result['answer']}: {result['confidence']:.3f}")
-        if result["doubt"]:
-            args.report(result["doubt"])
+        if result["contradiction"]:
+            args.report(result["contradiction"])
     return result
 
 
 def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
     from ....recognition.data.readings import stiffness_grid
     from ....recognition.touch.bayes import touch_gains
-    from ....recognition.touch.belief import doubted, update_belief
+    from ....recognition.touch.belief import contradicted_assumption, update_belief
     from ....recognition.trees.tree_nodes import next_touch
 
     belief = update_belief(model, readings)
@@ -105,9 +105,9 @@ def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
     result: dict[str, Any] = {
         "answer": belief.answer,
         "confidence": belief.confidence,
-        "sure": sure,
+        "confident": sure,
         "probabilities": belief.as_mapping(),
-        "doubt": doubted(model, readings),
+        "contradiction": contradicted_assumption(model, readings),
         "touches": [f"{reading.axis}{reading.height}" for reading in readings],
         "next_touch": None
         if best is None or sure

@@ -71,7 +71,7 @@ def run(args: Namespace) -> dict[str, Any]:
                 "origin": list(grid.origin),
                 "scans": len(mapper.matches),
                 "refused": sum(not match.valid for match in mapper.matches),
-                "way_m": float(np.hypot(*np.diff(mapper.trajectory[:, :2], axis=0).T).sum()),
+                "path_length_m": float(np.hypot(*np.diff(mapper.trajectory[:, :2], axis=0).T).sum()),
                 "inliers_median": float(np.median([match.inliers for match in mapper.matches])),
                 "end_pose": list(mapper.pose),
             }

@@ -17,13 +17,13 @@ from ._odometry_scale import OdometryScale
 from ._straight_walls import correct_by_walls
 from .map_records import MapSettings
 
-__all__ = ["Placing", "aside_rad", "contact_of", "face_rad"]
+__all__ = ["ContactPlacement", "aside_rad", "contact_of", "face_rad"]
 
 #: An object that stopped the foam and has moved less than this is fixed [m].
 HELD_M = 0.005
 
 
-class Placing:
+class ContactPlacement:
     """Positions of all contacts, from the present estimates of walls and odometry scale.
 
     Parameters

@@ -21,7 +21,7 @@ from ...framework.trace import Ending, Trace
 from ..explore import ObstacleExploration, explore_obstacle
 from ..explore_records import ExploreOutcome, ExploreSettings
 from ..force_guard import FoamLimit, ForceGuard, GuardState
-from ._map_contacts import Placing, aside_rad, contact_of, face_rad
+from ._map_contacts import ContactPlacement, aside_rad, contact_of, face_rad
 from .map_records import MapCommand, MapObservation, MapOutcome, MapSettings, MapState
 
 if TYPE_CHECKING:
@@ -254,7 +254,7 @@ class _Contacts:
         on_contact: Callable[[HapticContact, HapticMap], None] | None,
     ) -> None:
         self._settings, self._map, self._on_contact = settings, haptic_map, on_contact
-        self._placing = Placing(settings, haptic_map, start)
+        self._placing = ContactPlacement(settings, haptic_map, start)
         self.contacts: list[HapticContact] = []
         self.explorations: list[ObstacleExploration] = []
 
@@ -326,7 +326,7 @@ def map_by_touch(
     require_members(source, FrameSource, "map_by_touch", "frame source", members=("__iter__",))
     settings, explore = settings or MapSettings(), explore or _exploration()
     full_m = explore.max_deflection_m(sensor.setup.material)
-    guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.blind_frames)
+    guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.max_invalid_frames)
     task = TouchMapTask(settings)
     found = _Contacts(settings, haptic_map, base.state(), on_contact)
     command, limit = _STOP, FoamLimit(explore, full_m)
@@ -348,7 +348,7 @@ def map_by_touch(
                 task.interrupt(MapOutcome.SENSOR_FAILED, "the force is not read")
                 return
             if pressing:
-                carry_out(command)  # slower as the foam fills
+                execute(command)  # slower as the foam fills
             touched, overload = bool(profile.contacts), allowed is GuardState.TOO_HEAVY
             seen = replace(_observation(frame.t_s, state), touched=touched, overload=overload)
             yield seen
@@ -360,13 +360,13 @@ def map_by_touch(
                     return
                 yield found.add(exploration, base.state(), once_more=task.once_more)
 
-    def carry_out(wanted: MapCommand) -> None:
+    def execute(wanted: MapCommand) -> None:
         nonlocal command
         command = wanted
         moving = wanted.speed_m_s or wanted.turn_rate_rad_s
         base.drive(*limit.limited(wanted.speed_m_s, wanted.turn_rate_rad_s)) if moving else base.stop()
 
-    run_machine(task, observations(), carry_out, base.stop)
+    run_machine(task, observations(), execute, base.stop)
     assert task.ending is not None
     found.redraw()
     return TouchMapping(

@@ -113,7 +113,7 @@ def travel(
             yield _observation(base, senses, passages, periods, command)
             wait(PERIOD_S)
 
-    def carry_out(wanted: TravelCommand) -> None:
+    def execute(wanted: TravelCommand) -> None:
         nonlocal command, waited_for
         command = wanted
         if passages is not None and command.passage not in ("", waited_for):
@@ -124,7 +124,7 @@ def travel(
         else:
             base.stop()
 
-    run_machine(task, observations(), carry_out, base.stop)
+    run_machine(task, observations(), execute, base.stop)
     assert task.ending is not None
     return Travel(
         TravelOutcome(task.ending.outcome),
