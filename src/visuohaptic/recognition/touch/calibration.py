@@ -24,7 +24,7 @@ from ..data.data_set import FeatureSet
 from ..data.noise import as_measured
 from .bayes import TOUCHES
 from .belief import FALSE_ALARM, WIDTH_VARIANCE, sequential_likelihood
-from .haptic_model import UNCALIBRATED_POSE_RATIO, RANGE_WIDENING, HapticModel, fit_model
+from .haptic_model import RANGE_WIDENING, UNCALIBRATED_POSE_RATIO, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = ["calibrate", "calibration_error"]
