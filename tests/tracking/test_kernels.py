@@ -29,12 +29,40 @@ def test_chain_is_the_global_minimum(lines, positions, bent):
         angle = bent * rng.standard_normal(lines)
         direction = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         index = np.zeros(lines, np.int64)
-        energy = _kernels.chain_minimum(cost, first, 1.5, direction, 0.05, index)
+        energy = _kernels.chain_minimum(cost, first, 1.5, direction, 0.05, 0, index)
         every = itertools.product(range(positions), repeat=lines)
         best = min(chain_energy(cost, first, 1.5, direction, 0.05, list(i)) for i in every)
         # float32 sums of a few terms of size ten
         assert energy == pytest.approx(best, abs=3e-5)
         assert chain_energy(cost, first, 1.5, direction, 0.05, index) == pytest.approx(best, abs=3e-5)
+
+
+@pytest.mark.parametrize("free", [1, 2])
+def test_chain_without_its_ends_is_the_minimum_over_all_shorter_chains(free):
+    rng = np.random.default_rng(free)
+    lines, positions = 6, 3
+    direction = np.tile([0.0, 1.0], (lines, 1))
+    for _ in range(10):
+        cost = rng.uniform(-1, 1, (lines, positions)).astype(np.float32)
+        first, index = rng.uniform(-5, 5, lines), np.zeros(lines, np.int64)
+        energy = _kernels.chain_minimum(cost, first, 1.5, direction, 0.05, free, index)
+        best = np.inf
+        for low, high in itertools.product(range(free + 1), range(lines - free, lines + 1)):
+            part = slice(low, high)
+            for every in itertools.product(range(positions), repeat=high - low):
+                best = min(
+                    best, chain_energy(cost[part], first[part], 1.5, direction[part], 0.05, list(every))
+                )
+        assert energy == pytest.approx(best, abs=3e-5)
+
+
+def test_chain_continues_the_line_of_the_others_where_an_end_is_missing():
+    cost = np.full((8, 40), 0.5, np.float32)
+    cost[np.arange(1, 8), 10 + 2 * np.arange(1, 8)] = -1.0
+    cost[0, 30] = -0.2  # another edge, far from the line of the others
+    index = np.zeros(8, np.int64)
+    _kernels.chain_minimum(cost, np.zeros(8), 1.0, np.tile([0.0, 1.0], (8, 1)), 0.01, 1, index)
+    np.testing.assert_array_equal(index, 10 + 2 * np.arange(8))
 
 
 def test_chain_recovers_a_smooth_curve_among_many_positions():
@@ -43,7 +71,7 @@ def test_chain_recovers_a_smooth_curve_among_many_positions():
     cost = rng.uniform(-0.3, 0.0, (40, 61)).astype(np.float32)
     cost[np.arange(40), truth] -= 0.7
     index = np.zeros(40, np.int64)
-    _kernels.chain_minimum(cost, np.zeros(40), 1.0, np.tile([0.0, 1.0], (40, 1)), 0.01, index)
+    _kernels.chain_minimum(cost, np.zeros(40), 1.0, np.tile([0.0, 1.0], (40, 1)), 0.01, 0, index)
     np.testing.assert_array_equal(index, truth)
 
 

@@ -100,12 +100,13 @@ def edge_strength(grey, origin, direction, first, count, polarity, strength):
 
 
 @kernel(fastmath=True, nogil=True)
-def chain_minimum(cost, first, step, direction, weight, index):
+def chain_minimum(cost, first, step, direction, weight, free, index):
     """Exact minimum of sum cost[k, j_k] + weight |u_{k-1} - 2 u_k + u_{k+1}|^2.
 
     ``u_k = (first[k] + step j_k) direction[k]``. The state is the pair of neighbouring
     positions. For given u_k and u_{k+1}, the smoothness is a single square in t_{k-1} plus a
     constant, so that the innermost loop is one multiply-add and one minimum per state.
+    Up to ``free`` points at either end may be missing: they cost nothing and continue the line of the others.
     Writes the minimiser to ``index``; returns the minimum.
 
     Parameters
@@ -118,6 +119,8 @@ def chain_minimum(cost, first, step, direction, weight, index):
         Unit directions of the lines, (K, 2).
     weight
         Weight of the squared second differences.
+    free
+        Largest number of missing points at either end; two points at least remain.
     index
         Filled with the minimiser, (K,).
     """
@@ -171,14 +174,24 @@ def chain_minimum(cost, first, step, direction, weight, index):
             for c in range(n):
                 rest = rbb * tb * tb + rcc * ahead[c] * ahead[c] + rbc * tb * ahead[c]
                 best[k, c, b] = low[c] + (w * rest + cost[k, c])
+        if k <= free + 1:
+            for c in range(n):
+                for b in range(n):
+                    best[k, c, b] = min(best[k, c, b], cost[k - 1, b] + cost[k, c])
     energy = np.float32(3e38)
-    for c in range(n):
-        for b in range(n):
-            if best[lines - 1, c, b] < energy:
-                energy = best[lines - 1, c, b]
-                index[lines - 1] = c
-                index[lines - 2] = b
-    for k in range(lines - 1, 1, -1):
+    begin, end = 0, lines - 1
+    for k in range(max(lines - 1 - free, 1), lines):
+        for c in range(n):
+            for b in range(n):
+                if best[k, c, b] < energy:
+                    energy = best[k, c, b]
+                    end = k
+                    index[k] = c
+                    index[k - 1] = b
+    for k in range(end, 1, -1):
+        if k <= free + 1 and best[k, index[k], index[k - 1]] >= cost[k - 1, index[k - 1]] + cost[k, index[k]]:
+            begin = k - 1
+            break
         tb = first[k - 1] + step * index[k - 1]
         tc = first[k] + step * index[k]
         d01 = direction[k - 2, 0] * direction[k - 1, 0] + direction[k - 2, 1] * direction[k - 1, 1]
@@ -191,6 +204,12 @@ def chain_minimum(cost, first, step, direction, weight, index):
             if value < lowest:
                 lowest = value
                 index[k - 2] = a
+    for k in range(begin - 1, -1, -1):
+        ahead_px = 2.0 * (first[k + 1] + step * index[k + 1]) - first[k + 2] - step * index[k + 2]
+        index[k] = min(max(int(round((ahead_px - first[k]) / step)), 0), n - 1)
+    for k in range(end + 1, lines):
+        ahead_px = 2.0 * (first[k - 1] + step * index[k - 1]) - first[k - 2] - step * index[k - 2]
+        index[k] = min(max(int(round((ahead_px - first[k]) / step)), 0), n - 1)
     return np.float64(energy)
 
 
@@ -248,7 +267,7 @@ def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w
 @kernel(fastmath=True, nogil=True)
 def search(
     grey, origin, direction, start, stop, first, n, stride, polarity,
-    cap, jump_scale, floor, w_edge, w_jump, weight, refinements,
+    cap, jump_scale, floor, w_edge, w_jump, weight, free, refinements,
 ):  # fmt: skip
     """Global optimum over the search positions ``first[k] + stride j``, j < n.
 
@@ -273,6 +292,8 @@ def search(
         Contrast of a full edge [grey levels].
     w_edge, w_jump, weight
         Weights of edge, jump and smoothness.
+    free
+        Largest number of missing points at either end.
     refinements
         How many times the limit is set to the mean over the solution.
     """
@@ -300,7 +321,7 @@ def search(
             strength, first, start, stop, stride, np.float32(cap), np.float32(scale), np.float32(floor),
             np.float32(w_edge), np.float32(w_jump), cost,
         )  # fmt: skip
-        energy = chain_minimum(cost, first, float(stride), direction, weight, index)
+        energy = chain_minimum(cost, first, float(stride), direction, weight, free, index)
         total = 0.0
         for k in range(lines):
             middle = index[k] * stride

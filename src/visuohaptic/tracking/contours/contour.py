@@ -149,6 +149,7 @@ class ContourTracker:
         lines: ConstraintLines,
         *,
         predicted_px: Float[np.ndarray, "k"] | None = None,
+        free_ends: int = 0,
     ) -> Contour:
         """Find the contour in one frame.
 
@@ -160,6 +161,8 @@ class ContourTracker:
             One line per point; the number of points may change only after ``reset``.
         predicted_px
             Expected positions; by default, those of the previous frame.
+        free_ends
+            Largest number of points at either end that the contour may not reach.
 
         Raises
         ------
@@ -183,11 +186,11 @@ class ContourTracker:
                 remedy="call reset() first",
             )
         due = guess is None or self._age >= self.settings.full_search_every
-        contour = self._attempt(grey, lines, None if due else guess)
+        contour = self._attempt(grey, lines, None if due else guess, free_ends)
         # Some points have no edge: the contour, or its occluder, may have left the search window.
         if not due and contour.valid.mean() < _FEW_VALID:
             due = True
-            contour = self._attempt(grey, lines, None)
+            contour = self._attempt(grey, lines, None, free_ends)
         self._age = 0 if due else self._age + 1
         return contour
 
@@ -196,10 +199,11 @@ class ContourTracker:
         grey: UInt8[np.ndarray, "rows columns"],
         lines: ConstraintLines,
         guess: Float[np.ndarray, "k"] | None,
+        free_ends: int,
     ) -> Contour:
         """Search around ``guess`` (or the whole range), fit, classify; update the state."""
         noise = self.settings.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
-        found, strength, energy = self._found(grey, lines, guess, noise)
+        found, strength, energy = self._found(grey, lines, guess, noise, free_ends)
         state, noise_var = self._fitted(grey, lines, found)
         contour = self._classified(lines, state, found, noise_var, energy=energy, searched_all=guess is None)
         self._noise_var = noise_var
@@ -216,6 +220,7 @@ class ContourTracker:
         lines: ConstraintLines,
         guess: Float[np.ndarray, "k"] | None,
         noise: float,
+        free_ends: int,
     ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], float]:
         """Positions with minimum energy, Eq. (3.6), moved to the edge; their edge strength and the energy."""
         chosen = self.settings
@@ -234,7 +239,7 @@ class ContourTracker:
             found, strength, energy, cap = search(
                 grey, lines.origin_px, lines.direction_px, start, stop, first, positions, stride,
                 chosen.polarity, cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
-                chosen.weight_smooth / lines.spacing_px**2, turns,
+                chosen.weight_smooth / lines.spacing_px**2, free_ends, turns,
             )  # fmt: skip
         start_on_edge(
             grey, lines.origin_px, lines.direction_px, found, strength, start, stop, chosen.polarity,

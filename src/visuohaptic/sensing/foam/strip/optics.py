@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,10 @@ _POLARITY = {"brighter": 1, "darker": -1, "either": 0}
 _SEARCH_FROM = 0.12
 #: ... to this fraction of it (foam never gets thicker than at rest, but the model may be off).
 _SEARCH_TO = 1.12
+
+#: The front corner of a free end moves inwards by up to this fraction of the width beside a plate, so that the last lines
+#: meet the end face, which runs along them (0.18 at a depth of 0.45 of the width, a plate 3 to 12 mm from the end).
+_RECEDES = 0.18
 
 #: Motion of the base shows a change of distance no better than with a lever of this length.
 _SHORTEST_LEVER_PX = 30.0
@@ -112,6 +117,7 @@ class StripOptics:
         self.stripe = stripe
         #: Distance from the back to the tracked edge at rest: the front, or the inner edge of a stripe.
         self.rest_width_m = geometry.width_m - (stripe.width_m if stripe is not None else 0.0)
+        self._free_ends = math.ceil(_RECEDES * geometry.width_m / float(geometry.cell_m[0]))
         self._front_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.foam_is]))
         self._reference_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.base_is]))
         self.forget_motion()
@@ -238,7 +244,8 @@ class StripOptics:
             base_px, self._direction_px, _SEARCH_FROM * length, _SEARCH_TO * length, self._half_width_px
         )
         if self.stripe is None:
-            front = self._front_tracker.track(grey, lines)
+            # Without a zero reference the strip is at rest, and its ends are in place.
+            front = self._front_tracker.track(grey, lines, free_ends=self._free_ends if zeroed else 0)
         else:
             front = self.stripe.track(frame, lines)
         skew_px, skew_sigma_px = self._rolling_shutter_px(base.motion, base_px, front, frame.t_s)
