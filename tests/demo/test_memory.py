@@ -15,11 +15,11 @@ from visuohaptic.demo.memory import (
     BottleMemory,
     MissionMemory,
     RememberedMap,
-    recognise,
     recognise_bottle,
 )
 from visuohaptic.demo.story import Mission, Story, run_chapters
 from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.tasks.mobile import recognise
 
 BIN_M, BOX_M, LEG_M = 0.09, 0.17, 0.05
 

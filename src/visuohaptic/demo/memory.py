@@ -1,13 +1,12 @@
 """Persistent memory between visits, in a database of objects: the map, obstacles, and lifted objects.
 
 A kitchen is a name; entries about it have this name at the start of their id and in the context of their sighting.
-Current objects are recognised by shape and position: hypotheses are the known objects and "none of them", no
-object is in two positions, and a match is used if its probability is at least ``CONFIDENT_PROBABILITY``.
+Objects on the floor are recognised by :func:`~visuohaptic.tasks.mobile.recognise`, containers on the table by
+:func:`recognise_bottle`; a match is used if its probability is at least ``CONFIDENT_PROBABILITY``.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from jaxtyping import Float
 
 from ..core.errors import InputError
 from ..core.files import decode_image
-from ..core.geometry import polygon_centroid, rotation_2d
+from ..core.geometry import polygon_centroid
 from ..core.objects import (
     Appearance,
     Estimate,
@@ -35,23 +34,10 @@ from ..core.objects import (
 from ..core.resources import Closing
 from ..io.maps.occupancy_map import OccupancyMap
 from ..recognition.touch.haptic_model import UNKNOWN
-from ..tasks.mobile.footprint_after_push import INNER
+from ..tasks.mobile.known_objects import CONFIDENT_PROBABILITY, NEW, POINT_M
 
-__all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
+__all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "recognise_bottle"]
 
-#: A stored object is used from this probability on.
-CONFIDENT_PROBABILITY = 0.9
-#: Prior of an object that was never observed here, among the same number of hypotheses.
-NEW = 0.2
-#: Standard deviation of laser points from their outline [m]: 9.3 +- 0.8 mm over twenty objects of random houses, for a laser
-#: of 10 mm. Errors of points of one scan are correlated: a group counts as this many independent points. Iterations of the fit.
-POINT_M, INDEPENDENT, FIT_ROUNDS = 0.0093, 10, 4
-#: Excess over the full width that noise may cause, and part of it that may be hidden [m].
-WIDTH_M, HIDDEN_M = 0.015, 0.04
-#: Number of outlines that a laser can distinguish, a dozen widths with eight depths and shapes: a new object has one of them.
-OUTLINES = 100
-#: Frictions that are equivalent for a plan, as a fraction.
-ALIKE = 0.15
 #: An object within this distance of its last position has not been moved [m].
 MOVED_M = 0.15
 #: Standard deviation of an observed radius, and of the population [m]; heights at which outlines are stored.
@@ -243,122 +229,6 @@ class MissionMemory(Closing):
 _NUMBERS = (
     "resolution_m", "origin_x_m", "origin_y_m", "goal_x_m", "goal_y_m", "home_x_m", "home_y_m", "home_heading_rad",
 )  # fmt: skip
-
-
-def outline_fit(
-    points_m: Float[np.ndarray, "k 2"], outline_m: Float[np.ndarray, "p 2"], heading_rad: float
-) -> tuple[float, Float[np.ndarray, "p 2"]]:
-    """Log likelihood of laser points given an outline anywhere on the floor, and its best pose.
-
-    For every rotation the near sides are aligned, and the outline is moved to fit the points. The visible part
-    may be smaller than the outline, but not larger.
-
-    Parameters
-    ----------
-    points_m
-        Hits on one object [m].
-    outline_m
-        Corners about any origin [m].
-    heading_rad
-        Direction of observation [rad].
-    """
-    import shapely
-
-    turn = rotation_2d(heading_rad)
-    local = (points_m @ turn)[:: max(1, len(points_m) // 60)]
-    # Without the outliers.
-    low, high = np.quantile(local, INNER, axis=0)
-    hits = shapely.points(local)
-    best, placed = -math.inf, outline_m
-    for angle in np.arange(24) * math.pi / 12:
-        own = outline_m @ rotation_2d(float(angle)).T
-        a, b = own.min(axis=0), own.max(axis=0)
-        own = own + np.array([low[0] - a[0], 0.5 * (low[1] + high[1] - a[1] - b[1])])
-        for _ in range(FIT_ROUNDS):
-            ring = shapely.LinearRing(own)
-            foot = shapely.line_interpolate_point(ring, shapely.line_locate_point(ring, hits))
-            off = local - shapely.get_coordinates(foot)
-            own = own + off.mean(axis=0)
-        hidden_m = float(b[1] - a[1] - (high[1] - low[1]))
-        value = _log_likelihood(float(np.mean(np.sum(off**2, axis=1))), hidden_m)
-        if value > best:
-            best, placed = value, own @ turn.T
-    return best, placed
-
-
-def _log_likelihood(square_m2: float, hidden_m: float) -> float:
-    points = INDEPENDENT * (math.log(POINT_M) + 0.5 * square_m2 / POINT_M**2)
-    width_m = HIDDEN_M if hidden_m > 0 else WIDTH_M
-    return -points - math.log(HIDDEN_M + WIDTH_M) - 0.5 * (hidden_m / width_m) ** 2
-
-
-def recognise(
-    groups: Sequence[Float[np.ndarray, "k 2"]], known: Sequence[VisuoHapticObject], heading_rad: float
-) -> list[tuple[VisuoHapticObject, float, Float[np.ndarray, "p 2"]] | None]:
-    """For every group of laser points the matching known object, its probability, and its outline there.
-
-    Parameters
-    ----------
-    groups
-        Points of each object that is currently there [m].
-    known
-        Known objects with outlines.
-    heading_rad
-        Direction of observation of the groups [rad].
-
-    Returns
-    -------
-    list
-        ``None`` if no known object has a probability of at least ``CONFIDENT_PROBABILITY``.
-    """
-    shapes = [one.geometry.footprint_m if one.geometry is not None else None for one in known]
-    known = [one for one, shape in zip(known, shapes, strict=True) if shape is not None]
-    fits = [[outline_fit(group, one, heading_rad) for one in shapes if one is not None] for group in groups]
-    # The own outline of a new object fits as well as any, but is one of many.
-    new = _log_likelihood(POINT_M**2, 0.0) + math.log(NEW / OUTLINES)
-    marginal = np.zeros((len(groups), len(known) + 1))
-    # A hypothesis with e^-12 of the best likelihood is negligible.
-    choices = [
-        [-1, *(k for k, fit in enumerate(row) if fit[0] > max(new, *(one[0] for one in row)) - 12.0)]
-        for row in fits
-    ]
-    logs, ways = [], []
-    for way in itertools.product(*choices):
-        used = [k for k in way if k >= 0]
-        if len(set(used)) == len(used):
-            ways.append(way)
-            logs.append(
-                sum(
-                    new if k < 0 else fits[g][k][0] + math.log((1 - NEW) / max(len(known), 1))
-                    for g, k in enumerate(way)
-                )
-            )
-    weights = np.exp(np.array(logs) - max(logs, default=0.0))
-    for way, weight in zip(ways, weights / max(weights.sum(), 1e-300), strict=True):
-        for g, k in enumerate(way):
-            marginal[g, k] += weight
-    found: list[tuple[VisuoHapticObject, float, Float[np.ndarray, "p 2"]] | None] = []
-    for g in range(len(groups)):
-        k = int(np.argmax(marginal[g, :-1])) if known else -1
-        # Several fixed legs are equivalent: they count as one.
-        alike = [j for j, other in enumerate(known) if k >= 0 and (j == k or _alike(known[k].tag, other.tag))]
-        probability = float(marginal[g, alike].sum())
-        found.append(
-            (known[k], probability, fits[g][k][1])
-            if k >= 0 and probability >= CONFIDENT_PROBABILITY
-            else None
-        )
-    return found
-
-
-def _alike(first: HapticTag | None, second: HapticTag | None) -> bool:
-    """Whether they are interchangeable for a plan."""
-    if first is None or second is None or first.fixed != second.fixed:
-        return first is second
-    one, other = first.static_friction_N, second.static_friction_N
-    if one is None or other is None:
-        return bool(first.fixed)
-    return abs(one.value - other.value) <= ALIKE * min(one.value, other.value)
 
 
 def recognise_bottle(

@@ -21,9 +21,10 @@ from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
 from ..tasks.mobile.doorway_objects import near_side
 from ..tasks.mobile.footprint_after_push import footprint_after_push
+from ..tasks.mobile.known_objects import recognise
 from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
 from .judge import Claim
-from .memory import MOVED_M, recognise
+from .memory import MOVED_M
 from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
 from .story import ChapterResult, Illustration, Measure, Mission, Story, done, failed
 

@@ -15,6 +15,8 @@ from .force_guard import FoamLimit as FoamLimit
 from .force_guard import ForceGuard as ForceGuard
 from .force_guard import GuardState as GuardState
 from .force_guard import ReactionTime as ReactionTime
+from .known_objects import outline_fit as outline_fit
+from .known_objects import recognise as recognise
 from .steered_push import PushEnd as PushEnd
 from .steered_push import PushSettings as PushSettings
 from .steered_push import SteeredPush as SteeredPush
