@@ -37,6 +37,31 @@ def test_doors_in_series(doors):
     assert plan.expanded * domain.lattice.size < 50 * doors * domain.clearance.size
 
 
+def test_an_oblique_push_costs_the_simulated_risk_of_turning_away():
+    from visuohaptic.navigation.planning.search.bodies import turn_probability
+    from visuohaptic.navigation.planning.search.push_heuristic import PushHeuristic
+    from visuohaptic.navigation.problem.push_costs import PushCosts
+
+    problem = series(1)
+    domain = build_search_domain(problem)
+    cell_m, goal = problem.map.resolution_m, problem.goal_m / problem.map.resolution_m
+    heuristic = PushHeuristic(domain, goal, PushCosts(), (0,), oblique=True)
+    straight = len(domain.bodies[0].contacts)
+    lengths = np.array([0.2, 0.4, 0.9]) / cell_m
+    assert len(heuristic.contacts(0)) > straight
+    for contact in range(straight, len(heuristic.contacts(0))):
+        risks = [turn_probability(domain, 0, contact, length) for length in lengths]
+        assert 0.0 < risks[0] <= risks[1] <= risks[2] < 1.0
+        # The cost without the simulation is a lower bound, and long pushes turn away.
+        assert all(heuristic.push_units(0, x, contact) > heuristic.push_units(0, x) for x in lengths)
+        once, twice = (
+            heuristic.push_units(0, lengths[2], contact),
+            2 * heuristic.push_units(0, lengths[0], contact),
+        )
+        assert risks[2] < 0.4 or once > twice
+    assert heuristic.push_units(0, lengths[2], 0) == heuristic.push_units(0, lengths[2])
+
+
 def test_contacts_follow_the_learnt_centre_of_friction():
     from visuohaptic.navigation.planning.search import build_search_domain, world_from_grid
 

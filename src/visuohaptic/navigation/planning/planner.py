@@ -14,6 +14,7 @@ from ..problem.push_costs import PushCosts, push_cost
 from ..pushing._outline_kernels import polygon_distance
 from .drive_tasks import drive_tasks
 from .search._travel_kernels import clearances_at
+from .search.bodies import turn_probability
 from .search.drives import pull_string
 from .search.push_lengths import end_covariance
 from .search.push_search import load_kernels, search_pushes
@@ -198,7 +199,8 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
-    push = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
+    turned = turn_probability(domain, step.body, step.contact, step.length) if contact.oblique else 0.0
+    push = push_cost(body.obj.tag, length_m, domain.robot, costs, turn_probability=turned)
     path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
     driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
     tasks: list[Task] = []

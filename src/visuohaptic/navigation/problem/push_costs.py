@@ -32,6 +32,10 @@ __all__ = [
 ]
 
 
+#: A push is given up once its object has turned so far [rad].
+TURN_LIMIT_RAD = 0.5
+
+
 @dataclass(frozen=True, slots=True)
 class PushCosts:
     """Parameters that the text leaves open, with their defaults."""
@@ -45,7 +49,6 @@ class PushCosts:
     unknown_movable: float = 0.5  #: probability that an object nobody touched can be pushed
     explore_time_s: float = 8.0  #: to approach, touch and decide
     unknown_force_fraction: float = 0.5  #: of the largest force: effort assumed where no force was observed
-    oblique_failure: float = 0.15  #: added risk of a push oblique to a face
     risk_s: float = 0.0  #: added seconds per -log(1 - p): how much reliability is worth
     longest_push_m: float = 2.0  #: r_mani of Eq. (4.3)
     price_ends: bool = True  #: whether lengths allow for ends that may block the plan's later drives
@@ -190,7 +193,7 @@ def push_cost(
     robot: RobotModel,
     costs: PushCosts | None = None,
     *,
-    oblique: bool = False,
+    turn_probability: float = 0.0,
 ) -> PushCost:
     """``t_mani`` of one push.
 
@@ -209,8 +212,8 @@ def push_cost(
         Platform.
     costs
         Limits and priors.
-    oblique
-        Whether the push is oblique to the face.
+    turn_probability
+        Of the object turning away, where the push is oblique to its face.
 
     Returns
     -------
@@ -224,8 +227,7 @@ def push_cost(
     push_s = length_m / push_speed_m_s(tag, robot, costs)
     attempt_s = robot.setup_time_s + push_s
     p = failure_probability(tag, length_m, robot, costs)
-    if oblique:
-        p = 1.0 - (1.0 - p) * (1.0 - costs.oblique_failure)
+    p = 1.0 - (1.0 - p) * (1.0 - turn_probability)
     if tag is None:
         # Touching comes first; what a refusal costs depends on the detour, see decide.py.
         return PushCost(robot.setup_time_s, push_s, costs.explore_time_s + _risk(p, costs), p)

@@ -16,7 +16,7 @@ from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
 from . import _travel_kernels
 from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
-from .bodies import STAND_OFF_M
+from .bodies import STAND_OFF_M, turn_probability
 from .push_states import PushStep
 from .search_domain import SearchDomain
 
@@ -141,14 +141,15 @@ class PushHeuristic:
         length
             Of the push [cells].
         contact
-            Index of its contact; by default straight at a face.
+            Index of its contact, for the simulated risk of an oblique push; by default without, a lower bound.
         """
         domain = self.domain
         oblique = contact >= len(domain.bodies[body].contacts)
         key = (body, round(length, 6), contact if oblique else -1)
         if key not in self._costs:
             tag, length_m = domain.bodies[body].obj.tag, length * domain.map.resolution_m
-            cost = push_cost(tag, length_m, domain.robot, self.costs, oblique=oblique)
+            turned = turn_probability(domain, body, contact, length) if oblique else 0.0
+            cost = push_cost(tag, length_m, domain.robot, self.costs, turn_probability=turned)
             self._costs[key] = cost.total_s * self.units_per_s
         return self._costs[key]
 

@@ -15,12 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d
-from ...pushing.push_failure import PushUncertainty, covariance_of_ends, sampled_pushes
-from ...pushing.push_model import PushModel
-from ...pushing.quasi_static import STEP_M, line_path
+from ...pushing.push_failure import covariance_of_ends
 from . import _travel_kernels
 from ._push_search_kernels import block_patch, free_push_length, opening_lengths
-from .bodies import STAND_OFF_M, lower_window
+from .bodies import PRICED, SAMPLES, end_errors, lower_window
 from .drives import changed_drives_cost, drives_cells
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
@@ -42,12 +40,6 @@ __all__ = [
 SWEEP_STEP = 0.5
 #: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
 TRACKING_M = 0.003
-#: Number of simulated pushes for a covariance in three dimensions, and for the probability of a blocked drive.
-SAMPLES, PRICED = 160, 40
-#: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
-LONG_STEP_M = 2.0 * STEP_M
-#: Pushes are simulated to this multiple of the requested length, because lengths are refined afterwards.
-BEYOND = 1.5
 #: Number of ends near a drive for which a detour is searched; the standard error of their fraction is 0.18.
 LOOKED_AT = 8
 #: Steps of the descent [m]: that of the search, doubled after each success, and the smallest that a robot can execute.
@@ -246,56 +238,6 @@ def opening_at(
         *(ends[0] - corner), *(ends[1] - corner),
     )  # fmt: skip
     return found
-
-
-def end_errors(
-    domain: SearchDomain, index: int, contact: int, length: float, samples: int = SAMPLES
-) -> Float[np.ndarray, "n 3"]:
-    """Ends of simulated pushes from the planned end: x, y along the grid's axes [m], turn [rad].
-
-    Parameters
-    ----------
-    domain
-        Robot, map and bodies.
-    index, contact
-        Of the body, and of its contact.
-    length
-        Of the push [cells].
-    samples
-        Number of pushes: fewer are the first of more.
-    """
-    body, resolution_m = domain.bodies[index], domain.map.resolution_m
-    ahead = body.push(contact).direction
-    # Relative to the body's centre before the push, hence independent of its place.
-    begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
-    length_m = STAND_OFF_M + length * resolution_m
-    key = index, contact
-    if key not in domain.ends:
-        model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
-        model = model.with_centre_moved(*(body.friction * resolution_m))
-        domain.ends[key] = model, 0.0, np.zeros((0, 2, 3))
-    model, reach_m, poses = domain.ends[key]
-    if reach_m < length_m or len(poses) < samples:
-        known = poses if reach_m >= length_m else poses[:0]
-        # Whole steps, so that the beginning does not depend on the simulated length.
-        steps = np.ceil((1.0 if len(known) else BEYOND) * length_m / LONG_STEP_M)
-        reach_m = float(steps) * LONG_STEP_M
-        path_m = line_path(begin, begin + reach_m * ahead, LONG_STEP_M)
-        place_m, yaw_rad = body.obj.pose_sigma
-        learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
-        centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
-        _, poses, _ = sampled_pushes(
-            model, (0.0, 0.0, 0.0), path_m, domain.robot.radius_m,
-            np.random.default_rng(0), samples=samples, skip=len(known),  # one plan, one answer
-            uncertainty=PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad),
-        )  # fmt: skip
-        poses = np.concatenate([known[:, : len(path_m)], poses]) if len(known) else poses
-        domain.ends[key] = model, reach_m, poses
-    poses = poses[:samples]
-    place = (poses.shape[1] - 1) * length_m / reach_m
-    row = min(int(place), poses.shape[1] - 2)
-    ends = poses[:, row] + (place - row) * (poses[:, row + 1] - poses[:, row])
-    return ends - np.array([*(length * resolution_m * ahead), 0.0])
 
 
 def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3 3"]:

@@ -2,7 +2,8 @@
 
 A contact waits in the queue with a lower bound and is worked out only when it is taken: how far the push is free of
 collisions, and at which lengths it joins pieces of free space. A length waits with the bound of its parent, and is
-put back with that of the configuration that it leads to.
+put back with that of the configuration that it leads to. The risk of an oblique push is simulated, hence expensive:
+the push waits without it, and is put back with it when it would be executed next.
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ class _Push:
     length: float
     spent: float
     opens: bool
+    priced: bool  #: whether ``spent`` has the risk of the object turning away
     refined: bool = False
 
 
@@ -139,6 +141,8 @@ class PushPass:
                 self._lengths(entry)
             elif isinstance(entry, _Push) and not entry.refined:
                 self._refine(entry)
+            elif isinstance(entry, _Push) and not entry.priced:
+                self._price(entry, estimate)
             else:
                 state = entry if isinstance(entry, SearchState) else _state(self.heuristic, entry)
                 expanded += 1
@@ -257,11 +261,11 @@ class PushPass:
         free_left = heuristic.to_go(heuristic.free_field, ends)
         for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
             opens = length >= opens_at
-            spent = contact.spent + heuristic.push_units(contact.body, length, contact.number)
+            spent = contact.spent + heuristic.push_units(contact.body, length)
             if not opens and self.weight > 1.0:  # another push has to follow, most likely
                 to_go = max(to_go, driven + heuristic.min_any_push)
                 to_go += heuristic.crossing(contact.body, shift)
-            entry = _Push(contact, length, spent, opens)
+            entry = _Push(contact, length, spent, opens, not push.oblique)
             if np.isfinite(to_go):
                 self.queue.push(spent + to_go * self.weight, entry)
 
@@ -276,6 +280,12 @@ class PushPass:
             if first * step > free:
                 lengths.add(free)
         return sorted(lengths)
+
+    def _price(self, entry: _Push, estimate: float) -> None:
+        """Put an oblique push back with its simulated risk."""
+        contact, units = entry.contact, self.heuristic.push_units
+        risk = units(contact.body, entry.length, contact.number) - units(contact.body, entry.length)
+        self.queue.push(estimate + risk, replace(entry, spent=entry.spent + risk, priced=True))
 
     def _refine(self, entry: _Push) -> None:
         """Put a push back with the estimate of the configuration that it leads to."""
