@@ -35,7 +35,7 @@ from ..core.objects import (
 from ..core.resources import Closing
 from ..io.maps.occupancy_map import OccupancyMap
 from ..recognition.touch.haptic_model import UNKNOWN
-from ..tasks.mobile.footprint_after_push import INNER
+from ..tasks.mobile.footprint_after_push import END_QUANTILES
 
 __all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "outline_fit", "recognise", "recognise_bottle"]
 
@@ -51,7 +51,7 @@ WIDTH_M, HIDDEN_M = 0.015, 0.04
 #: Number of outlines that a laser can distinguish, a dozen widths with eight depths and shapes: a new object has one of them.
 OUTLINES = 100
 #: Frictions that are equivalent for a plan, as a fraction.
-ALIKE = 0.15
+FRICTION_TOLERANCE = 0.15
 #: An object within this distance of its last position has not been moved [m].
 MOVED_M = 0.15
 #: Standard deviation of an observed radius, and of the population [m]; heights at which outlines are stored.
@@ -138,7 +138,7 @@ class MissionMemory(Closing):
         hits_m = None if shape is None or shape.vertices_m is None else shape.vertices_m[:, :2]
         return RememberedMap(OccupancyMap(cells, res, (x0, y0, 0.0)), (gx, gy), (hx, hy, heading), hits_m)
 
-    def keep_map(self, found: RememberedMap) -> None:
+    def store_map(self, found: RememberedMap) -> None:
         """Store or replace a map.
 
         Parameters
@@ -163,7 +163,7 @@ class MissionMemory(Closing):
         """Touched objects on this floor: tag, outline about its centroid, and last position."""
         return [one for one in self._objects("floor") if one.geometry is not None and one.tag is not None]
 
-    def keep_floor_object(self, outline_m: Float[np.ndarray, "p 2"], tag: HapticTag) -> str:
+    def store_floor_object(self, outline_m: Float[np.ndarray, "p 2"], tag: HapticTag) -> str:
         """Store an object that was touched; returns its name in this memory.
 
         Parameters
@@ -214,7 +214,7 @@ class MissionMemory(Closing):
             )  # fmt: skip
         return found
 
-    def keep_bottle(self, bottle: BottleMemory, wall: Estimate) -> None:
+    def store_bottle(self, bottle: BottleMemory, wall: Estimate) -> None:
         """Store a container; a new name is created if its own is empty.
 
         Parameters
@@ -267,7 +267,7 @@ def outline_fit(
     turn = rotation_2d(heading_rad)
     local = (points_m @ turn)[:: max(1, len(points_m) // 60)]
     # Without the outliers.
-    low, high = np.quantile(local, INNER, axis=0)
+    low, high = np.quantile(local, END_QUANTILES, axis=0)
     hits = shapely.points(local)
     best, placed = -math.inf, outline_m
     for angle in np.arange(24) * math.pi / 12:
@@ -358,7 +358,7 @@ def _alike(first: HapticTag | None, second: HapticTag | None) -> bool:
     one, other = first.static_friction_N, second.static_friction_N
     if one is None or other is None:
         return bool(first.fixed)
-    return abs(one.value - other.value) <= ALIKE * min(one.value, other.value)
+    return abs(one.value - other.value) <= FRICTION_TOLERANCE * min(one.value, other.value)
 
 
 def recognise_bottle(

@@ -22,7 +22,7 @@ from ..data.noise import as_measured
 from ..data.readings import CurveCoefficients, TouchReading
 from .bayes import TOUCHES
 from .belief import FALSE_ALARM, evidence, log_likelihood
-from .haptic_model import RANGE_WIDENING, UNCALIBRATED_POSE_RATIO, HapticModel, fit_model
+from .haptic_model import POSE_RATIO, RANGE_WIDENING, HapticModel, fit_model
 
 __all__ = ["calibrate", "calibration_error", "reading_of"]
 
@@ -208,7 +208,7 @@ def _as_touched(data: FeatureSet, row: int, model: HapticModel, rng: np.random.G
     features = one.features.copy()
     features[..., 0] = moved(data.features[..., 0]) * np.exp(settings.gain * rng.standard_normal())
     width = moved(data.width_m) + settings.width_m * rng.standard_normal(one.width_m.shape)
-    pose_m = settings.pose_m * (UNCALIBRATED_POSE_RATIO if rng.random() < 0.5 else 1.0)
+    pose_m = settings.pose_m * (POSE_RATIO if rng.random() < 0.5 else 1.0)
     tall = None if data.height_m is None else moved(data.height_m) + pose_m * rng.standard_normal(1)
     measured = as_measured(
         np.log(features[..., 0]), rng, pose_errors=one.pose_errors, protocol=model.protocol,
