@@ -63,16 +63,16 @@ def drive_direct(case: DirectCase, length_m: float, *, see: bool) -> Float[np.nd
     empty = OccupancyMap(np.zeros((80, 80), dtype=np.int8), 0.05, (-2.0, -2.0, 0.0))
     stand = np.array([-case.away_m - 0.03, 0.0])
     world = FloorWorld(empty, [case.item], (*stand, 0.0))
-    begin = world.item_pose_m("thing")
+    begin = world.object_pose_m("thing")
     lever = PushModel.patch(case.outline_m).lever_m
     run = SteeredPush(stand, 0.0, length_m, object_m=begin if see else None, lever_m=lever)
     while run.end is None:
         touch = world.touch
         force, point = (touch.force_N, touch.point_m) if touch else (0.0, None)
-        seen = world.item_pose_m("thing") if see else None
+        seen = world.object_pose_m("thing") if see else None
         world.base.drive(*run.command(world.t_s, world.pose_m(), force, point, seen))
         world.step(0.02)
-    return world.item_pose_m("thing") - begin
+    return world.object_pose_m("thing") - begin
 
 
 def predicted(case: DirectCase, length_m: float) -> Float[np.ndarray, "3"]:

@@ -110,7 +110,7 @@ def _things(draw: int) -> list[tuple[str, str]]:
 def _object(made: Journal, kind: str, name: str, draw: int, seed: int) -> world.RealObject:
     key = f"{kind} {name} {draw}"
     if key not in made:
-        thing = world.real_draw(name, draw + (kind == "other"), seed, varied=kind == "other")
+        thing = world.sample_real_object(name, draw + (kind == "other"), seed, varied=kind == "other")
         made.put(
             key,
             {

@@ -54,7 +54,7 @@ def run(rooms: int = ROOMS, first: int = 0) -> list[dict[str, Any]]:
         },
         {
             "name": "contacts rightly called movable or fixed",
-            "ours": 100.0 * sum(score.flags_right for score in scores) / max(contacts, 1),
+            "ours": 100.0 * sum(score.correct_flags for score in scores) / max(contacts, 1),
             "unit": "%",
             "floor": 95,
             "aim": 100,

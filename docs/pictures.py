@@ -125,14 +125,14 @@ def glass() -> Path:
 
 
 def _glass_frames(mission: Any, touches_m: np.ndarray) -> Iterable[np.ndarray]:
-    from visuohaptic.demo.bottle import around_the_table
+    from visuohaptic.demo.bottle import table_views
     from visuohaptic.demo.story import counted
     from visuohaptic.report.style import COLOURS, draw_axes
     from visuohaptic.simulation.tabletop.depth_camera import DepthCamera
 
     rng = np.random.default_rng(0)
     camera, region = DepthCamera.kinect(240), mission.scan.regions[0]
-    poses = list(around_the_table(60, rng))[:15]
+    poses = list(table_views(60, rng))[:15]
     views = [(camera.render(mission.bottle.scene, pose, rng), pose) for pose in poses]
     foot_m, outline_mm, true_mm = (
         mission.known.bottle_at_m, 1e3 * mission.known.outline_m, 1e3 * mission.bottle.outline_m

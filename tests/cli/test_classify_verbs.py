@@ -148,7 +148,7 @@ def test_an_afternoon_of_squeezing(tmp_path: Path, capsys: pytest.CaptureFixture
     found = json.loads(capsys.readouterr().out)
     assert found["answer"] == "sponge"
     assert found["tree"] == {"answer": None, "next_touch": None}
-    assert found["doubt"] == ""
+    assert found["contradiction"] == ""
     assert main(["classify", "plan", mine]) == 2
     assert "has no tree" in capsys.readouterr().err
 

@@ -530,8 +530,8 @@ def _example_office(folder: Path, results: list[Any]) -> None:
 def _example_task(folder: Path, results: list[Any]) -> None:
     """The claim is true, and the decisions can be made again from the trace alone."""
     assert [result["outcome"] for result in results] == ["opened", "mapped"]
-    assert results[0]["really_open"]
-    assert results[1]["flags_right"] > 0.8 * results[1]["contacts"]
+    assert results[0]["truly_open"]
+    assert results[1]["correct_flags"] > 0.8 * results[1]["contacts"]
     from visuohaptic.tasks.framework import Trace
 
     for name, ending in (("cap", "opened"), ("room", "mapped")):

@@ -65,7 +65,7 @@ def test_the_truth_does_not_pass_by_the_picture(sensor, picture: str) -> None:
         touch = [finger(frame) for frame in squeezed(0.076)[1]]
         assert abs(touch[-1].force_N) < 0.05
     else:
-        hand.blind_at_s = 0.0
+        hand.sensor_failure_at_s = 0.0
         touch = [finger(Frame(hand.image(t), t, k)) for k, t in enumerate(np.arange(20, 24))]
         assert not any(one.valid for one in touch)
     assert np.isnan(touch[-1].surface_m)

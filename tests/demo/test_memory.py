@@ -105,7 +105,7 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
 
     with MissionMemory(tmp_path / "memory", "house-2") as first:
         assert first.map() is None
-        first.keep_map(
+        first.store_map(
             RememberedMap(
                 OccupancyMap(cells, 0.05, (-0.2, 0.3, 0.0)),
                 (1.0, 0.6),
@@ -113,8 +113,8 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
                 np.array([[0.2, 0.4]]),
             )
         )
-        name = first.keep_floor_object(outline, tag(2.0))
-        first.keep_bottle(bottle, Estimate(4e-4, 1e-4))
+        name = first.store_floor_object(outline, tag(2.0))
+        first.store_bottle(bottle, Estimate(4e-4, 1e-4))
     with MissionMemory(tmp_path / "memory", "house-2") as second:
         found = second.map()
         assert found is not None
@@ -172,7 +172,7 @@ def test_a_map_that_does_not_fit_is_made_again(mapped: tuple[Path, Story], tmp_p
         found = memory.map()
         assert found is not None
         x, y, heading = found.home
-        memory.keep_map(RememberedMap(found.grid, found.goal_m, (x + 0.5, y, heading + 0.3)))
+        memory.store_map(RememberedMap(found.grid, found.goal_m, (x + 0.5, y, heading + 0.3)))
     again = visit(tmp_path, 1, ("map",))
     assert "scans along" in again.chapters[0].reason
 

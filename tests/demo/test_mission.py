@@ -20,7 +20,7 @@ from visuohaptic.demo import (
     ChapterResult,
     Mission,
     Visit,
-    contained,
+    filled_container,
     recognise_the_bottle,
     run_chapters,
     run_mission,
@@ -179,7 +179,7 @@ def swapped(mission: Mission, *, closed: bool, fill: float, kg_per_m3: float = 1
     default_outline(mission)
     bottle = mission.bottle
     assert bottle is not None
-    shell = contained(bottle.outline_m, bottle.wall_m, closed=closed)
+    shell = filled_container(bottle.outline_m, bottle.wall_m, closed=closed)
     z, r = bottle.outline_m[:, 1], bottle.outline_m[:, 0]
     volume = float(np.trapezoid(np.pi * r**2, z))
     d = shell.deformation_m
@@ -233,7 +233,7 @@ def test_the_foam_tags_one_thing(tmp_path: Path) -> None:
 def test_the_wall_is_found_from_the_stiffness() -> None:
     """The truth is a shell of the same series; the power of the rounds is not, so they have to converge."""
     bottle = table_bottle(np.random.default_rng(5))
-    true = contained(bottle.outline_m, 0.0005, closed=True)
+    true = filled_container(bottle.outline_m, 0.0005, closed=True)
     gentle = [(z, true.force_at(z, 5e-4) / 5e-4) for z in (0.05, 0.1)]
     assert wall_from_stiffness(bottle.outline_m, gentle, 0.0003) == pytest.approx(0.0005, rel=0.02)
     with pytest.raises(InputError, match="found no squeeze with a stiffness"):

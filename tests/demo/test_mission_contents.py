@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.demo import TableBottle, contained, table_bottle
+from visuohaptic.demo import TableBottle, filled_container, table_bottle
 from visuohaptic.recognition.touch import FORCES_N, ContentsModel, SqueezeSamples
 
 
@@ -21,8 +21,8 @@ def felt(
     wall, whole = (
         np.array([one.force_at(height_m, float(x)) for x in d])
         for one in (
-            contained(bottle.outline_m, bottle.wall_m, closed=False),
-            contained(bottle.outline_m, bottle.wall_m, closed=closed, fill=fill),
+            filled_container(bottle.outline_m, bottle.wall_m, closed=False),
+            filled_container(bottle.outline_m, bottle.wall_m, closed=closed, fill=fill),
         )
     )
     force = whole + (scale - 1.0) * wall
@@ -41,7 +41,7 @@ def test_the_contents_are_told_whatever_the_wall(closed: bool, fill: float, scal
     bottle = table_bottle(np.random.default_rng(20))
     model = model_of(bottle)
     curves = [felt(bottle, closed, fill, scale, rng, z) for z in model.heights_m()[:2]]
-    mass = contained(bottle.outline_m, bottle.wall_m, closed=closed, fill=fill).mass_kg
+    mass = filled_container(bottle.outline_m, bottle.wall_m, closed=closed, fill=fill).mass_kg
     told = model.posterior(curves, (mass, 0.002))
     assert told.belief()["closed" if closed else "open"] > 0.9
     mean, sigma = told.fill_of()
@@ -64,7 +64,7 @@ def test_the_model_feels_like_the_bottle_on_the_table() -> None:
     model = model_of(bottle)
     z = 0.6 * bottle.height_m
     fill = 0.3
-    true = contained(bottle.outline_m, bottle.wall_m, closed=True, fill=fill)
+    true = filled_container(bottle.outline_m, bottle.wall_m, closed=True, fill=fill)
     # Below the level the model adds the liquid's pressure, which the table leaves out.
     assert z > fill * bottle.height_m
     force = model.force_N(z, np.array([0.003]), closed=True, fill=fill)[0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core.camera import Frame, Pose
-from visuohaptic.demo.probe_chapters import _probe, default_beam, set_the_table
+from visuohaptic.demo.probe_chapters import _probe, default_beam, place_bottle
 from visuohaptic.demo.story import Mission
 from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.reconstruction.completion import Completion, HoleRegion
@@ -75,7 +75,7 @@ def test_noise_does_not_keep_the_exact_rod_from_ending(
 
 def completion(mission: Mission) -> Completion:
     """The table's bottle, with a ring in its middle that was not seen."""
-    bottle = set_the_table(mission)
+    bottle = place_bottle(mission)
     shape, foot = bottle.probed(), np.array([*bottle.foot_m, 0.0])
     low, high = 0.3 * bottle.height_m, 0.7 * bottle.height_m
     seen = [
@@ -99,7 +99,7 @@ def test_without_a_bent_rod_in_the_picture_nothing_is_felt(
         monkeypatch.setattr(VirtualProbe, "image", lambda self, t_s: np.full((360, 640), 90, np.uint8))
     else:
         monkeypatch.setattr(VirtualProbe, "load_N", lambda self: np.zeros(3))
-    touched = _probe(mission, set_the_table(mission), missing, 1)
+    touched = _probe(mission, place_bottle(mission), missing, 1)
     assert not any(touch.contact_m is not None for touch in touched.touches)
     if picture == "blank":
         assert touched.ending.outcome == "sensor_failed", touched.ending

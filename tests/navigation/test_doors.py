@@ -147,8 +147,8 @@ def test_training_recovers_the_weights_that_made_the_labels() -> None:
 
 
 def test_settings_are_checked() -> None:
-    with pytest.raises(InputError, match=r"widest_m: found 1.0, expected more than narrowest_m"):
-        DoorSettings(narrowest_m=2.0, widest_m=1.0)
+    with pytest.raises(InputError, match=r"max_width_m: found 1.0, expected more than min_width_m"):
+        DoorSettings(min_width_m=2.0, max_width_m=1.0)
 
 
 @pytest.mark.data

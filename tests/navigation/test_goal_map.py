@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.reproduce.pushes import FootprintSamples, LocalCostmap, goal_map
-from visuohaptic.reproduce.pushes.goal_maps import blocked_parts, clashes
+from visuohaptic.reproduce.pushes.goal_maps import blocked_parts, in_collision
 
 RADIUS_M = 0.17
 STOOL = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -108,7 +108,7 @@ def test_many_poses_are_each_what_one_is(seed):
     footprint = FootprintSamples.of(STOOL, RADIUS_M, 0.05)
     poses = np.column_stack([centre + rng.uniform(-0.3, 0.3, (5, 2)), rng.uniform(-3, 3, 5)])
     parts = blocked_parts(costmap, footprint, poses, RADIUS_M)
-    count = clashes(costmap, footprint, poses)
+    count = in_collision(costmap, footprint, poses)
     for k, (x, y, yaw) in enumerate(poses):
         c, s = np.cos(yaw), np.sin(yaw)
 
@@ -138,7 +138,7 @@ def test_an_object_at_a_wall_may_leave_it_but_not_go_into_it():
 
     def grows(step):
         poses = np.column_stack([place + np.arange(20)[:, None] * np.array(step), np.zeros(20)])
-        return np.flatnonzero(np.diff(clashes(costmap, footprint, poses)) > 0)
+        return np.flatnonzero(np.diff(in_collision(costmap, footprint, poses)) > 0)
 
     assert not len(grows((-0.02, 0.0)))
     assert not len(grows((-0.02, 0.02)))

@@ -243,12 +243,12 @@ def test_a_map_kept_with_its_hits_locates_as_finely_as_its_mapper() -> None:
 
 def test_a_map_that_exists_locates_a_platform_whose_wheels_slip() -> None:
     """Ten metres and more in a drawn house: wheels are off by decimetres, scans by less than a cell of 5 cm."""
-    from visuohaptic.simulation.houses import LedPlatform, random_house
+    from visuohaptic.simulation.houses import GuidedPlatform, random_house
 
     house = random_house(2)
     corners = np.array(house.tour_m[-2:])
     start = (float(corners[1, 0]), float(corners[1, 1]), house.heading_rad)
-    platform = LedPlatform(house, start, np.random.default_rng(0), np.random.default_rng(1))
+    platform = GuidedPlatform(house, start, np.random.default_rng(0), np.random.default_rng(1))
     mapper = OccupancyMapper.from_map(house.grid, start, platform.odometry())
     there = float(np.hypot(*(corners[0] - corners[1])))
     for _ in range(4):  # to and fro

@@ -47,11 +47,11 @@ def test_fixed_falling_and_heavy_objects_are_never_pushed(tag, reason):
 
 def test_drift_and_rotation_limit_the_length():
     tag = HapticTag(drift=Estimate(-0.5, 0.0))
-    assert manipulability(tag, ROBOT).longest_m == pytest.approx(0.2)
+    assert manipulability(tag, ROBOT).max_length_m == pytest.approx(0.2)
     assert push_cost(tag, 0.21, ROBOT).total_s == math.inf
     assert math.isfinite(push_cost(tag, 0.2, ROBOT).total_s)
     turning = HapticTag(rotation_rad_per_m=Estimate(2.1, 0.0))
-    assert manipulability(turning, ROBOT).longest_m == pytest.approx(0.5)
+    assert manipulability(turning, ROBOT).max_length_m == pytest.approx(0.5)
 
 
 def test_effort_slows_the_push_and_several_failures_make_it_dear():
@@ -137,7 +137,7 @@ def test_costs_are_sound_for_any_tag(force, drift, sigma, explored, failed, leng
     assert 0.0 <= cost.failure_probability <= 1.0
     if math.isfinite(cost.total_s):
         assert cost.total_s >= ROBOT.setup_time_s + length_m / ROBOT.v_push_m_s - 1e-9
-        assert cost.push_s <= length_m / (PushCosts().slowest_fraction * ROBOT.v_push_m_s) + 1e-9
+        assert cost.push_s <= length_m / (PushCosts().min_speed_fraction * ROBOT.v_push_m_s) + 1e-9
         assert push_cost(tag, 0.5 * length_m, ROBOT).total_s <= cost.total_s + 1e-9
     else:
         assert abs(drift) * length_m > PushCosts().drift_limit_m * (1 - 1e-9)

@@ -23,7 +23,7 @@ def found(tmp_path_factory):
 
 def test_headline(found) -> None:
     """Position within 0.1 mm (asked for; 5 um reached), force within 3 % or 0.1 N."""
-    assert [one.wanted_N for one in found] == list(FORCES_N)
+    assert [one.target_N for one in found] == list(FORCES_N)
     for one in found:
         profile = one.reading.profile
         assert profile.valid

@@ -9,7 +9,7 @@ import pytest
 from tests.navigation.plan_scenes import box, rooms
 
 from visuohaptic.core import InputError, MobileBase
-from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld, SenseErrors
+from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld, SensorErrors
 
 pytest.importorskip("mujoco")
 
@@ -28,7 +28,7 @@ def test_a_push_needs_weight_times_friction(friction):
     item = FloorObject("box", box(2.5, 2.0, 0.4), 3.0, friction)
     world = FloorWorld(rooms(5, 4, []), [item], (2.0, 2.0, 0.0))
     forces = drive(world, 0.05, 8.0)
-    x, y, yaw = world.item_pose_m("box")
+    x, y, yaw = world.object_pose_m("box")
     # The rim is at 2.3 - 0.17 = 2.13 first; then the box goes as far as the robot (foam gives way by mm).
     assert x - 2.5 == pytest.approx(world.pose_m()[0] - 2.13, abs=0.006)
     assert abs(y - 2.0) < 0.01
@@ -42,7 +42,7 @@ def test_what_is_too_heavy_stands_and_stops_the_robot():
     world = FloorWorld(rooms(5, 4, []), [item], (2.0, 2.0, 0.0))
     drive(world, 0.05, 8.0)
     # 39 N against 20 N: regularised friction creeps by half a millimetre per second.
-    assert world.item_pose_m("block")[0] - 2.5 < 0.01
+    assert world.object_pose_m("block")[0] - 2.5 < 0.01
     assert world.pose_m()[0] < 2.15
 
 
@@ -68,7 +68,7 @@ def test_pushed_beside_the_centre_it_turns_away():
     world = FloorWorld(rooms(6, 4, []), [item], (2.0, 2.0, 0.0))
     drive(world, 0.05, 12.0)
     # The centre of friction is to the left: the push, to the right of it, turns it to the left.
-    assert world.item_pose_m("box")[2] > 0.3
+    assert world.object_pose_m("box")[2] > 0.3
 
 
 def test_a_turned_map_is_the_same_world():
@@ -82,7 +82,7 @@ def test_a_turned_map_is_the_same_world():
 
 def test_senses_err_as_they_say():
     world = FloorWorld(rooms(4, 3, []), [FloorObject("box", box(3, 1.5, 0.3), 3.0, 0.3)], (1.0, 1.5, 0.0))
-    errors = SenseErrors(place_m=0.02, wander_s=0.01)
+    errors = SensorErrors(place_m=0.02, drift_time_s=0.01)
     senses = FloorSenses(world, np.random.default_rng(1), errors)
     places = []
     for _ in range(300):
@@ -90,7 +90,7 @@ def test_senses_err_as_they_say():
         places.append(senses.pose()[0])
     assert np.std(places) == pytest.approx(0.02, rel=0.15)  # 300 draws: 4 % one sigma
     assert senses.look("box") is not None
-    assert FloorSenses(world, np.random.default_rng(1), SenseErrors(range_m=1.0)).look("box") is None
+    assert FloorSenses(world, np.random.default_rng(1), SensorErrors(range_m=1.0)).look("box") is None
 
 
 def test_bad_input():

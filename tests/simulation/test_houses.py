@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from visuohaptic.simulation.houses import House, LedPlatform, office_house, random_house
+from visuohaptic.simulation.houses import GuidedPlatform, House, office_house, random_house
 
 ROBOT_M = 0.17
 
@@ -65,7 +65,9 @@ def test_wheels_are_off_by_two_per_cent_of_the_way() -> None:
     house = random_house(2)
     ends = []
     for seed in range(200):
-        platform = LedPlatform(house, (0.0, 0.0, 0.0), np.random.default_rng(seed), np.random.default_rng(0))
+        platform = GuidedPlatform(
+            house, (0.0, 0.0, 0.0), np.random.default_rng(seed), np.random.default_rng(0)
+        )
         for _ in range(20):
             platform.go((0.5, 0.0, 0.0))
         assert platform.pose[0] == pytest.approx(10.0)

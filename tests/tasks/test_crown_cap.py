@@ -42,7 +42,7 @@ def attempt(cell: CrownCapCell, settings: CapSettings = SETTINGS, **parts: Any) 
 def test_the_rows_of_table_3_1_in_their_order(tmp_path: Path) -> None:
     trial = open_virtual_cap(0, "tracked")
     assert trial.opening.opened
-    assert trial.really_open
+    assert trial.truly_open
     states = trial.opening.trace.states()
     rows = ["find", "track", "approach", "push_down", "feel", "forward", "rotate", "leave", "check"]
     assert [states.index(row) for row in rows] == sorted(states.index(row) for row in rows)
@@ -56,7 +56,7 @@ def test_a_centimetre_and_five_degrees_off(seed: int, sight: Any) -> None:
     """Three of the benchmark's 150."""
     trial = open_virtual_cap(seed, sight)
     assert trial.opening.ending.outcome == CapOutcome.OPENED
-    assert trial.really_open
+    assert trial.truly_open
 
 
 def test_the_protocols() -> None:

@@ -114,7 +114,7 @@ def test_nothing_there_and_a_blind_sensor() -> None:
     assert found.ending.outcome == SqueezeOutcome.SOME_MISSED
     assert [len(curve.force_N) for curve in found.curves] == [0, 5]
     assert math.isnan(found.curves[0].stiffness_N_per_m)
-    kitchen, hand = table(blind_at_s=4.0)
+    kitchen, hand = table(sensor_failure_at_s=4.0)
     assert squeeze(hand, [Place(0.1), Place(0.05)]).ending.outcome == SqueezeOutcome.SENSOR_FAILED
     before = kitchen.state().opening_m
     next(iter(kitchen))
@@ -159,7 +159,7 @@ def test_it_says_so_when_it_is_not_sure() -> None:
     assert len(found.curves) == 2
     _, hand = table(fall_at_s=0.0)
     assert classify_by_squeezing(hand, TwoClasses()).ending.outcome == ClassifyOutcome.NOTHING_FELT
-    _, hand = table(blind_at_s=0.0)
+    _, hand = table(sensor_failure_at_s=0.0)
     assert classify_by_squeezing(hand, TwoClasses()).ending.outcome == ClassifyOutcome.SENSOR_FAILED
 
 
@@ -205,7 +205,7 @@ def test_what_is_held_comes_along_before_the_fingers_feel_it() -> None:
         ({"fall_at_s": 0.0}, {}, GraspOutcome.NOTHING_THERE),
         ({"fall_at_s": 6.0}, {"lift_m": 0.2}, GraspOutcome.LOST),
         ({"slip_at_s": 0.0}, {"lift_m": 0.2}, GraspOutcome.LOST),
-        ({"blind_at_s": 3.0}, {}, GraspOutcome.SENSOR_FAILED),
+        ({"sensor_failure_at_s": 3.0}, {}, GraspOutcome.SENSOR_FAILED),
         ({}, {"deformation_m": 0.001}, GraspOutcome.TOO_SOFT),
         ({}, {"object_m": (3.0, 0.0, 0.0)}, "device_failed"),
     ],

@@ -317,7 +317,7 @@ def test_a_slice_of_a_room() -> None:
     trial = map_virtual_room(0, contacts=8)
     assert trial.mapping.ending.outcome == MapOutcome.MAPPED
     assert trial.score.iou > 0.6
-    assert trial.score.flags_right == 8
+    assert trial.score.correct_flags == 8
     assert trial.score.mixed == 0
     assert any(contact.movable for contact in trial.mapping.contacts)
     assert (

@@ -25,13 +25,13 @@ def push(
     lever = PushModel.patch(outline - outline.mean(axis=0)).lever_m
     run = SteeredPush(
         np.array([1.63, 1.5]), 0.0, length_m,
-        object_m=world.item_pose_m("box") if seen else None, lever_m=lever,
+        object_m=world.object_pose_m("box") if seen else None, lever_m=lever,
         settings=PushSettings(max_force_N=max_force_N, aside_m=aside_m),
     )  # fmt: skip
     while run.end is None:
         touch = world.touch
         force, point = (touch.force_N, touch.point_m) if touch else (0.0, None)
-        look = world.item_pose_m("box") if seen else None
+        look = world.object_pose_m("box") if seen else None
         world.base.drive(*run.command(world.t_s, world.pose_m(), force, point, look))
         world.step(0.02)
     return run, world
@@ -42,12 +42,12 @@ def test_it_turns_less_than_a_straight_push(offset):
     steered, world = push(offset)
     straight, other = push(offset, seen=False)
     assert steered.end is PushEnd.DONE
-    assert abs(world.item_pose_m("box")[2]) < 0.5 * abs(other.item_pose_m("box")[2])
+    assert abs(world.object_pose_m("box")[2]) < 0.5 * abs(other.object_pose_m("box")[2])
     # Told by the motion, sticking or sliding; the lever is that of an even bottom, the box stands on feet.
-    told = steered.centre_beside_m()
+    told = steered.centre_offset_m()
     assert told is not None
     assert 0.85 < told / offset < 1.15
-    assert straight.centre_beside_m() is None
+    assert straight.centre_offset_m() is None
 
 
 @pytest.mark.parametrize("offset", [-0.02, 0.01])
@@ -57,10 +57,10 @@ def test_it_ends_where_it_is_to_go(offset):
     """
     run, world = push(offset)
     assert run.end is PushEnd.DONE
-    place = world.item_pose_m("box") - np.array([2.0, 1.5, 0.0])
+    place = world.object_pose_m("box") - np.array([2.0, 1.5, 0.0])
     assert abs(place[1]) < 0.4 * abs(offset) / 0.15 * 0.8
     assert abs(place[2]) < np.deg2rad(1.5)
-    assert run.centre_beside_m() == pytest.approx(offset, rel=0.1)
+    assert run.centre_offset_m() == pytest.approx(offset, rel=0.1)
 
 
 def test_the_control_is_that_of_riccatis_equation():
@@ -85,8 +85,8 @@ def test_force_is_friction():
 def test_what_leaves_its_line_is_told_on_the_way():
     run, world = push(0.04, aside_m=0.03)
     assert run.end is PushEnd.ASTRAY
-    assert world.item_pose_m("box")[0] - 2.0 < 0.6
-    assert abs(world.item_pose_m("box")[1] - 1.5) == pytest.approx(0.03, abs=0.003)
+    assert world.object_pose_m("box")[0] - 2.0 < 0.6
+    assert abs(world.object_pose_m("box")[1] - 1.5) == pytest.approx(0.03, abs=0.003)
 
 
 def test_ends():

@@ -56,7 +56,7 @@ def test_pushes_the_stool_out_of_the_door(offset):
     assert np.hypot(*(world.pose_m()[:2] - problem.goal_m)) < 0.06
     # It is where the memory says: looks err by 5 mm and 15 mrad.
     estimated = next(o for o in done.problem.objects if o.id == "stool")
-    truth = world.item_pose_m("stool")
+    truth = world.object_pose_m("stool")
     assert np.hypot(*(estimated.centre_m - truth[:2])) < 0.06
     assert done.problem.objects[0].tag.explored > 1
     looked = [record for record in done.records if record.event == "looked"]
@@ -112,7 +112,7 @@ def test_too_heavy_after_all_is_refused():
     done = go(problem, world, senses)
     assert done.outcome is TravelOutcome.NO_PLAN
     assert done.problem.objects[0].tag.fixed
-    assert np.hypot(*(world.item_pose_m("block")[:2] - block.centre_m)) < 0.05
+    assert np.hypot(*(world.object_pose_m("block")[:2] - block.centre_m)) < 0.05
 
 
 def test_time_is_limited():
@@ -147,7 +147,7 @@ def test_what_is_to_be_brushed_aside_is_driven_past(offset):
     assert brushed[-1].values["end"] == "done"
     assert not [record for record in done.records if record.event == "pushed"]
     # Aside: the crate stands in the bay or beside the corridor's axis, and the robot has passed it.
-    assert world.item_pose_m("crate")[1] > 1.45
+    assert world.object_pose_m("crate")[1] > 1.45
     assert done.problem.objects[0].tag.explored > 3
 
 

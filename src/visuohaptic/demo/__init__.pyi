@@ -3,11 +3,11 @@ from .bottle import GROUPS as GROUPS
 from .bottle import HEIGHTS as HEIGHTS
 from .bottle import PLACE as PLACE
 from .bottle import TableBottle as TableBottle
-from .bottle import around_the_table as around_the_table
-from .bottle import contained as contained
 from .bottle import container_of_outline as container_of_outline
+from .bottle import filled_container as filled_container
 from .bottle import random_table_bottle as random_table_bottle
 from .bottle import table_bottle as table_bottle
+from .bottle import table_views as table_views
 from .bottle import training_objects as training_objects
 from .chapters import CHAPTERS as CHAPTERS
 from .chapters import PARTS as PARTS
@@ -16,7 +16,7 @@ from .chapters import run_mission as run_mission
 from .drive_chapters import drive_to_the_table as drive_to_the_table
 from .floor_chapters import ROBOT as ROBOT
 from .floor_chapters import find_the_door_blocked as find_the_door_blocked
-from .floor_chapters import map_the_way as map_the_way
+from .floor_chapters import map_route as map_route
 from .floor_chapters import world_map as world_map
 from .hand_chapters import grasp_the_bottle as grasp_the_bottle
 from .hand_chapters import recognise_the_bottle as recognise_the_bottle
@@ -26,9 +26,9 @@ from .judge import Claim as Claim
 from .judge import RunOutcome as RunOutcome
 from .probe_chapters import complete_the_bottle as complete_the_bottle
 from .probe_chapters import find_the_glass as find_the_glass
-from .probe_chapters import set_the_table as set_the_table
+from .probe_chapters import place_bottle as place_bottle
 from .probe_chapters import zero_the_beam as zero_the_beam
-from .push_demo import SLOWLY as SLOWLY
+from .push_demo import SLOW_EXPLORATION as SLOW_EXPLORATION
 from .push_demo import DemoObject as DemoObject
 from .push_demo import DemoResult as DemoResult
 from .push_demo import run_demo as run_demo

@@ -25,9 +25,17 @@ from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, D
 from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
 
 __all__ = [
-    "CLASS", "GROUPS", "HEIGHTS", "PLACE", "TableBottle", "around_the_table", "contained",
+    "CLASS",
+    "GROUPS",
+    "HEIGHTS",
+    "PLACE",
+    "TableBottle",
     "container_of_outline",
-    "random_table_bottle", "table_bottle", "training_objects",
+    "filled_container",
+    "random_table_bottle",
+    "table_bottle",
+    "table_views",
+    "training_objects",
 ]  # fmt: skip
 
 #: Class of the bottle on the table, to be recognised by the robot.
@@ -77,7 +85,7 @@ def training_objects() -> FeatureSet:
     return load_feature_set(Path(__file__).with_name("containers.npz"))
 
 
-def contained(
+def filled_container(
     outline_m: Float[np.ndarray, "k 2"],
     wall_m: float,
     *,
@@ -151,7 +159,7 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
     closed, wet = rng.random(2) < 0.5
     fill = float(rng.uniform(0.05, 0.95)) if wet else 0.0
     foot = (float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.02, 0.02)))
-    container = contained(outline, wall, closed=bool(closed), fill=fill)
+    container = filled_container(outline, wall, closed=bool(closed), fill=fill)
     return _on_the_table(CLASS, (outline, wall), (bool(closed), fill), container, (foot, rng))
 
 
@@ -178,7 +186,7 @@ def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) ->
     )
     closed, wet, dry = today.random(3) < (0.5, 0.65, 0.25)
     fill = float(today.uniform(0.02, 1.0)) if wet else 0.0
-    container = contained(
+    container = filled_container(
         outline,
         wall,
         closed=bool(closed),
@@ -242,7 +250,7 @@ def _on_the_table(
     )
 
 
-def around_the_table(views: int, rng: np.random.Generator) -> list[Pose]:
+def table_views(views: int, rng: np.random.Generator) -> list[Pose]:
     """Views on a circle towards the centre of the table.
 
     Parameters

@@ -24,7 +24,7 @@ __all__ = ["CHAPTERS", "PARTS", "Visit", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter(
-        "map", "The platform maps its path with the laser", (), floor.map_the_way, 1, floor.default_map,
+        "map", "The platform maps its path with the laser", (), floor.map_route, 1, floor.default_map,
         "the round is led the other way about",
     ),
     Chapter(
@@ -135,7 +135,7 @@ def run_mission(
     chosen = tuple(one for one in CHAPTERS if one.name in names)
     wanted = {need for one in chosen for need in one.needs} - set(names)
     # Chapters that the given ones require come first.
-    wanted |= {below for name in wanted for below in CHAPTERS_NEED.get(name, ())}
+    wanted |= {below for name in wanted for below in CHAPTER_REQUIREMENTS.get(name, ())}
     given = [one for one in CHAPTERS if one.name in wanted and one.name not in names]
     mission = Mission(
         seed,
@@ -157,4 +157,4 @@ def run_mission(
 
 
 #: Chapters that a given chapter itself requires, unless it fills in their results.
-CHAPTERS_NEED: dict[str, tuple[str, ...]] = {"door": ("map",), "foam": ("map",)}
+CHAPTER_REQUIREMENTS: dict[str, tuple[str, ...]] = {"door": ("map",), "foam": ("map",)}

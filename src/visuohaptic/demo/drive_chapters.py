@@ -89,7 +89,7 @@ def place_objects(mission: Mission, world: FloorWorld) -> None:
         World in which the objects were moved.
     """
     for one in mission.house.obstacles:
-        x, y, turned = (float(value) for value in world.item_pose_m(one.name))
+        x, y, turned = (float(value) for value in world.object_pose_m(one.name))
         mission.placed[one.name] = (x, y, mission.yaw_rad[one.name] + turned)
 
 

@@ -19,7 +19,7 @@ from ..navigation.planning.search.drives import pull_string
 from ..navigation.planning.search.search_domain import grid_from_world, world_from_grid
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ..simulation.faults import FaultKind, wrong_map
-from ..simulation.houses.led_platform import LedPlatform
+from ..simulation.houses.guided_platform import GuidedPlatform
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..tasks.mobile.doorway_objects import heading_across, join_sides, near_side
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
@@ -27,7 +27,7 @@ from .judge import Claim
 from .memory import RememberedMap
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
-__all__ = ["ROBOT", "find_the_door_blocked", "map_the_way", "world_map"]
+__all__ = ["ROBOT", "find_the_door_blocked", "map_route", "world_map"]
 
 ROBOT = RobotModel(0.17)
 #: Distance between two scans [m].
@@ -96,7 +96,7 @@ def _path(
     return np.column_stack([points, smooth])
 
 
-def map_the_way(mission: Mission) -> ChapterResult:
+def map_route(mission: Mission) -> ChapterResult:
     """The mapping tour: scan matching, with odometry as initial guess.
 
     A person leads the platform, stops where the table is reached, and leads it to the start of its tasks.
@@ -111,7 +111,7 @@ def map_the_way(mission: Mission) -> ChapterResult:
     if recalled is not None and fit_fraction(mission, recalled.grid, house.start, recalled.home) >= MIN_FIT:
         return _recall_the_map(mission, recalled)
     poses = _path(house.grid, house.tour_m[:: -1 if mission.attempt else 1], 0.25)
-    platform = LedPlatform(house, _pose(poses[0]), mission.rng(2), mission.rng(3))
+    platform = GuidedPlatform(house, _pose(poses[0]), mission.rng(2), mission.rng(3))
     mapper = OccupancyMapper()
     served = int(np.hypot(*(poses[:, :2] - house.table_m).T).argmin())
     path_m = []
@@ -136,7 +136,7 @@ def map_the_way(mission: Mission) -> ChapterResult:
     if lost > 0.2 * len(poses):
         return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
     if mission.memory is not None:
-        mission.memory.keep_map(RememberedMap(found, known.goal_m, mapper.pose, mapper.mean_hits_m()))
+        mission.memory.store_map(RememberedMap(found, known.goal_m, mapper.pose, mapper.mean_hits_m()))
     sigma_m = math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2])))
     table = Claim("place", "table", known.goal_m, house.table_m, sigma=max(sigma_m, SEEN_SIGMA_M))
     return done(
@@ -162,7 +162,7 @@ def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
     known, house = mission.known, mission.house
     known.map = known.map_now = recalled.grid
     known.goal_m, known.pose = recalled.goal_m, recalled.home
-    mission.platform = LedPlatform(house, house.start, mission.rng(2), mission.rng(3))
+    mission.platform = GuidedPlatform(house, house.start, mission.rng(2), mission.rng(3))
     mission.mapper = OccupancyMapper.from_map(
         recalled.grid, recalled.home, mission.platform.odometry(), hits_m=recalled.hits_m
     )
@@ -311,7 +311,7 @@ def fit_fraction(
     estimated_pose
         Estimated pose.
     """
-    scan = LedPlatform(mission.house, true_pose, mission.rng(5), mission.rng(6)).scan()
+    scan = GuidedPlatform(mission.house, true_pose, mission.rng(5), mission.rng(6)).scan()
     return scan_fit(grid, scan.points_m @ rotation_2d(estimated_pose[2]).T + estimated_pose[:2])
 
 
@@ -350,7 +350,7 @@ def default_map(mission: Mission) -> None:
         grid = OccupancyMap(wrong_map(grid.cells, mission.rng(4)), grid.resolution_m, grid.origin)
     known.map = known.map_now = grid
     known.goal_m, known.pose = house.table_m, house.start
-    mission.platform = LedPlatform(house, house.start, mission.rng(2), mission.rng(3))
+    mission.platform = GuidedPlatform(house, house.start, mission.rng(2), mission.rng(3))
     mission.mapper = OccupancyMapper.from_map(grid, house.start, mission.platform.odometry())
 
 

@@ -35,7 +35,7 @@ from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
 from .bottle import GROUPS, HEIGHTS, PLACE, TableBottle, container_of_outline, training_objects
 from .judge import Claim
 from .memory import BottleMemory
-from .probe_chapters import HEIGHT_SIGMA_M, set_the_table
+from .probe_chapters import HEIGHT_SIGMA_M, place_bottle
 from .story import ChapterResult, Illustration, Known, Measure, Mission, counted, done, failed
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ CLASSES = 6
 TOP = 0.85
 
 
-def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
+def hand_of_mission(mission: Mission) -> tuple[VirtualHand, Hand]:
     """Arm and gripper at the table, with the bottle at its true pose.
 
     Parameters
@@ -75,7 +75,7 @@ def the_hand(mission: Mission) -> tuple[VirtualHand, Hand]:
         Its fault may cause slip or a fall of the bottle.
     """
     if mission.kitchen is None:
-        bottle = set_the_table(mission)
+        bottle = place_bottle(mission)
         x, y, _ = bottle.T_base_bottle.translation_m
         slip_s = 0.0 if mission.fault is FaultKind.SLIP else math.inf
         # Squeezes and grasp take at least 35 s: the fall occurs in the middle.
@@ -114,8 +114,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     mission
         Mission with the completed outline; receives class, squeezes, wall, lid, fill and mass.
     """
-    known, bottle = mission.known, set_the_table(mission)
-    _, hand = the_hand(mission)
+    known, bottle = mission.known, place_bottle(mission)
+    _, hand = hand_of_mission(mission)
     object_m = _foot_m(known)
     classes = mission_classes()
     if mission.known_bottle is None:  # otherwise the outline is included in the likelihood
@@ -195,7 +195,7 @@ def _keep_the_bottle(mission: Mission, probability: float, wall_m: float, lid: s
         before.id if before is not None else "", known.class_name, probability, known.outline_m,
         known.outline_sigma_m, lid, known.fill,
     )  # fmt: skip
-    mission.memory.keep_bottle(one, Estimate(wall_m, SCALE * wall_m))
+    mission.memory.store_bottle(one, Estimate(wall_m, SCALE * wall_m))
 
 
 def _contents_claims(found: Classification, contents: ContentsFinding, bottle: TableBottle) -> list[Claim]:
@@ -255,7 +255,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     mission
         Mission with outline, class, squeezes and contents.
     """
-    kitchen, hand = the_hand(mission)
+    kitchen, hand = hand_of_mission(mission)
     plan, scale = _planned(mission.known)
     mass = mission.known.mass_kg
     if not plan.grasps:

@@ -124,7 +124,7 @@ class MissionMemory(Closing):
         hits_m = None if shape is None or shape.vertices_m is None else shape.vertices_m[:, :2]
         return RememberedMap(OccupancyMap(cells, res, (x0, y0, 0.0)), (gx, gy), (hx, hy, heading), hits_m)
 
-    def keep_map(self, found: RememberedMap) -> None:
+    def store_map(self, found: RememberedMap) -> None:
         """Store or replace a map.
 
         Parameters
@@ -149,7 +149,7 @@ class MissionMemory(Closing):
         """Touched objects on this floor: tag, outline about its centroid, and last position."""
         return [one for one in self._objects("floor") if one.geometry is not None and one.tag is not None]
 
-    def keep_floor_object(self, outline_m: Float[np.ndarray, "p 2"], tag: HapticTag) -> str:
+    def store_floor_object(self, outline_m: Float[np.ndarray, "p 2"], tag: HapticTag) -> str:
         """Store an object that was touched; returns its name in this memory.
 
         Parameters
@@ -200,7 +200,7 @@ class MissionMemory(Closing):
             )  # fmt: skip
         return found
 
-    def keep_bottle(self, bottle: BottleMemory, wall: Estimate) -> None:
+    def store_bottle(self, bottle: BottleMemory, wall: Estimate) -> None:
         """Store a container; a new name is created if its own is empty.
 
         Parameters

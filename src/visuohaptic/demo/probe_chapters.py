@@ -20,7 +20,7 @@ from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..tasks.framework.path_clearance import Capsule, KnownObstacles
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
-from .bottle import PLACE, TableBottle, around_the_table, random_table_bottle, table_bottle
+from .bottle import PLACE, TableBottle, random_table_bottle, table_bottle, table_views
 from .judge import Claim
 from .memory import recognise_bottle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..reconstruction.pipeline import Reconstruction
     from ..sensing.beam.tracked import TrackedBeam
 
-__all__ = ["complete_the_bottle", "find_the_glass", "set_the_table", "zero_the_beam"]
+__all__ = ["complete_the_bottle", "find_the_glass", "place_bottle", "zero_the_beam"]
 
 #: Region of interest on the table [m], and its voxels.
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
@@ -53,7 +53,7 @@ ROD_M, ROD_RADIUS_M = 0.15, 0.0025
 REACH_M = 0.065
 
 
-def set_the_table(mission: Mission) -> TableBottle:
+def place_bottle(mission: Mission) -> TableBottle:
     """Create the bottle on the simulated table, once.
 
     Parameters
@@ -158,11 +158,11 @@ def find_the_glass(mission: Mission) -> ChapterResult:
     from ..reconstruction.fusion.volume import SpaceGrid
     from ..reconstruction.pipeline import reconstruct
 
-    bottle, rng = set_the_table(mission), mission.rng(22)
+    bottle, rng = place_bottle(mission), mission.rng(22)
     camera = DepthCamera.kinect(240)
     frames = []
     views = (30 if mission.quick else 60) * (1 + mission.attempt)
-    for index, pose in enumerate(around_the_table(views, rng)):
+    for index, pose in enumerate(table_views(views, rng)):
         depth = camera.render(bottle.scene, pose, rng)
         measured = disturb_pose(pose, rng, 0.0005, 0.001)
         frames.append(DepthFrame(0.1 * index, depth, None, measured, camera.camera, index))
@@ -221,7 +221,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     mission
         Mission with the reconstruction and the beam sensor's noise; receives the outline.
     """
-    known, bottle = mission.known, set_the_table(mission)
+    known, bottle = mission.known, place_bottle(mission)
     completion = _visible(mission)
     surface, before_m, foot = completion.visual, completion.expected_error_m(), completion.axis_m
     seen = measured_outline(surface, foot, REACH_M)
@@ -390,7 +390,7 @@ def _outline_figure(
 
 def default_outline(mission: Mission) -> None:
     """The outline as a completion would return it: ground truth with an error of half a millimetre."""
-    bottle = set_the_table(mission)
+    bottle = place_bottle(mission)
     off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
     mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])
     mission.known.bottle_at_m, mission.known.outline_sigma_m = np.array(bottle.foot_m) + 5e-4, 5e-4

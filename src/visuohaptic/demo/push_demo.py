@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..sensing.foam.strip.optics import ObservedStrip
     from ..viewer.page import LivePage
 
-__all__ = ["SLOWLY", "DemoObject", "DemoResult", "run_demo", "show_obstacle"]
+__all__ = ["SLOW_EXPLORATION", "DemoObject", "DemoResult", "run_demo", "show_obstacle"]
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ _TABLE_FRAMES = 15
 #: Slow enough that the first peak is static friction and not the impact on the object's inertia: it breaks away
 #: within two millimetres of foam, before a faster platform could decelerate.
 #: The platform starts on free floor, slightly more than the camera's view away.
-SLOWLY = ExploreSettings(
+SLOW_EXPLORATION = ExploreSettings(
     approach_m_s=0.02, push_m_s=0.02, cruise_m_s=0.06, near_m=0.015, free_ahead_m=0.2, search_m=0.6
 )
 
@@ -90,7 +90,7 @@ def run_demo(
     seed: int = 1,
     on_message: Callable[[str], None] = log.info,
     page: LivePage | None = None,
-    explore: ExploreSettings = SLOWLY,
+    explore: ExploreSettings = SLOW_EXPLORATION,
     through: Callable[[FrameSource], FrameSource] = lambda source: source,
 ) -> DemoResult:
     """Create the scene, calibrate and zero the sensor, explore the obstacles.

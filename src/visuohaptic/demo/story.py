@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..rigs.virtual_gripper import VirtualHand
     from ..sensing.beam.tracked import TrackedBeam
     from ..sensing.foam.sensor import FoamSensor
-    from ..simulation.houses.led_platform import LedPlatform
+    from ..simulation.houses.guided_platform import GuidedPlatform
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
     from ..viewer.page import LivePage
     from .bottle import TableBottle
@@ -161,7 +161,7 @@ class Mission:
     house: House = field(init=False)  #: the true floor
     placed: dict[str, tuple[float, float, float]] = field(init=False)  #: current true poses of its objects
     yaw_rad: dict[str, float] = field(default_factory=dict)  #: poses of its objects at the start of the drive
-    platform: LedPlatform = field(init=False)  #: the true platform, until it drives autonomously
+    platform: GuidedPlatform = field(init=False)  #: the true platform, until it drives autonomously
     mapper: OccupancyMapper = field(init=False)  #: matches scans to the map
     bottle: TableBottle | None = None  #: the one on the table
     kitchen: VirtualHand | None = None  #: arm, gripper and the bottle between its fingers

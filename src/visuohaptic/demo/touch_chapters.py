@@ -25,7 +25,7 @@ from ..tasks.mobile.known_objects import recognise
 from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
 from .judge import Claim
 from .memory import MOVED_M
-from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
+from .push_demo import SLOW_EXPLORATION, DemoObject, DemoResult, run_demo
 from .story import ChapterResult, Illustration, Measure, Mission, Story, done, failed
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ __all__ = ["default_tags", "explore_obstacles", "tag_claims", "touch_in_map"]
 FOAM_M, FLOOR_M = 0.03, 0.17
 START_M = FOAM_M + FLOOR_M
 #: Position from the laser: an object that looks like the floor is not detected by the camera.
-EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4, expected_m=FLOOR_M)
+EXPLORE = replace(SLOW_EXPLORATION, free_ahead_m=0.1, search_m=0.4, expected_m=FLOOR_M)
 #: A shorter drive and a shorter push: for tests.
 QUICK = replace(EXPLORE, free_ahead_m=0.2, search_m=0.3, push_m=0.035, halt_s=0.3, back_off_m=0.02)
 
@@ -145,7 +145,7 @@ def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) ->
     outline = _moved(outline, true, known.pose)
     ready = felt.fixed is not None or felt.min_static_friction_N is not None
     if ready and mission.memory is not None:
-        mission.remembered[one.name] = mission.memory.keep_floor_object(outline, felt)
+        mission.remembered[one.name] = mission.memory.store_floor_object(outline, felt)
     mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
     return MovableObject(one.name, outline, felt if ready else None)
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 from ..core.files import atomic_path, write_text
 from ..core.map_tasks import map_tasks
-from .runner import EXPERIMENTS, ExperimentOutcome, kept_outcome, known_name, reproduce
+from .runner import EXPERIMENTS, ExperimentOutcome, cached_outcome, known_name, reproduce
 
 __all__ = ["reproduce_all", "write_costs"]
 
 #: Experiments that share a long computation: they run sequentially, the first one computes it for all.
-TOGETHER: tuple[tuple[str, ...], ...] = (("figure-6.6", "figure-6.7", "table-6.1", "table-6.2"),)
+SHARED_COMPUTATIONS: tuple[tuple[str, ...], ...] = (("figure-6.6", "figure-6.7", "table-6.1", "table-6.2"),)
 #: The longest experiments start first, so that none runs alone at the end.
 EXPENSIVE: tuple[str, ...] = (
     "figure-5.8",
@@ -88,7 +88,7 @@ def reproduce_all(
             on_done(outcome)
 
     for name in wanted:
-        if not force and (outcome := kept_outcome(name, folder, seed=seed, quick=quick)) is not None:
+        if not force and (outcome := cached_outcome(name, folder, seed=seed, quick=quick)) is not None:
             finished(outcome)
     units = _units([name for name in wanted if name not in found])
     # Other machines may not have access to this folder: their files are returned with the outcome.
@@ -130,7 +130,7 @@ def write_costs(folder: Path | str, found: Mapping[str, ExperimentOutcome]) -> P
 
 def _units(names: Sequence[str]) -> list[list[str]]:
     """Groups for the processes: single experiments, or those with shared data; the most expensive first."""
-    units: list[list[str]] = [[name for name in group if name in names] for group in TOGETHER]
+    units: list[list[str]] = [[name for name in group if name in names] for group in SHARED_COMPUTATIONS]
     grouped = {name for unit in units for name in unit}
     units = [unit for unit in units if unit] + [[name] for name in names if name not in grouped]
     rank = {name: place for place, name in enumerate(EXPENSIVE)}

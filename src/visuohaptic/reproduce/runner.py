@@ -93,7 +93,7 @@ def reproduce(
     key = known_name(name)
     target = Path(folder) / key
     target.mkdir(parents=True, exist_ok=True)
-    if not force and (before := kept_outcome(key, folder, seed=seed, quick=quick)) is not None:
+    if not force and (before := cached_outcome(key, folder, seed=seed, quick=quick)) is not None:
         return before
     (target / "result.json").unlink(missing_ok=True)  # an incomplete result must not look complete
     out = Output(target, seed, quick)
@@ -131,7 +131,7 @@ def reproduce(
     return outcome
 
 
-def kept_outcome(
+def cached_outcome(
     name: str, folder: Path | str, *, seed: int = 0, quick: bool = False
 ) -> ExperimentOutcome | None:
     """The outcome of an earlier run with the same result; ``None`` if there is none.

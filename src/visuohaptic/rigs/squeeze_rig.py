@@ -28,7 +28,7 @@ BOTTLE = GraspObject(Outline.disc((0.065, 0.0), 0.035), stiffness_N_per_m=2e4)
 class Squeeze:
     """Measurement and truth with the gripper at rest, at one force."""
 
-    wanted_N: float
+    target_N: float
     reading: FingerReading
     truth: GripperTruth
 

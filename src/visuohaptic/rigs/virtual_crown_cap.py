@@ -29,12 +29,12 @@ class OpenerTrial:
 
     seed: int
     opening: CapOpening
-    really_open: bool
+    truly_open: bool
 
     @property
     def right(self) -> bool:
         """Whether the reported result is correct: open if reported so, otherwise a stated failure."""
-        return self.really_open if self.opening.opened else bool(self.opening.ending.why)
+        return self.truly_open if self.opening.opened else bool(self.opening.ending.why)
 
 
 class CapSensor(Protocol):

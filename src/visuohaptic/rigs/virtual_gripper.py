@@ -195,7 +195,7 @@ class VirtualHand(KitchenTable):
             Simulation time [s].
         """
         camera, effects = self.camera, self.finger.effects
-        if self.arm.t_s >= self.blind_at_s:
+        if self.arm.t_s >= self.sensor_failure_at_s:
             return np.zeros((camera.height, camera.width), np.uint8)
         wall, radius = self._wall(), self._radius()
         # A static scene is rendered once (to a tenth of a micrometre); every frame has its own noise.

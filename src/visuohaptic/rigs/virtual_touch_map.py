@@ -33,7 +33,7 @@ class MapScore:
 
     occupied_iou: float
     free_iou: float
-    flags_right: int  #: contacts with a correct movable flag
+    correct_flags: int  #: contacts with a correct movable flag
     contacts: int
     mixed: int  #: touched movable objects that are in the layer of fixed ones
 

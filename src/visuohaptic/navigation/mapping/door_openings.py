@@ -138,14 +138,14 @@ def _wall_direction(occupied: Bool[np.ndarray, "rows columns"]) -> float:
     return float(np.angle(np.sum(gradient**4 / np.maximum(np.abs(gradient) ** 2, 1e-12))) / 4)
 
 
-def narrow_places(space: DoorSpace, widest_m: float) -> Int[np.ndarray, "n 2"]:
+def narrow_places(space: DoorSpace, max_width_m: float) -> Int[np.ndarray, "n 2"]:
     """Cells (row, column) in the middle of the narrow places.
 
     Parameters
     ----------
     space
         Free space with walls only.
-    widest_m
+    max_width_m
         Maximum width of an opening [m].
     """
     import cv2
@@ -169,7 +169,7 @@ def narrow_places(space: DoorSpace, widest_m: float) -> Int[np.ndarray, "n 2"]:
     pieces = label(meeting, background=0, connectivity=2)
     numbers = np.arange(1, int(pieces.max()) + 1)
     places = np.array(ndimage.maximum_position(distance, pieces, numbers)).reshape(-1, 2).astype(np.int64)
-    return places[distance[tuple(places.T)] * space.resolution_m < 0.75 * widest_m]
+    return places[distance[tuple(places.T)] * space.resolution_m < 0.75 * max_width_m]
 
 
 def measure(space: DoorSpace, place: Int[np.ndarray, "2"]) -> Opening | None:

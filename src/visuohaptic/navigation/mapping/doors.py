@@ -51,14 +51,14 @@ class DoorSettings:
     """What counts as a door."""
 
     #: between the jambs; a door of 0.7 m keeps half a metre between walls that noise has thickened
-    narrowest_m: float = field(default=0.42, metadata=POSITIVE)
-    widest_m: float = 2.0
+    min_width_m: float = field(default=0.42, metadata=POSITIVE)
+    max_width_m: float = 2.0
     #: on buildings left out of the training, recall and precision are alike there
     min_confidence: float = field(default=0.45, metadata=within(0, 1))
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        check_order(self, "narrowest_m", "widest_m")
+        check_order(self, "min_width_m", "max_width_m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,8 +237,10 @@ def door_candidates(
         Space that is searched, openings, measures of each.
     """
     space = free_space(grid)
-    found = [measure(space, place) for place in narrow_places(space, settings.widest_m)]
-    openings = [o for o in found if o is not None and settings.narrowest_m <= o.width_m <= settings.widest_m]
+    found = [measure(space, place) for place in narrow_places(space, settings.max_width_m)]
+    openings = [
+        o for o in found if o is not None and settings.min_width_m <= o.width_m <= settings.max_width_m
+    ]
     return space, openings, np.array([o.measures for o in openings]).reshape(-1, len(MEASURES))
 
 

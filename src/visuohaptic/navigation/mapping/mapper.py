@@ -22,7 +22,7 @@ from ...core.laser_scan import LaserScan
 from ...core.measurement import Reason
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ._mapper_kernels import add_beams
-from .scan_matching import SURELY_FREE as _SURELY_FREE
+from .scan_matching import FREE_LOG_ODDS as _SURELY_FREE
 from .scan_matching import HitGrid, MatchSettings, ScanMatch, match_scan
 
 __all__ = ["MapperSettings", "OccupancyMapper", "build_map"]

@@ -24,7 +24,7 @@ __all__ = ["HitGrid", "MatchSettings", "ScanMatch", "match_scan"]
 
 
 #: Log-odds below which a point in a cell contradicts the map: passed by three beams or more.
-SURELY_FREE = -1.0
+FREE_LOG_ODDS = -1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ def _agreement(
     inside = ((cells >= 0) & (cells < grid.count.shape)).all(axis=1)
     cells = np.where(inside[:, None], cells, 0)
     near = lines[:, 4] != 0
-    known = near | (inside & (grid.log_odds[cells[:, 0], cells[:, 1]] < SURELY_FREE))
+    known = near | (inside & (grid.log_odds[cells[:, 0], cells[:, 1]] < FREE_LOG_ODDS))
     return int(known.sum()), int(near.sum())
 
 

@@ -8,7 +8,7 @@ from ...core.kernels import kernel
 from ..pushing._outline_kernels import extent, inside_polygon, polygon_distance, segment_distance, square_gap
 
 #: Crumbs of an object's cells are looked for so far around its outline [cells].
-CRUMB_REACH = 1.25
+SPURIOUS_REACH_CELLS = 1.25
 
 
 @kernel
@@ -34,12 +34,12 @@ def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: i
     """Free an object's cells in a window that begins at (row0, column0).
 
     Those that its outline covers, and spurious components beside them - connected pieces that
-    lie wholly within ``CRUMB_REACH`` - which no wall explains.
+    lie wholly within ``SPURIOUS_REACH_CELLS`` - which no wall explains.
     """
     rows, columns = occupied.shape
     near = np.zeros((rows, columns), np.bool_)
     # Cells whose centre is farther than this from the outline's box are neither met nor near.
-    reach = CRUMB_REACH + 1.0
+    reach = SPURIOUS_REACH_CELLS + 1.0
     x_min, x_max, y_min, y_max = extent(polygon)
     top = max(0, int(y_min - reach) - row0)
     bottom = min(rows, int(y_max + reach) + 1 - row0)
@@ -52,7 +52,9 @@ def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: i
             if cell_meets_polygon(r + row0, c + column0, polygon):
                 occupied[r, c] = False
             else:
-                near[r, c] = polygon_distance(c + column0 + 0.5, r + row0 + 0.5, polygon) <= CRUMB_REACH
+                near[r, c] = (
+                    polygon_distance(c + column0 + 0.5, r + row0 + 0.5, polygon) <= SPURIOUS_REACH_CELLS
+                )
     seen = np.zeros((rows, columns), np.bool_)
     stack = np.empty((rows * columns, 2), np.int32)
     for r in range(top, bottom):

@@ -43,14 +43,14 @@ class PushCosts:
     drift_limit_m: float = 0.10  #: the contact may wander so far sideways over one push
     rotation_limit_rad: float = 1.05  #: the object may turn so far over one push
     easy_fraction: float = 0.5  #: up to this fraction of the maximum force the push has full speed
-    slowest_fraction: float = 0.5  #: of the full speed, at the largest force
+    min_speed_fraction: float = 0.5  #: of the full speed, at the largest force
     prior_failures: float = 0.2  #: pseudo-counts: a first push fails with 0.2 / (0.2 + 0.8)
     prior_successes: float = 0.8
     unknown_movable: float = 0.5  #: probability that an object nobody touched can be pushed
     explore_time_s: float = 8.0  #: to approach, touch and decide
     unknown_force_fraction: float = 0.5  #: of the largest force: effort assumed where no force was observed
     risk_s: float = 0.0  #: added seconds per -log(1 - p): how much reliability is worth
-    longest_push_m: float = 2.0  #: r_mani of Eq. (4.3)
+    max_push_m: float = 2.0  #: r_mani of Eq. (4.3)
     price_ends: bool = True  #: whether lengths allow for ends that may block the plan's later drives
 
 
@@ -59,7 +59,7 @@ class Manipulability:
     """Whether an object may be pushed at all, how far at most, and why not further."""
 
     possible: bool
-    longest_m: float
+    max_length_m: float
     reason: str = ""  #: what limits it, for people
     unknown: bool = False  #: no tag: explore first, then decide
 
@@ -96,9 +96,9 @@ def manipulability(
         Limits and priors.
     """
     costs = costs or PushCosts()
-    longest_m = costs.longest_push_m
+    max_length_m = costs.max_push_m
     if tag is None:
-        return Manipulability(True, longest_m, "never touched", unknown=True)
+        return Manipulability(True, max_length_m, "never touched", unknown=True)
     if tag.fixed:
         return Manipulability(False, 0.0, "fixed")
     if tag.falls:
@@ -114,10 +114,10 @@ def manipulability(
         ("drift", tag.drift, costs.drift_limit_m),
         ("rotation", tag.rotation_rad_per_m, costs.rotation_limit_rad),
     ):
-        if estimate is not None and abs(estimate.value) * longest_m > limit:
-            longest_m = limit / abs(estimate.value)
-            reason = f"{name} allows {longest_m:.2f} m"
-    return Manipulability(True, longest_m, reason)
+        if estimate is not None and abs(estimate.value) * max_length_m > limit:
+            max_length_m = limit / abs(estimate.value)
+            reason = f"{name} allows {max_length_m:.2f} m"
+    return Manipulability(True, max_length_m, reason)
 
 
 def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None) -> float:
@@ -134,7 +134,7 @@ def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | 
     force = None if tag is None else tag.dynamic_friction_N or tag.static_friction_N
     fraction = costs.unknown_force_fraction if force is None else force.value / robot.push_force_max_N
     effort = min(max((fraction - costs.easy_fraction) / (1.0 - costs.easy_fraction), 0.0), 1.0)
-    return robot.v_push_m_s * (1.0 + effort * (costs.slowest_fraction - 1.0))
+    return robot.v_push_m_s * (1.0 + effort * (costs.min_speed_fraction - 1.0))
 
 
 class PushForce(Protocol):
@@ -222,7 +222,7 @@ def push_cost(
     """
     costs = costs or PushCosts()
     allowed = manipulability(tag, robot, costs)
-    if not allowed.possible or length_m > allowed.longest_m * (1 + 1e-9):
+    if not allowed.possible or length_m > allowed.max_length_m * (1 + 1e-9):
         return PushCost(robot.setup_time_s, float("inf"), 0.0, 1.0)
     push_s = length_m / push_speed_m_s(tag, robot, costs)
     attempt_s = robot.setup_time_s + push_s

@@ -15,11 +15,11 @@ from ._contact_kernels import MAX_CONTACTS, advance, features
 #: How far the platform's rim enters the outline at full friction force (m): the contact's softness.
 SOFT_M = 1e-4
 #: A support point that moves less than this fraction of a step still holds less than its whole friction.
-CREEP = 2e-3
+MIN_SLIP_FRACTION = 2e-3
 #: Force that may remain out of balance, as a fraction of the floor's friction.
 TOLERANCE = 3e-3
 #: Fraction of a step by which the object may move otherwise than expected before the step is looked at again.
-SURPRISE = 0.3
+MAX_STEP_DEVIATION = 0.3
 #: How often a step is looked at, at most.
 ATTEMPTS = 20
 #: Newton steps at most for one step of the platform.
@@ -287,7 +287,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                 else:
                     z[0], z[1], z[2] = shift[0], shift[1], 0.0
                 # Where sticking goes over into slipping Newton may go in circles; a blunter edge ends that.
-                eps = CREEP * size
+                eps = MIN_SLIP_FRACTION * size
                 for _ in range(5):
                     solved, force_x, force_y = _newton(
                         z,
@@ -311,7 +311,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                 off = np.hypot(z[0] - known[0], z[1] - known[1]) + abs(z[2] - known[2])
                 # Not what was expected: look again at where that leads to, by less and less of the step: between two
                 # modes of contact whole steps go to and fro.
-                if off < SURPRISE * size or not solved:
+                if off < MAX_STEP_DEVIATION * size or not solved:
                     break
                 if attempt + 1 < ATTEMPTS:
                     weight = 1.0 if attempt == 0 else 0.5 if attempt < 4 else 1.0 / attempt

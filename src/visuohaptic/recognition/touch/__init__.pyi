@@ -22,7 +22,7 @@ from .contents import Filling as Filling
 from .contents import SqueezeSamples as SqueezeSamples
 from .contents import wall_from_stiffness as wall_from_stiffness
 from .few_curves import learn_from_curves as learn_from_curves
-from .haptic_model import NUISANCE_PARAMETERS as NUISANCE_PARAMETERS
+from .haptic_model import NUISANCES as NUISANCES
 from .haptic_model import UNKNOWN as UNKNOWN
 from .haptic_model import ClassStatistics as ClassStatistics
 from .haptic_model import HapticModel as HapticModel

@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from ..data.places import HEIGHTS
 from ..data.readings import TouchReading
-from .haptic_model import NUISANCE_PARAMETERS, HapticModel
+from .haptic_model import NUISANCES, HapticModel
 from .unknown_class import FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = [
@@ -290,7 +290,7 @@ def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]
     effect = model.nuisance[best][:, place]
     # Posterior means of nuisances that are standard normal beforehand; of the height by the scale of a good pose.
     sigmas = effect @ np.linalg.solve(seen, value - model.mean[best, place])
-    sigmas *= np.where(np.array(NUISANCE_PARAMETERS) == "height", model.pose[best], 1.0)
+    sigmas *= np.where(np.array(NUISANCES) == "height", model.pose[best], 1.0)
     worst = int(np.argmax(np.abs(sigmas)))
     settings, much = model.settings, float(sigmas[worst])
     name = model.answers[model.answer_of[best]]

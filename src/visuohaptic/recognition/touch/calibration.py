@@ -24,7 +24,7 @@ from ..data.data_set import FeatureSet
 from ..data.noise import as_measured
 from .bayes import TOUCHES
 from .belief import FALSE_ALARM, WIDTH_VARIANCE, sequential_likelihood
-from .haptic_model import RANGE_WIDENING, UNCALIBRATED_POSE_RATIO, HapticModel, fit_model
+from .haptic_model import POSE_RATIO, RANGE_WIDENING, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = ["calibrate", "calibration_error"]
@@ -195,7 +195,7 @@ def _features_as_touched(
     """
     settings, count = model.settings, len(rows)
     stretch = np.where(rng.random(count) < 0.5, RANGE_WIDENING, 1.0)
-    pose_m = settings.pose_m * np.where(rng.random(count) < 0.5, UNCALIBRATED_POSE_RATIO, 1.0)
+    pose_m = settings.pose_m * np.where(rng.random(count) < 0.5, POSE_RATIO, 1.0)
 
     def moved(values: np.ndarray) -> np.ndarray:
         logs = np.log(values)

@@ -10,7 +10,7 @@ An exploration of an object of class k reads, at the places that are touched,
 w is the variation within the class, e the effect of a pose error of the gripper, J theta the effects of force gain, sensor
 zeros, Young's modulus and the closure of the mouth, and d the error of the simulation at each place. All but d are shared by
 the touches of one exploration. All are integrated out in closed form, since everything is Gaussian given l and s: l is 1 for
-an object inside the trained ranges and :data:`RANGE_WIDENING` for one outside, s is 1 for an accurate pose and :data:`UNCALIBRATED_POSE_RATIO` for
+an object inside the trained ranges and :data:`RANGE_WIDENING` for one outside, s is 1 for an accurate pose and :data:`POSE_RATIO` for
 an inaccurate one. Each combination is a Gaussian component with equal prior probability, so that residuals have the heavy
 tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated
 likelihood. The unknown class is an answer with components of its own (:mod:`.unknown_class`). Stiffness is read in series with the resolution c0 of a touch, k / (1 + c0 k): stiffness beyond the resolution saturates, and
@@ -34,7 +34,7 @@ from ..data.protocol import TouchProtocol
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m, unknown_kinds
 
 __all__ = [
-    "NUISANCE_PARAMETERS",
+    "NUISANCES",
     "UNKNOWN",
     "ClassStatistics",
     "HapticModel",
@@ -55,11 +55,11 @@ _PLACE_m = 0.01  # between two of the 16 heights of most containers
 #: objects are accepted as known than known objects outside their ranges are gained.
 RANGE_WIDENING = 1.43
 #: Pose error of an uncalibrated gripper (5 mm) by that of a calibrated one (2 mm).
-UNCALIBRATED_POSE_RATIO = 2.5
+POSE_RATIO = 2.5
 #: Candidate strengths of the shrinkage: number of objects that the average covariance of all classes counts for.
 SHRINKAGE_STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Nuisances that have a name, with their unit and the scale of their settings to that unit.
-NUISANCE_PARAMETERS = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
+NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
 #: Places over which the effect of the mouth's closure falls by e: fit to maps of bottles with free and with held mouths.
 MOUTH_REACH = 2.2
 
@@ -73,7 +73,7 @@ class ModelSettings:
     pose_m: float = POSE_m  #: error of the height, common to all touches
     poses: tuple[float, ...] = (
         1.0,
-        UNCALIBRATED_POSE_RATIO,
+        POSE_RATIO,
     )  #: factors of it with equal probability; 1 if it was measured
     tilt_rad: float = 0.05  #: error of the gripper's tilt against the object, 3 degrees
     width_m: float = 0.0008  #: error of the width by pose and contact
@@ -97,9 +97,7 @@ class HapticModel:
     mean: Float[np.ndarray, "c p"]
     covariance: Float[np.ndarray, "c p p"]
     log_prior: Float[np.ndarray, "c"]
-    nuisance: Float[
-        np.ndarray, "c m p"
-    ]  #: effect of one standard deviation of each of :data:`NUISANCE_PARAMETERS`
+    nuisance: Float[np.ndarray, "c m p"]  #: effect of one standard deviation of each of :data:`NUISANCES`
     spread: Float[np.ndarray, "c"]  #: l of each Gaussian
     pose: Float[np.ndarray, "c"]  #: s of each Gaussian
     groups: Mapping[str, Sequence[str]]  #: name -> trained classes that are answered by it
@@ -203,7 +201,7 @@ def assemble(
     fraction = _prior(answers, None, settings)
     own = np.diag(_discrepancy(settings))
     kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
-    apart = [k for k, name in enumerate(NUISANCE_PARAMETERS) if name != "height"]  # which is in the pose
+    apart = [k for k, name in enumerate(NUISANCES) if name != "height"]  # which is in the pose
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
@@ -213,7 +211,7 @@ def assemble(
         chance = fraction[name_of[part]] / alike / len(one.spreads) / len(settings.poses)
         for spread, pose in product(one.spreads, settings.poses):
             whole = shared + spread**2 * one.within + pose**2 * one.pose
-            scaled = effect * np.where(np.array(NUISANCE_PARAMETERS) == "height", pose, 1.0)[:, None]
+            scaled = effect * np.where(np.array(NUISANCES) == "height", pose, 1.0)[:, None]
             rows.append((number, one.mean, whole, chance, scaled, spread, pose))
         for kind, part_of in zip(kinds, likely, strict=True):
             chance = fraction[UNKNOWN] / len(learned) * part_of
@@ -283,7 +281,7 @@ def nuisance_effects(
     settings, protocol
         Assumed standard deviations, and how the gripper touches.
     """
-    out = np.zeros((len(NUISANCE_PARAMETERS), FEATURES))
+    out = np.zeros((len(NUISANCES), FEATURES))
     stiffness = np.exp(mean[:FIRST_WIDTH])
     reach = np.minimum(protocol.max_deformation_m, protocol.max_force_N / stiffness)
     out[0, :FIRST_WIDTH] = settings.gain

@@ -64,7 +64,7 @@ def run(out: Output) -> None:
     out.compare("IoU of occupied space, median", float(np.median([s.occupied_iou for s in scores])),
                 note=f"{told}; the dissertation shows a picture only")  # fmt: skip
     out.compare("IoU of free space, median", float(np.median([s.free_iou for s in scores])), note=told)
-    right, count = sum(s.flags_right for s in scores), sum(s.contacts for s in scores)
+    right, count = sum(s.correct_flags for s in scores), sum(s.contacts for s in scores)
     out.compare("contacts rightly called movable or fixed", 100 * right / max(count, 1), "%")
     out.compare("movable things in the layer of the fixed ones", sum(s.mixed for s in scores))
     kinds = [c.primitive.kind for c in contacts]

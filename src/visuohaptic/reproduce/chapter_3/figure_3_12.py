@@ -35,10 +35,10 @@ def run(out: Output) -> None:
     path = out.folder / "squeeze.png"
     squeezing.plot_squeeze(found, path)
     out.pictures.append(path.name)
-    rows = Columns("wanted_N measured_N true_N x_m y_m")
+    rows = Columns("target_N measured_N true_N x_m y_m")
     for one in found:
         for point in one.reading.contour_m:
-            rows.add(one.wanted_N, one.reading.profile.force_N, one.truth.force_N, *point)
+            rows.add(one.target_N, one.reading.profile.force_N, one.truth.force_N, *point)
     out.table("contours", rows)
     errors = np.concatenate([one.contour_error_m for one in found])
     out.compare(

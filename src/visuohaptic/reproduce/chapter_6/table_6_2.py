@@ -63,7 +63,7 @@ def run(out: Output) -> None:
     for row, name in enumerate(names):
         right = np.zeros(fraction.shape[1])
         for draw in range(draws):
-            thing = world.real_draw(name, draw, 2016 + out.seed)
+            thing = world.sample_real_object(name, draw, 2016 + out.seed)
             for column, number in enumerate(NUMBERS):
                 truth = name if number == 9 else world.REAL[name]
                 touch = world.explore_container(thing, out.rng(1, row, draw))

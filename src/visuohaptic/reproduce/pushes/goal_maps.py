@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from .local_costmap import FootprintSamples, LocalCostmap, distance_from
 
-__all__ = ["GoalMap", "are_goals", "blocked_parts", "clashes", "goal_map"]
+__all__ = ["GoalMap", "are_goals", "blocked_parts", "goal_map", "in_collision"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,13 +59,13 @@ def goal_map(
     places = costmap.map.world_from_cell(cells)
     near = np.hypot(*(places - object_m[:2]).T) <= reach_m
     cells, poses = cells[near], np.column_stack([places[near], np.full(near.sum(), object_m[2])])
-    free[tuple(cells.T)] = clashes(costmap, footprint, poses) == 0
+    free[tuple(cells.T)] = in_collision(costmap, footprint, poses) == 0
     path = path_distance(costmap, blocked_path_m)
     goal[tuple(cells.T)] = are_goals(costmap, footprint, poses, radius_m, path)
     return GoalMap(goal, free, object_m[2])
 
 
-def clashes(
+def in_collision(
     costmap: LocalCostmap, footprint: FootprintSamples, poses: Float[np.ndarray, "n 3"]
 ) -> Int[np.ndarray, "n"]:
     """Number of samples of a footprint that are too close to obstacles, at each pose; 0 if it fits.
@@ -89,7 +89,7 @@ def blocked_parts(
     Parameters
     ----------
     costmap, footprint, poses
-        As of :func:`clashes`.
+        As of :func:`in_collision`.
     radius_m
         Of the platform [m].
     """
@@ -114,7 +114,7 @@ def are_goals(
         From :func:`path_distance`.
     """
     beside = LocalCostmap(costmap.map, from_path).distance_at(_placed(footprint.border_m, poses))
-    free = (clashes(costmap, footprint, poses) == 0) & (beside >= radius_m).all(axis=1)
+    free = (in_collision(costmap, footprint, poses) == 0) & (beside >= radius_m).all(axis=1)
     return free & (blocked_parts(costmap, footprint, poses, radius_m) <= 1)
 
 

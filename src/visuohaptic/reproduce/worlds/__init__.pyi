@@ -17,8 +17,8 @@ from .virtual_containers import description as description
 from .virtual_containers import draw_curve as draw_curve
 from .virtual_containers import explore_container as explore_container
 from .virtual_containers import perturbed as perturbed
-from .virtual_containers import real_draw as real_draw
 from .virtual_containers import real_object as real_object
+from .virtual_containers import sample_real_object as sample_real_object
 from .virtual_glass import HIGH_M as HIGH_M
 from .virtual_glass import LOW_M as LOW_M
 from .virtual_glass import VOXEL_M as VOXEL_M

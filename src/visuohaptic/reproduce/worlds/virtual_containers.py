@@ -32,8 +32,8 @@ __all__ = [
     "draw_curve",
     "explore_container",
     "perturbed",
-    "real_draw",
     "real_object",
+    "sample_real_object",
 ]
 
 #: The elliptic bottles of Table 6.2 are one class, as there.
@@ -124,7 +124,7 @@ def description(name: str) -> ContainerDescription:
     return ContainerDescription.model_validate({"name": name, **parse_yaml(text, name)})
 
 
-def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
+def sample_real_object(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
     """One sample of an unseen object: for the nine objects, the same container with perturbations, unless varied.
 
     Parameters

@@ -2,7 +2,7 @@ from .floor_model import FloorObject as FloorObject
 from .floor_model import FloorRobot as FloorRobot
 from .floor_model import floor_mjcf as floor_mjcf
 from .floor_senses import FloorSenses as FloorSenses
-from .floor_senses import SenseErrors as SenseErrors
+from .floor_senses import SensorErrors as SensorErrors
 from .floor_world import FloorBase as FloorBase
 from .floor_world import FloorTouch as FloorTouch
 from .floor_world import FloorWorld as FloorWorld

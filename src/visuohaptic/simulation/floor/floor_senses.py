@@ -9,16 +9,16 @@ import numpy as np
 
 from .floor_world import FloorWorld
 
-__all__ = ["FloorSenses", "SenseErrors"]
+__all__ = ["FloorSenses", "SensorErrors"]
 
 
 @dataclass(frozen=True, slots=True)
-class SenseErrors:
+class SensorErrors:
     """Standard deviations, and time constant of the localisation error."""
 
     place_m: float = 0.006  #: of the robot, per axis
     heading_rad: float = 0.008
-    wander_s: float = 5.0  #: time over which these errors change
+    drift_time_s: float = 5.0  #: time over which these errors change
     look_m: float = 0.005  #: of an object, independent in every observation
     look_rad: float = 0.015
     force_fraction: float = 0.05
@@ -40,10 +40,10 @@ class FloorSenses:
     """
 
     def __init__(
-        self, world: FloorWorld, rng: np.random.Generator, errors: SenseErrors | None = None
+        self, world: FloorWorld, rng: np.random.Generator, errors: SensorErrors | None = None
     ) -> None:
         self._world, self._rng = world, rng
-        self._errors = errors if errors is not None else SenseErrors()
+        self._errors = errors if errors is not None else SensorErrors()
         e = self._errors
         self._sigma = np.array([e.place_m, e.place_m, e.heading_rad])
         self._bias = self._sigma * rng.standard_normal(3)
@@ -53,7 +53,7 @@ class FloorSenses:
         """Estimated pose of the robot, with a slowly varying error."""
         passed_s, self._t_s = self._world.t_s - self._t_s, self._world.t_s
         if passed_s > 0:
-            keep = math.exp(-passed_s / self._errors.wander_s)
+            keep = math.exp(-passed_s / self._errors.drift_time_s)
             self._bias = keep * self._bias + math.sqrt(
                 1.0 - keep * keep
             ) * self._sigma * self._rng.standard_normal(3)
@@ -79,7 +79,7 @@ class FloorSenses:
         id
             Name of the object.
         """
-        place = self._world.item_pose_m(id)
+        place = self._world.object_pose_m(id)
         if np.hypot(*(place[:2] - self._world.pose_m()[:2])) > self._errors.range_m:
             return None
         e = self._errors

@@ -107,7 +107,7 @@ class FloorWorld:
         """True pose of the robot (x, y, heading)."""
         return self._pose.copy()
 
-    def item_pose_m(self, id: str) -> Float[np.ndarray, "3"]:
+    def object_pose_m(self, id: str) -> Float[np.ndarray, "3"]:
         """True pose of an object: the centroid of its outline [m], and its rotation since the start [rad].
 
         Parameters
@@ -127,7 +127,7 @@ class FloorWorld:
         id
             Name of the object.
         """
-        x, y, yaw = self.item_pose_m(id)
+        x, y, yaw = self.object_pose_m(id)
         index = self._index(id)
         own = self.items[index].footprint_m - self._centres[index]
         return own @ rotation_2d(yaw).T + (x, y)

@@ -24,7 +24,7 @@ WALL_M, MARGIN_M = 0.1, 0.2
 #: Minimum distance of furniture from paths of a platform, and from its stops [m].
 CLEAR_M, STAND_M = 0.3, 0.4
 #: Furniture along a wall: depth [m], and range of its length [m].
-ALONG_WALLS = (
+WALL_FURNITURE = (
     (0.6, (1.2, 2.4)),
     (0.65, (0.6, 0.65)),
     (0.35, (0.8, 2.0)),
@@ -32,7 +32,7 @@ ALONG_WALLS = (
     (0.3, (0.3, 0.4)),
 )
 #: Furniture with four legs of one cell: ranges of its sides [m].
-ON_LEGS = (((1.0, 1.6), (0.7, 0.9)), ((0.45, 0.45), (0.4, 0.45)))
+LEGGED_FURNITURE = (((1.0, 1.6), (0.7, 0.9)), ((0.45, 0.45), (0.4, 0.45)))
 TABLE = ((1.2, 1.6), (0.8, 0.9))
 
 Box = tuple[float, float, float, float]
@@ -224,7 +224,7 @@ def _furnish(plan: FloorPlan, room: Box, rng: np.random.Generator) -> None:
     x0, y0, x1, y1 = room
     before = plan.cells.copy()
     if rng.random() < 0.6:
-        depth, span = ALONG_WALLS[int(rng.integers(len(ALONG_WALLS)))]
+        depth, span = WALL_FURNITURE[int(rng.integers(len(WALL_FURNITURE)))]
         length, side = float(rng.uniform(*span)), int(rng.integers(4))
         wide, deep = (length, depth) if side < 2 else (depth, length)
         if min(x1 - x0 - wide, y1 - y0 - deep) <= 0:
@@ -235,7 +235,7 @@ def _furnish(plan: FloorPlan, room: Box, rng: np.random.Generator) -> None:
             return
         plan.fill((x, y, x + wide, y + deep), OCCUPIED)
     else:
-        spans = ON_LEGS[int(rng.integers(len(ON_LEGS)))]
+        spans = LEGGED_FURNITURE[int(rng.integers(len(LEGGED_FURNITURE)))]
         wide, deep = (float(rng.uniform(*span)) for span in spans)
         if min(x1 - x0 - wide, y1 - y0 - deep) <= 0.6:
             return

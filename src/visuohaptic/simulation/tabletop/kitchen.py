@@ -56,7 +56,7 @@ class KitchenTable(BlankFrames, Gripper):
     force_limit_N: float = 60.0
     slip_at_s: float = math.inf  #: from then on the fingers are wet: a tenth of the friction
     fall_at_s: float = math.inf  #: time at which the object falls over
-    blind_at_s: float = math.inf  #: time from which the sensor is blind
+    sensor_failure_at_s: float = math.inf  #: time from which the sensor is blind
 
     def __post_init__(self) -> None:
         start = Pose(np.eye(3), np.array([*self.place_m, 0.35]))
@@ -109,7 +109,7 @@ class KitchenTable(BlankFrames, Gripper):
         frame
             Newest frame.
         """
-        if self.arm.t_s >= self.blind_at_s:
+        if self.arm.t_s >= self.sensor_failure_at_s:
             return FingerObservation(frame.t_s, False, math.nan, math.inf, math.nan)
         noise = self.rng.standard_normal(2)
         force = self.force_N + self.force_sigma_N * float(noise[0])
@@ -126,7 +126,7 @@ class KitchenTable(BlankFrames, Gripper):
         frame
             Newest frame.
         """
-        if self.arm.t_s >= self.blind_at_s:
+        if self.arm.t_s >= self.sensor_failure_at_s:
             return math.nan
         return self.load_N + self.load_zero_N + self.load_sigma_N * float(self.rng.standard_normal())
 

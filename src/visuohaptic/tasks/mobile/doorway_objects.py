@@ -14,7 +14,7 @@ from ...io.maps.occupancy_map import OccupancyMap
 __all__ = ["heading_across", "join_sides", "near_side"]
 
 #: Two standard deviations of laser and map between scans of the same side [m].
-LINK_M = 0.03
+SIDE_DISTANCE_M = 0.03
 #: Part of the map around the objects that shows the direction of their doorway's wall, turns that are compared: the row is
 #: off by up to 8 degrees in random houses; bins of the projection, finer than cells [m].
 WALL_M, WALL_TURNS_RAD, BIN_M = 1.0, np.radians(np.arange(-20, 21)), 0.02
@@ -97,7 +97,10 @@ def join_sides(
     turn, whole = rotation_2d(heading_rad), list[Float[np.ndarray, "k 2"]]()
     for one in sorted(groups, key=lambda group: -float(np.ptp(group @ turn[:, 1]))):
         for number, wider in enumerate(whole):
-            low, high = (wider @ turn).min(axis=0) - LINK_M, (wider @ turn).max(axis=0) + LINK_M
+            low, high = (
+                (wider @ turn).min(axis=0) - SIDE_DISTANCE_M,
+                (wider @ turn).max(axis=0) + SIDE_DISTANCE_M,
+            )
             high[0] = max(high[0], low[0] + MAX_DEPTH * (high[1] - low[1]))
             if ((one @ turn > low) & (one @ turn < high)).all():
                 whole[number] = np.concatenate([wider, one])

@@ -84,9 +84,9 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
         pressing = self.state in (ExploreState.APPROACH, ExploreState.PUSH)
         force_N = seen.force_N if seen.force_read else math.nan
         allowed = self._guard.update(force_N, seen.force_sigma_N, pressing=pressing)
-        passed_s = max(seen.base_t_s - self._first.base_t_s, seen.t_s - self._first.t_s)
-        if passed_s > self.settings.timeout_s:
-            self.end(False, ExploreOutcome.TIMED_OUT, f"after {passed_s:.1f} s")
+        elapsed_s = max(seen.base_t_s - self._first.base_t_s, seen.t_s - self._first.t_s)
+        if elapsed_s > self.settings.timeout_s:
+            self.end(False, ExploreOutcome.TIMED_OUT, f"after {elapsed_s:.1f} s")
         elif allowed is GuardState.UNREAD and pressing:
             # Densified foam may remain unreadable: the retreat does not need a reading.
             why = f"{self.settings.max_invalid_frames} frames in a row cannot be trusted"

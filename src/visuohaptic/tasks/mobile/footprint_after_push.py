@@ -14,7 +14,7 @@ from .explore import ObstacleExploration
 __all__ = ["footprint_after_push", "width_sigma_m"]
 
 #: Quantiles of laser points that are taken for the ends of an object.
-INNER = (0.04, 0.96)
+END_QUANTILES = (0.04, 0.96)
 #: Standard deviation of a width between these quantiles [m]: 17 mm +- 1 mm over 424 objects of random houses.
 LASER_WIDTH_SIGMA_M = 0.017
 
@@ -54,7 +54,7 @@ def footprint_after_push(
         return ahead @ rotation_2d(state.heading_rad).T + (state.x_m, state.y_m)
     turn = rotation_2d(heading_rad)
     # Of some hundred points with the noise of a laser, the outermost are centimetres outside.
-    (x0, y0), (_, y1) = np.quantile(seen_m @ turn, INNER, axis=0)
+    (x0, y0), (_, y1) = np.quantile(seen_m @ turn, END_QUANTILES, axis=0)
     width = max(float(y1 - y0), 0.05)
     front_x = float(x0)
     if state is not None:

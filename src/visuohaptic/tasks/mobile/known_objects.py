@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from ...core.geometry import rotation_2d
 from ...core.objects import HapticTag, VisuoHapticObject
-from .footprint_after_push import INNER, width_sigma_m
+from .footprint_after_push import END_QUANTILES, width_sigma_m
 
 __all__ = ["outline_fit", "recognise"]
 
@@ -35,7 +35,7 @@ POPULATION_M = np.geomspace(0.05, 0.4, 8)
 #: Deviates and weights of the Gauss-Hermite quadrature over a stored outline's width.
 QUADRATURE = (-math.sqrt(3.0), 0.0, math.sqrt(3.0)), (1 / 6, 2 / 3, 1 / 6)
 #: Frictions that are equivalent for a plan, as a fraction.
-ALIKE = 0.15
+FRICTION_TOLERANCE = 0.15
 
 
 def outline_fit(
@@ -60,7 +60,7 @@ def outline_fit(
     turn = rotation_2d(heading_rad)
     local = (points_m @ turn)[:: max(1, len(points_m) // 60)]
     # Without the outliers.
-    low, high = np.quantile(local, INNER, axis=0)
+    low, high = np.quantile(local, END_QUANTILES, axis=0)
     hits = shapely.points(local)
     best, placed, logs = -math.inf, outline_m, []
     for angle in _turns(outline_m):
@@ -188,4 +188,4 @@ def _alike(first: HapticTag | None, second: HapticTag | None) -> bool:
     one, other = first.static_friction_N, second.static_friction_N
     if one is None or other is None:
         return bool(first.fixed)
-    return abs(one.value - other.value) <= ALIKE * min(one.value, other.value)
+    return abs(one.value - other.value) <= FRICTION_TOLERANCE * min(one.value, other.value)

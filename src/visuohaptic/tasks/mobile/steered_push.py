@@ -47,7 +47,7 @@ MIN_MOTION_M, SEEN_M = 0.005, 0.003
 #: Steps of the recursion over the rest of a push: for a push of a metre each is shorter than the lever of a box of 25 cm.
 STEPS = 10
 #: Number of readings after contact that are the impact on the foam, not friction.
-FIRST_BLOW = 10
+IMPACT_READINGS = 10
 
 
 class PushEnd(StrEnum):
@@ -158,7 +158,7 @@ class SteeredPush:
         """
         if not self._forces:
             return math.nan, math.nan
-        kept = np.array(self._forces[FIRST_BLOW:] or self._forces)
+        kept = np.array(self._forces[IMPACT_READINGS:] or self._forces)
         lasting = [float(np.sort(kept[i : i + 5])[:2][-1]) for i in range(max(1, len(kept) - 4))]
         return max(lasting), float(np.median(kept[len(kept) // 3 :]))
 
@@ -180,11 +180,11 @@ class SteeredPush:
             return np.zeros(2)
         return np.array([shift @ self._ahead, shift @ self._left])
 
-    def centre_beside_m(self) -> float | None:
+    def centre_offset_m(self) -> float | None:
         """Offset of the centre of friction to the left of its prior estimate [m]; ``None`` after a short push."""
-        return None if self._way_m < 0.08 else self._beside_m()
+        return None if self._way_m < 0.08 else self._offset_m()
 
-    def _beside_m(self) -> float:
+    def _offset_m(self) -> float:
         """Posterior mean of that offset [m]."""
         if self._way_m <= 0.0:
             return 0.0
@@ -252,10 +252,10 @@ class SteeredPush:
         step = float(np.hypot(*(pose_m[:2] - self._last[1][:2])))
         if step > 0.004:
             self._last = (t_s, pose_m)
-        passed_s = t_s - self._anchor[0]
-        if passed_s >= s.stall_s:
+        elapsed_s = t_s - self._anchor[0]
+        if elapsed_s >= s.stall_s:
             driven = float((pose_m[:2] - self._anchor[1][:2]) @ self._ahead)
-            self._stalled = driven < 0.25 * s.speed_m_s * passed_s
+            self._stalled = driven < 0.25 * s.speed_m_s * elapsed_s
             self._anchor = (t_s, pose_m)
         if force_N >= s.touch_N:
             if self._touch_place is None:
@@ -297,7 +297,7 @@ class SteeredPush:
         high = max(float(off @ axis), 0.05)
         beside = float(axis[1] * off[0] - axis[0] * off[1])
         self._explain(high, beside)
-        beside -= self._beside_m()
+        beside -= self._offset_m()
         # Slope of the normal of the round rim at the contact, less the part that friction holds.
         slope = float(
             (axis[0] * self._rim[1] - axis[1] * self._rim[0]) / max(self._rim @ axis, 0.5 * s.radius_m)

@@ -37,13 +37,13 @@ def run(args: Any) -> dict[str, Any]:
         from ....rigs.virtual_crown_cap import open_virtual_cap
 
         bottle = open_virtual_cap(args.seed, "tracked")
-        trace, truth = bottle.opening.trace, {"really_open": bottle.really_open}
+        trace, truth = bottle.opening.trace, {"truly_open": bottle.truly_open}
     else:
         from ....rigs.virtual_touch_map import map_virtual_room
 
         room = map_virtual_room(args.seed, args.contacts)
         trace, score = room.mapping.trace, room.score
-        truth = {"contacts": score.contacts, "flags_right": score.flags_right, "iou": score.iou}
+        truth = {"contacts": score.contacts, "correct_flags": score.correct_flags, "iou": score.iou}
     args.out.mkdir(parents=True, exist_ok=True)
     trace.save(args.out / "trace.jsonl")
     if args.task == "room":

@@ -98,7 +98,7 @@ def describe(layers: Any, graph: Any) -> dict[str, Any]:
         "share_unknown": float(grid.unknown.sum() / cells),
         "radius_m": layers.radius_m,
         "reachable_m2": float(reachable.sum() * area_m2),
-        "widest_m": 2 * float(layers.distance_m[reachable].max()) if reachable.any() else None,
+        "max_width_m": 2 * float(layers.distance_m[reachable].max()) if reachable.any() else None,
         **picked(graph, "components loops nodes"),
         "edges": len(graph.edges),
         "nodes_of_largest_component": int(sizes.max(initial=0)),

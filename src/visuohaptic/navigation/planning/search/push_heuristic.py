@@ -181,7 +181,7 @@ class PushHeuristic:
         body
             Its index.
         """
-        return self.domain.bodies[body].allowed.longest_m / self.domain.map.resolution_m
+        return self.domain.bodies[body].allowed.max_length_m / self.domain.map.resolution_m
 
     def goal_seeds(
         self, clearance: Float32[np.ndarray, "rows columns"]

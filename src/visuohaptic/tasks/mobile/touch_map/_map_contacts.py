@@ -20,7 +20,7 @@ from .map_records import MapSettings
 __all__ = ["ContactPlacement", "aside_rad", "contact_of", "face_rad"]
 
 #: An object that stopped the foam and has moved less than this is fixed [m].
-HELD_M = 0.005
+MAX_FIXED_MOTION_M = 0.005
 
 
 class ContactPlacement:
@@ -172,7 +172,7 @@ def _held(found: ObstacleExploration) -> bool:
     full = [index for index in met if found.profiles[index].reason is Reason.SATURATED]
     last = full[0] if full else max(met, key=lambda index: float(np.nansum(found.profiles[index].delta_m)))
     first_m, last_m = (float(np.nanmax(found.profiles[index].delta_m)) for index in (met[0], last))
-    return float(found.travel_m[last] - found.travel_m[met[0]]) - (last_m - first_m) < HELD_M
+    return float(found.travel_m[last] - found.travel_m[met[0]]) - (last_m - first_m) < MAX_FIXED_MOTION_M
 
 
 def _chord(contact: Contact) -> Primitive:

@@ -131,7 +131,7 @@ def travel(
         tuple(task.records),
         task.trace(),
         task.memory.problem(task.motion.pose_m()),
-        task.motion.passed_s(),
+        task.motion.elapsed_s(),
         task.length_m,
         task.pushes.count,
         task.plans.asked,

@@ -79,7 +79,7 @@ class TravelMotion:
             self._start_s = seen.base_t_s
         if why := self._clock.update(seen.base_t_s):
             raise TravelInterrupted(TravelOutcome.CLOCK_STOPPED, why)
-        if self.passed_s() >= self._timeout_s:
+        if self.elapsed_s() >= self._timeout_s:
             raise TravelInterrupted(TravelOutcome.TIMED_OUT, f"after {self._timeout_s:.0f} s")
 
     def now_s(self) -> float:
@@ -94,13 +94,13 @@ class TravelMotion:
         """Contact point of the rim in the map [m]; ``None`` without contact."""
         return None if self.seen.point_m is None else np.array(self.seen.point_m)
 
-    def passed_s(self) -> float:
+    def elapsed_s(self) -> float:
         """Duration of the task so far [s]."""
         return max(self.seen.t_s, self.now_s() - self._start_s)
 
-    def left_s(self) -> float:
+    def remaining_s(self) -> float:
         """Time until the time-out [s]."""
-        return max(self._timeout_s - self.passed_s(), 0.0)
+        return max(self._timeout_s - self.elapsed_s(), 0.0)
 
     def new_guard(self) -> None:
         """Reset the force readings before a new motion."""

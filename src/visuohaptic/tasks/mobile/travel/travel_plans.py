@@ -29,7 +29,9 @@ class TravelPlans:
     turns: int = 0  #: number of off-centre pushes
     #: infeasible margins, since the last change
     without_plan: set[tuple[float, float]] = field(default_factory=set)
-    bumps: dict[float, int] = field(default_factory=dict)  #: number of contacts with known walls, by margin
+    max_bumps: dict[float, int] = field(
+        default_factory=dict
+    )  #: number of contacts with known walls, by margin
 
     def largest_margin(
         self, pose_m: Float[np.ndarray, "3"]
@@ -90,7 +92,7 @@ class TravelPlans:
         margin_m
             Margin of the plan [m].
         """
-        self.bumps[margin_m] = self.bumps.get(margin_m, 0) + 1
+        self.max_bumps[margin_m] = self.max_bumps.get(margin_m, 0) + 1
 
     def changed(self) -> None:
         """Reset the infeasible margins, after an object has moved or an estimate has changed."""
@@ -98,8 +100,8 @@ class TravelPlans:
 
     def reset_failures(self) -> bool:
         """Permit failed objects and margins again; returns whether there are any."""
-        found = self.memory.reset_failures() or bool(self.bumps)
-        self.bumps.clear()
+        found = self.memory.reset_failures() or bool(self.max_bumps)
+        self.max_bumps.clear()
         self.without_plan.clear()
         return found
 
@@ -119,4 +121,4 @@ class TravelPlans:
 
     def _trusted(self, margin_m: float) -> bool:
         """Whether plans with a margin have hit walls less often than the limit."""
-        return all(margin_m > m or count < self.settings.bumps for m, count in self.bumps.items())
+        return all(margin_m > m or count < self.settings.max_bumps for m, count in self.max_bumps.items())

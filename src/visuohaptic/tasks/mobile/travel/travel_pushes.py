@@ -95,7 +95,7 @@ class TravelPushes:
         stalled = push.end is PushEnd.STALLED and not self._at_wall
         moved = good or moved_m > settings.moved_m
         self._learn(task.object, moved=moved, failed=not good, heavy=self._too_heavy(push), fixed=stalled)
-        if (beside := push.centre_beside_m()) is not None:
+        if (beside := push.centre_offset_m()) is not None:
             self._memory.learn_centre(task.object, _direction(task), beside)
         self._note(
             "pushed", task.object, end=str(push.end), moved_m=[float(v) for v in push.moved_m],
@@ -273,7 +273,7 @@ class TravelPushes:
             speed_m_s=speed,
             search_m=0.15 + 2 * self.margin_m,
             max_force_N=robot.push_force_max_N,
-            timeout_s=min(30.0 + 3.0 * length_m / speed, motion.left_s()),
+            timeout_s=min(30.0 + 3.0 * length_m / speed, motion.remaining_s()),
             aside_m=aside_m,
         )
         push = SteeredPush(

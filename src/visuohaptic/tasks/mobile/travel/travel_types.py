@@ -165,7 +165,7 @@ class TravelSettings:
         (0.01, 0.0),
         (0.0, 0.0),
     )
-    bumps: int = 2  #: contacts with known walls at one margin after which only larger margins are used
+    max_bumps: int = 2  #: contacts with known walls at one margin after which only larger margins are used
     timeout_s: float = 1800.0  #: maximum duration, by the base's clock and by the number of periods
     plans: int = 40  #: maximum number of plans
     drive_stall_s: float = 5.0  #: time without progress

@@ -14,13 +14,13 @@ from ..mobile.laser import SimulatedLaser
 from ..mobile.odometry import DriftingBase
 from .house import House
 
-__all__ = ["LedPlatform"]
+__all__ = ["GuidedPlatform"]
 
 #: Speed of the platform [m/s].
 SPEED_M_S = 0.3
 
 
-class LedPlatform(MobileBase):
+class GuidedPlatform(MobileBase):
     """Follows the lead exactly; perceives only :meth:`odometry` and :meth:`scan`.
 
     Parameters
