@@ -153,7 +153,7 @@ class DeflectionEvents:
         if self.moving:
             self._window.clear()
         self._window.append(row)
-        if len(self._window) > _MAX_WINDOW:  # the platform stands: half of its frames tell the same
+        if len(self._window) > _MAX_WINDOW:  # the platform stands: half of its frames determine the same
             del self._window[1:-1:2]
 
     def _motion_onset(self) -> float | None:
