@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -124,11 +125,9 @@ def known_row(
     order = [(int(k) // 2 + 1, AXES[int(k) % 2]) for k in rng.permutation(32)]
     by_chance, chance_readings = explore_object(classifier, touch, use_width=use_width, order=order)
 
-    def pair(height: int, axis: str) -> tuple[float, float]:
-        values = _stiffness(touch(height, axis))
-        return (values[0], values[1])
-
-    tree_answer, tree_touches = walk(classifier.fitted().tree, pair)
+    tree_answer, tree_touches = walk(
+        classifier.fitted().tree, lambda height, axis: both_sides(touch(height, axis))
+    )
     return {
         "class": thing.name,
         "answer": found.answer,
@@ -190,7 +189,7 @@ def few_row(seed: int, cache: Path | None) -> dict[str, Any]:
 
 def _curve_features(curve: TouchReading) -> list[float]:
     side = 0 if curve.sides[0] is not None else 1
-    stiffness = max(_stiffness(curve))
+    stiffness = max(both_sides(curve))
     return [
         curve.height / 16,
         float(AXES.index(curve.axis)),
@@ -207,15 +206,12 @@ def _voted(model: Any, trained: np.ndarray, labels: Sequence[str], test: Sequenc
     return [str(model.classes_[int(np.argmax(one))]) for one in score]
 
 
-def _stiffness(reading: TouchReading) -> list[float]:
-    """Of both sides; one that was not read is as the other, both unread are as stiff as can be."""
-    values = [one.i_N_per_m for one in reading.sides if one is not None and np.isfinite(one.i_N_per_m)]
-    if not values:
-        return [1e6, 1e6]
-    return [
-        one.i_N_per_m if one is not None and np.isfinite(one.i_N_per_m) else values[0]
-        for one in reading.sides
-    ]
+def both_sides(reading: TouchReading) -> tuple[float, float]:
+    """Stiffness [N/m] of both sides; one that was not read is as the other, both unread are as stiff as can be."""
+    read = [math.nan if one is None else one.i_N_per_m for one in reading.sides]
+    values = [value for value in read if math.isfinite(value)] or [1e6]
+    first, second = (value if math.isfinite(value) else values[0] for value in read)
+    return first, second
 
 
 def peer_models(neighbours: int = 3) -> dict[str, Any]:
@@ -245,7 +241,7 @@ def peers_on(data: FeatureSet, readings: Sequence[TouchReading], *, use_width: b
     for reading in readings:
         first, level = 2 * AXES.index(reading.axis), reading.height - 1
         columns.append(np.log(data.features[:, level, first : first + 2, 0]))
-        row += list(np.log(_stiffness(reading)))
+        row += list(np.log(both_sides(reading)))
         if use_width:
             columns.append(np.log(data.width_m[:, level, [AXES.index(reading.axis)]]))
             row.append(float(np.log(reading.width_m)))
