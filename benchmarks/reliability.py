@@ -387,8 +387,10 @@ def table(journal: Journal) -> list[dict[str, Any]]:
     return found
 
 
-def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None) -> str:
-    """The page of the table."""
+def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None, before: str = "") -> str:
+    """The page of the table; rows and tables that are not in the reports stay as they are in the page ``before``."""
+    kept = {found[1]: line for line in before.splitlines() if (found := re.match(r"\| (\d+) ", line))}
+    tests = before.partition("\n## ")[2]
     lines = [
         "# Reliability",
         "",
@@ -403,12 +405,17 @@ def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None) -
     ]
     for figures in table(journal):
         row = figures["row"]
+        if "tried" not in figures and str(row.number) in kept:
+            lines.append(kept[str(row.number)])
+            continue
         if "tried" in figures:
             cells = ["-" if figures[name] is None else f"{figures[name]:,}" for name in FIGURES]
             note = ""
         else:
             cells, note = [""] * len(FIGURES), row.elsewhere or "not run"
         lines.append(f"| {row.number} {row.title} | {row.target} | {' | '.join(cells)} | {note} |")
+    if not apart and tests:
+        return "\n".join(lines) + f"\n\n## {tests}"
     return "\n".join([*lines, *_of_tests(apart or {})]) + "\n"
 
 
@@ -418,7 +425,7 @@ def main() -> None:
     parser.add_argument("--items", type=int, nargs="*", default=[row.number for row in ROWS])
     parser.add_argument("--scale", type=int, default=1, help="how many times the slice")
     parser.add_argument("--report", type=Path)
-    parser.add_argument("--page", type=Path, help="write the table as a page")
+    parser.add_argument("--page", type=Path, help="update the table in a page")
     parser.add_argument("--also", type=Path, nargs="*", default=[], help="reports of other campaigns")
     args = parser.parse_args()
     journal = Journal(args.report, {"campaign": "reliability"})
@@ -429,7 +436,8 @@ def main() -> None:
             if (key := f"{row.number}: {name}") not in journal:
                 journal.put(key, run())
                 print(key, journal.rows[key], flush=True)
-    text = markdown(journal, take_in(args.also, journal))
+    before = args.page.read_text(encoding="utf-8") if args.page is not None and args.page.exists() else ""
+    text = markdown(journal, take_in(args.also, journal), before)
     if args.page is not None:
         args.page.write_text(text, encoding="utf-8")
     print(text)

@@ -75,8 +75,8 @@ class DeflectionEvents:
         self._last_t = -np.inf
         self._first = (0.0, 0.0)  # time and deflection of the first frame above the threshold
         self._rate = 0.0  # highest rate of the rise so far, used as the speed of the platform [m/s]
-        #: Frames of the last travel, as many as :meth:`_motion_onset` needs, and frames that were deeper than all before them:
-        #: a contact may last for hours.
+        #: Frames of the last travel, as many as :meth:`_motion_onset` needs, and frames with a larger deflection than all
+        #: previous ones; bounded, because a contact may last for hours.
         self._window: list[_Row] = []
         self._deeper: list[_Row] = []
 
@@ -153,7 +153,7 @@ class DeflectionEvents:
         if self.moving:
             self._window.clear()
         self._window.append(row)
-        if len(self._window) > _MAX_WINDOW:  # the platform stands: half of its frames determine the same
+        if len(self._window) > _MAX_WINDOW:  # the platform is at rest: every second frame suffices
             del self._window[1:-1:2]
 
     def _motion_onset(self) -> float | None:
