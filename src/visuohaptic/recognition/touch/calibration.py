@@ -29,7 +29,7 @@ __all__ = ["calibrate", "calibration_error", "reading_of"]
 #: Parts of the training objects that are left out in turn; what is tried of the temperature.
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
-#: Fraction of explorations that no temperature is bent to: a few that are wrong without a doubt would outvote all others.
+#: Fraction of explorations ignored when the temperature is fitted: a few confidently wrong ones would dominate the loss.
 IGNORED_FRACTION = 0.02
 
 
