@@ -71,10 +71,7 @@ class ModelSettings:
     discrepancy: float = 0.04  #: relative error of simulated stiffness, independent by place
     end_discrepancy: float = 0.5  #: at the lowest and highest place, which depend on boundary conditions
     pose_m: float = POSE_m  #: error of the height, common to all touches
-    poses: tuple[float, ...] = (
-        1.0,
-        POSE_RATIO,
-    )  #: factors of it with equal probability; 1 if it was measured
+    poses: tuple[float, ...] = (1.0, POSE_RATIO)  #: equally probable factors of it; 1 if it was measured
     tilt_rad: float = 0.05  #: error of the gripper's tilt against the object, 3 degrees
     width_m: float = 0.0008  #: error of the width by pose and contact
     width_discrepancy: float = 0.005  #: relative

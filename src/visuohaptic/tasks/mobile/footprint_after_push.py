@@ -15,7 +15,8 @@ __all__ = ["footprint_after_push", "width_sigma_m"]
 
 #: Quantiles of laser points that are taken for the ends of an object.
 END_QUANTILES = (0.04, 0.96)
-#: Standard deviation of a width between these quantiles [m]: 17 mm +- 1 mm over 424 objects of random houses.
+#: Root mean square error of a width between these quantiles [m], rounded, over objects of random houses: boxes and legs are
+#: 10 to 18 mm too wide with a spread of 8 mm, bins 17 mm too narrow with a spread of 19 mm.
 LASER_WIDTH_SIGMA_M = 0.017
 
 
