@@ -1,8 +1,8 @@
-"""A classifier of objects by touch with the usual four verbs: fit, predict, save, load.
+"""Haptic classifier of objects with the usual interface: fit, predict, save, load.
 
-What it is made of: a classification tree, which is an exploration plan (:mod:`.trees`), and Gaussians over all that an
-exploration could read, with an unknown class, which plan touches by their expected information (:mod:`.touch`). It learns
-from objects of which all features are known, as simulated ones, from a few curves at any places, or from both.
+It consists of a classification tree, which is an exploration plan (:mod:`.trees`), and of a Gaussian model of all features of
+an exploration, with an unknown class, which plans touches by their expected information (:mod:`.touch`). It learns
+from objects with complete features, such as simulated ones, from a few curves at any places, or from both.
 """
 
 from __future__ import annotations
@@ -34,35 +34,35 @@ from .trees.tree_nodes import SCHEMES, ClassificationTree, mean_touches, next_to
 
 __all__ = ["HapticClassifier", "TouchPrediction"]
 
-#: Objects of which all features are known: a set, its file or the folder of a build, or several of these.
+#: Objects with complete features: a set, its file or the folder of a build, or several of these.
 Training = FeatureSet | Path | str | Sequence[FeatureSet | Path | str]
-#: Objects of a class that its covariance and the folds of its cross-validation need, and folds that suffice.
+#: Minimum number of objects of a class, for its covariance and the folds of its cross-validation; maximum number of folds.
 MIN_OBJECTS, MAX_FOLDS = 3, 10
-#: Preferences for places that were touched already which :meth:`HapticClassifier.tune` compares.
+#: Preferences for places that were already touched, compared by :meth:`HapticClassifier.tune`.
 REUSES = (0.0, 0.1, 0.3)
 
 
 @dataclass(frozen=True, slots=True)
 class TouchPrediction:
-    """What an object is, given some touches, and what to touch next."""
+    """Class of an object given some touches, and the next touch."""
 
     answer: str  #: most probable class, or "unknown"
     confidence: float  #: probability of the answer
     probabilities: dict[str, float]  #: of every class and of "unknown"; they sum to 1
-    confident: bool  #: the confidence that is asked for is reached
+    confident: bool  #: the requested confidence is reached
     next_touch: (
         Touch | None
-    )  #: height 1 .. 16 and axis with most information per second; None where none is left
+    )  #: height 1 .. 16 and axis with the most information per second; None if none is left
     information_nat: float  #: expected decrease of the entropy of the answer by that touch
-    seconds: float  #: duration of that touch with the way there
-    tree_answer: str | None  #: of the classification tree; None where it is not at a leaf, or there is none
-    tree_next_touch: Touch | None  #: that the tree asks for
-    contradiction: str  #: what must be wrong for the readings to fit the most probable class; "" for nothing
+    seconds: float  #: duration of that touch, including the motion to it
+    tree_answer: str | None  #: of the classification tree; None if no leaf is reached, or without a tree
+    tree_next_touch: Touch | None  #: next touch according to the tree
+    contradiction: str  #: deviation with which the readings fit the most probable class; "" for none
 
 
 @dataclass(slots=True)
 class HapticClassifier:
-    """Tells classes of objects apart by a few touches, and objects that it has never seen from all of them.
+    """Classifier of objects from a few touches, which recognises objects of unknown classes.
 
     Examples
     --------
@@ -81,11 +81,13 @@ class HapticClassifier:
     'cup'
     """
 
-    scheme: str = "centre"  #: how the features of the tree lose their scale, see :data:`.SCHEMES`
-    reuse: float = 0.1  #: preference of the tree for what was touched already, see :func:`.train_tree`
+    scheme: str = "centre"  #: normalisation of the features of the tree, see :data:`.SCHEMES`
+    reuse: float = (
+        0.1  #: preference of the tree for places that were already touched, see :func:`.train_tree`
+    )
     confidence: float = field(
         default=0.99, metadata=within(0, 1)
-    )  #: probability from which an answer is sure
+    )  #: minimum probability of a confident answer
     trained: Classifier | None = field(
         default=None, repr=False
     )  #: tree, objects and calibration, after fit or load
@@ -109,15 +111,15 @@ class HapticClassifier:
         ----------
         data
             Objects of at least two classes, three of each: a feature set, its NPZ file, a folder of ``visuohaptic
-            objects build``, or several of these. Or curves: touches at any places with their labels, a CSV file of them
+            objects build``, or several of these. Alternatively curves: touches at any places with labels, a CSV file of them
             (see :func:`.read_squeezed`), or squeezed objects; one curve of a class is enough.
         labels
-            Class of each object, or, for several sets, of each set; those of the data by default. Of each touch, where
-            these are given: all touches of a label are of one object.
+            Class of each object, or, for several sets, of each set; those of the data by default. For touches, the object
+            of each touch: all touches of a label are of one object.
         groups
-            Name of a group -> its classes, which are answered by this name.
+            Name of a group -> its classes, which share this name as their answer.
         simulated
-            With curves: simulated objects, with which classes begin of which there are few curves.
+            With curves: simulated objects, the prior of classes with few curves.
         seed
             Of folds, samples and calibration.
         workers
@@ -131,7 +133,7 @@ class HapticClassifier:
         Raises
         ------
         InputError
-            Too few classes or objects, or sets that do not fit together.
+            Too few classes or objects, or incompatible sets.
         """
         groups = dict(groups or {})
         squeezed = _squeezed(data, labels)
@@ -156,10 +158,10 @@ class HapticClassifier:
         seed: int = 0,
         workers: int | str = 1,
     ) -> HapticClassifier:
-        """Choose ``scheme`` and ``reuse`` by the nested cross-validation of their trees, then train.
+        """Select ``scheme`` and ``reuse`` by the nested cross-validation of their trees, then train.
 
-        Of all trees whose loss is within one standard error of the smallest, the one with the fewest touches is
-        taken (Breiman 1984).
+        Among the trees whose loss is within one standard error of the minimum, the one with the fewest touches is
+        selected (Breiman 1984).
 
         Parameters
         ----------
@@ -212,17 +214,17 @@ class HapticClassifier:
         use_width: bool | None = None,
         prior: Mapping[str, float] | None = None,
     ) -> TouchPrediction:
-        """Posterior probabilities given some touches, and what to touch next.
+        """Posterior probabilities given some touches, and the next touch.
 
         Parameters
         ----------
         readings
-            Touches of one object in the order in which they were made, or a CSV file of curves, see
+            Touches of one object in chronological order, or a CSV file of curves, see
             :func:`.read_curves`.
         use_width
-            Widths count as evidence; by default where any was measured.
+            Whether widths are evidence; by default if any was measured.
         prior
-            Of vision, by class; uniform by default.
+            Visual prior by class; uniform by default.
         """
         touches = read_curves(readings) if isinstance(readings, str | Path) else tuple(readings)
         if use_width is None:
@@ -247,23 +249,23 @@ class HapticClassifier:
         )
 
     def save(self, path: Path | str) -> None:
-        """Write the tree as JSON, and the training objects beside it as NPZ.
+        """Write the tree as JSON, and the training objects to an NPZ file next to it.
 
         Parameters
         ----------
         path
-            With the suffix .json; the NPZ file has the same name.
+            Path with the suffix .json; the NPZ file has the same name.
         """
         save_classifier(path, self.fitted())
 
     @classmethod
     def load(cls, path: Path | str) -> HapticClassifier:
-        """Read what :meth:`save`, or ``visuohaptic classify train``, wrote.
+        """Read a classifier written by :meth:`save` or ``visuohaptic classify train``.
 
         Parameters
         ----------
         path
-            JSON file, with the NPZ file beside it.
+            JSON file, with the NPZ file next to it.
         """
         trained = load_classifier(path)
         return cls(scheme=trained.tree.scheme if trained.tree else "centre", trained=trained)
@@ -282,7 +284,7 @@ class HapticClassifier:
 
 
 def _squeezed(data: object, labels: Sequence[str] | None) -> tuple[SqueezedObject, ...]:
-    """Squeezed objects, if the data are such."""
+    """Squeezed objects; empty if the data are complete features."""
     if isinstance(data, str | Path) and Path(data).suffix == ".csv":
         return read_squeezed(data)
     if isinstance(data, FeatureSet | str | Path) or not isinstance(data, Sequence) or not data:
@@ -300,7 +302,7 @@ def _squeezed(data: object, labels: Sequence[str] | None) -> tuple[SqueezedObjec
 
 
 def _labelled(data: Training, labels: Sequence[str] | None) -> FeatureSet:
-    """One set of objects with the classes that are asked for."""
+    """One set of objects with the requested classes."""
     if isinstance(data, FeatureSet | Path | str):
         sets = [_loaded(data)]
         wanted = None if labels is None else [labels]
@@ -321,7 +323,7 @@ def _labelled(data: Training, labels: Sequence[str] | None) -> FeatureSet:
 
 
 def _candidates(used: FeatureSet, groups: Mapping[str, Sequence[str]]) -> tuple[FeatureSet, int]:
-    """Objects by the names that are answered, and how many the smallest of these classes has."""
+    """Objects labelled by answer, and the size of the smallest of these classes."""
     name_of = {member: name for name, members in groups.items() for member in members}
     if foreign := sorted(set(name_of) - set(used.classes)):
         raise InputError("groups", f"found {foreign[0]!r}, expected one of {', '.join(used.classes)}")

@@ -1,4 +1,4 @@
-"""A round container of a measured outline: its wall between two fingers, and what it may enclose."""
+"""Round container with a measured outline: stiffness of its wall between two fingers, and its contents."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ __all__ = [
     "wall_from_stiffness",
 ]
 
-#: Pressure of the air [Pa], density of PET [kg/m^3], gravity [m/s^2].
+#: Density of PET [kg/m^3].
 PET_DENSITY = 1380.0
-#: Thickness of the neck with its thread [m], and the fraction of the height where it begins.
+#: Thickness of the neck with its thread [m], and the fraction of the height where it starts.
 NECK_M, NECK = 0.0012, 0.9
-#: Liquids and their container deform a little: never less than this fraction of air.
+#: Minimum volume of air, as a fraction of the container's: liquids and their container are slightly compliant.
 MIN_AIR = 0.01
-#: The wall is found by as many rounds; a stiffness goes with its power so.
+#: Number of iterations for the wall thickness; the stiffness is proportional to this power of it.
 WALL_ROUNDS, WALL_POWER = 5, 2.3
-#: Errors of an outline go on over the distance of its contacts [m]; outlines that are compared.
+#: Correlation length of the error of an outline, the distance of its contacts [m]; number of sampled outlines.
 ALONG_M, OUTLINES = 0.02, 8
 
 
 @dataclass(frozen=True, slots=True)
 class Filling:
-    """What may be in a container."""
+    """Material that may fill a container."""
 
-    kg_per_m3: float  #: of the heap, voids included
-    sigma: float  #: of that density and of the level, as a fraction
-    solid: float  #: fraction of the heap that is not air
+    kg_per_m3: float  #: bulk density, voids included
+    sigma: float  #: relative standard deviation of mass, by density and level
+    solid: float  #: fraction of the bulk volume that is not air
 
 
-#: Random packings fill 0.56 to 0.64 of their space; rice, lentils, sugar and oats weigh 500 to 900 kg/m^3. Of a
-#: liquid, 7 % of volume by an outline's millimetre in thirty and as much by density and level.
+#: Random packings fill 0.56 to 0.64 of their space; the bulk density of rice, lentils, sugar and oats is 500 to 900 kg/m^3. For
+#: a liquid, an outline error of 1 mm in 30 mm is 7 % of volume, and density and level contribute as much.
 FILLINGS = {"liquid": Filling(1000.0, 0.1, 1.0), "grain": Filling(750.0, 0.15, 0.6)}
 EMPTY = "empty"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoundBody:
-    """Wall and volume of an outline, its stiffness with and without a lid."""
+    """Wall mass, volume, and stiffness with and without a lid, for an outline."""
 
     z_m: Float[np.ndarray, "k"]
     radius_m: Float[np.ndarray, "k"]
@@ -59,10 +59,10 @@ class RoundBody:
     wall_kg: float
     stiffness_N_per_m: tuple[
         Float[np.ndarray, "k"], Float[np.ndarray, "k"]
-    ]  #: open, closed; at places that give
+    ]  #: open, closed; not finite at places that do not deform
 
     def level_m(self, fill: float) -> float:
-        """Height up to which a fraction of the volume stands [m].
+        """Height of the level of a filling [m].
 
         Parameters
         ----------
@@ -74,14 +74,14 @@ class RoundBody:
     def force_N(
         self, hypothesis: tuple[bool, str, float], height_m: float, deformation_m: Float[np.ndarray, "n"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-        """Of the wall with the liquid behind it, and of the enclosed air, (n) each [N].
+        """Force of the wall with the liquid behind it, and of the enclosed air, (n) each [N].
 
         Parameters
         ----------
         hypothesis
-            Whether it is closed, what it is filled with, and up to which fraction of its volume.
+            Whether it is closed, its filling, and the fill level as a fraction of its volume.
         height_m
-            Where the fingers are, above the foot [m].
+            Height of the fingers above the foot [m].
         deformation_m
             Of one side of the wall (n) [m].
         """
@@ -99,7 +99,7 @@ class RoundBody:
             return k * d, np.zeros_like(d)
         air_m3 = max(1.0 - solid * fill, MIN_AIR) * float(self.below_m3[-1])
         lost_m3 = math.pi * (3.0 * d**2 * r - d**3)
-        # Stiffer than any wall before the air is gone.
+        # Lower bound of the remaining volume; the air is stiffer than any wall before it is reached.
         pressure_Pa = AIR_PA * lost_m3 / np.maximum(air_m3 - lost_m3, 0.1 * air_m3)
         # Two fingers: 2 F dd = p dV.
         return k * d, 0.5 * pressure_Pa * math.pi * (6.0 * d * r - 3.0 * d**2)
@@ -108,16 +108,16 @@ class RoundBody:
 def wall_from_stiffness(
     outline_m: Float[np.ndarray, "k 2"], stiffness_N_per_m: Sequence[tuple[float, float]], start_m: float
 ) -> float:
-    """Thickness [m] with which a measured outline is as stiff as it was felt; the modulus is that of PET.
+    """Wall thickness [m] with which the stiffness of a measured outline matches the measured stiffness; the modulus is that of PET.
 
     Parameters
     ----------
     outline_m
         (radius, height) from the bottom up [m].
     stiffness_N_per_m
-        (height [m], stiffness [N/m]) of gentle squeezes; what is not finite and positive is left out.
+        (height [m], stiffness [N/m]) of gentle squeezes; values that are not finite and positive are ignored.
     start_m
-        First guess [m].
+        Initial guess [m].
 
     Raises
     ------
@@ -128,7 +128,7 @@ def wall_from_stiffness(
     wall = start_m
     for _ in range(WALL_ROUNDS):
         body = round_body(outline_m, wall)
-        # Gently pressed, enclosed air is not felt; whether a lid holds the rim makes little difference below it.
+        # In a gentle squeeze, the force of enclosed air is negligible; a lid has little effect below the rim.
         ratios = [
             k / expected
             for z, k in felt
@@ -143,7 +143,7 @@ def wall_from_stiffness(
 def stiffness_scatter(
     outline_m: Float[np.ndarray, "k 2"], wall_m: float, sigma_m: float
 ) -> Float[np.ndarray, "q"]:
-    """Logarithmic deviation of the stiffness by height, among outlines that are off by as much as this one may be.
+    """Standard deviation of the logarithm of stiffness by height, among outlines with the error of the measured one.
 
     Parameters
     ----------
@@ -168,14 +168,14 @@ def stiffness_scatter(
 
 
 def round_body(outline_m: Float[np.ndarray, "k 2"], wall_m: float) -> RoundBody:
-    """Of a measured outline and a wall [m].
+    """Round body with a measured outline and a wall thickness.
 
     Parameters
     ----------
     outline_m
         (radius, height) from the bottom up [m].
     wall_m
-        Thickness [m].
+        Wall thickness [m].
     """
     from ...deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
 

@@ -1,8 +1,8 @@
-"""A Bayesian planner of touches: probabilities, "unknown", and what to touch next.
+"""Bayesian planner of touches: posterior, unknown class, and the next touch.
 
-Beyond the dissertation's trees: features keep their scale, each reading has its noise, and a touch is
-chosen by what it tells per second of robot time. What is known of the candidates: :mod:`.haptic_model`;
-probabilities: :mod:`.belief`; "unknown" is one more answer, of other smooth profiles of stiffness and width:
+Differences to the dissertation's trees: features keep their scale, each reading has its own noise, and a touch is
+chosen by its expected information per second of robot time. Model of the candidates: :mod:`.haptic_model`;
+probabilities: :mod:`.belief`; "unknown" is an additional answer with other smooth profiles of stiffness and width:
 :mod:`.unknown_class`. Symbols are those of these modules.
 """
 
@@ -49,7 +49,7 @@ TOUCHES: tuple[Touch, ...] = tuple((height, axis) for height in range(1, HEIGHTS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchExploration:
-    """What an exploration came to."""
+    """Result of an exploration."""
 
     answer: str
     belief: Belief
@@ -65,10 +65,10 @@ def touch_gains(
     samples: int = 64,
     rng: np.random.Generator | None = None,
 ) -> dict[Touch, tuple[float, float]]:
-    """Expected information of each touch that is left, and its duration.
+    """Expected information and duration of each remaining touch.
 
     The information is the expected decrease of the entropy of the answer: outcomes are sampled from the
-    present belief, and the belief after each is computed in closed form. All touches are valued by the same samples.
+    current belief, and the belief after each is computed in closed form. All touches are evaluated with the same samples.
 
     Parameters
     ----------
@@ -77,14 +77,14 @@ def touch_gains(
     readings
         Touches so far.
     samples
-        Outcomes that are sampled of each touch.
+        Number of sampled outcomes of each touch.
     rng
         Source of the samples; seeded with 0 by default.
 
     Returns
     -------
     dict
-        Expected information [nat] and duration [s] of each touch that is left.
+        Expected information [nat] and duration [s] of each remaining touch.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     read = evidence(model, readings)
@@ -126,7 +126,7 @@ def explore(
     samples: int = 64,
     follow: Callable[[Sequence[TouchReading], Touch | None], object] | None = None,
 ) -> TouchExploration:
-    """Touch where the expected information per second is highest until the answer is sure.
+    """Touch where the expected information per second is highest, until the requested confidence is reached.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def explore(
     touch
         Measures at a height 1 .. 16 along an axis "x" or "y".
     confidence
-        Requested probability of the answer. One in twenty that are 95 % sure is wrong, and of unknown objects, which are
-        rare, a larger share still passes for something known: nine objects in a row need more.
+        Requested probability of the answer. At 95 %, one answer in twenty is wrong, and a larger fraction of unknown
+        objects, which are rare, is classified as known; identifying nine objects in sequence requires more.
     max_touches, min_touches
         Bounds.
     rng
         Source of the sampled outcomes.
     samples
-        Sampled outcomes of each touch.
+        Number of sampled outcomes of each touch.
     follow
         Called before each touch with the readings so far and the planned touch, and at the end with
         None; see :mod:`.steps`.
@@ -171,7 +171,7 @@ def explore(
 
 
 def _places(model: HapticModel, touch: Touch, *, first: bool) -> list[int]:
-    """Features that a touch reads; with the first one the height of the object is read as well."""
+    """Indices of the features that a touch measures; the first touch also measures the height of the object."""
     height, axis = touch
     column = 0 if axis == "x" else 2
     place = 4 * (height - 1) + column
@@ -183,11 +183,11 @@ def _places(model: HapticModel, touch: Touch, *, first: bool) -> list[int]:
 def _even_samples(
     count: int, size: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s k"]]:
-    """Uniform and standard normal numbers that fill their space evenly: a shifted Kronecker sequence (Roberts 2018).
+    """Low-discrepancy uniform and standard normal numbers: a shifted Kronecker sequence (Roberts 2018).
 
-    All touches are valued by the same ones, so that their order does not hang on the samples.
+    All touches are evaluated with the same numbers, so that their order does not depend on the samples.
     """
-    # The real root g > 1 of g^(d + 1) = g + 1; powers of 1 / g are as far from fractions as can be.
+    # The real root g > 1 of g^(d + 1) = g + 1; the powers of 1 / g are badly approximable by fractions.
     root = 2.0
     for _ in range(30):
         root = (1.0 + root) ** (1.0 / (size + 2))
@@ -198,7 +198,7 @@ def _even_samples(
 
 def _expected_noise(model: HapticModel, mean: Float[np.ndarray, "*n k"]) -> Float[np.ndarray, "*n k"]:
     out = np.full(mean.shape, WIDTH_VARIANCE)
-    # What is read as stiff as can be seen may be any stiffer: half of it is taken.
+    # A reading at the resolution limit has no upper bound of the stiffness: the denominator is limited to one half.
     seen = np.exp(mean[..., :2])
     stiffness = seen / np.maximum(1 - model.protocol.resolution_m_per_N * seen, 0.5)
     out[..., :2] = model.protocol.seen_variance(stiffness)

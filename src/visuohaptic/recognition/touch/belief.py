@@ -1,10 +1,11 @@
-"""Probabilities after some readings: each Gaussian of a model is conditioned in closed form.
+"""Posterior probabilities given some readings: each Gaussian of a model is conditioned in closed form.
 
-Symbols: those of :mod:`.haptic_model`; o values that were read; q their chi-square by a Gaussian.
+Symbols: those of :mod:`.haptic_model`; o measured values; q their chi-square under a Gaussian.
 
-The Gaussians of "unknown" say what other containers usually are. What none of them foresees would go to the known class
-that is least improbable. Its best Gaussian therefore has an alternative beside it, like it and yet unknown, whose density
-is everywhere that of the Gaussian where a test of the stated false-alarm rate just rejects it (:mod:`.unknown_state`).
+The Gaussians of "unknown" describe other common containers. An object that none of them predicts would be assigned to the
+known class that is least improbable. The best Gaussian of a known class therefore has an alternative, similar but unknown,
+whose density is everywhere that of the Gaussian where a test of the stated false-alarm rate just rejects it
+(:mod:`.unknown_state`).
 """
 
 from __future__ import annotations
@@ -35,17 +36,18 @@ __all__ = [
     "with_outline",
 ]
 
-#: Relative variance of a width as read: 1e-4 m of noise at each tip, of some 6 cm, is 0.24 %; contact is in the model.
+#: Relative variance of a measured width: 1e-4 m of noise at each tip, at a width of about 6 cm, is 0.24 %; the contact error
+#: is part of the model.
 WIDTH_VARIANCE = 0.0024**2
-#: Probability that readings of a known class are called unlike it, at each look: one in a hundred.
+#: Probability that readings of a known class are rejected, at each test: one in a hundred.
 FALSE_ALARM = 0.01
-#: A nuisance is contradicted_assumption from this many of its standard deviations on: one exploration in 20 by chance, each.
+#: Standard deviations from which a nuisance is reported as contradicted: for each nuisance, one exploration in 20 by chance.
 _CONTRADICTION_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """Probabilities after some readings."""
+    """Posterior probabilities given some readings."""
 
     probability: Float[np.ndarray, "g"]  #: of each of the model's answers, "unknown" last
     weight: Float[np.ndarray, "c"]  #: of each Gaussian
@@ -67,14 +69,14 @@ class Belief:
 
 
 def update_belief(model: HapticModel, readings: Sequence[TouchReading]) -> Belief:
-    """Posterior probabilities of the answers given what was measured.
+    """Posterior probabilities of the answers given the readings.
 
     Parameters
     ----------
     model
         Of the candidates.
     readings
-        Touches in any order; none gives the prior.
+        Touches in any order; without any, the result is the prior.
     """
     return belief_of(model, log_likelihood(model, *evidence(model, readings)))
 
@@ -82,19 +84,19 @@ def update_belief(model: HapticModel, readings: Sequence[TouchReading]) -> Belie
 def evidence(
     model: HapticModel, readings: Sequence[TouchReading]
 ) -> tuple[Int[np.ndarray, "o"], Float[np.ndarray, "o"], Float[np.ndarray, "o"]]:
-    """Places among the features, values and variances of the readings.
+    """Feature indices, values and variances of the readings.
 
     Parameters
     ----------
     model
-        Says whether widths count, and what a touch resolves.
+        Defines whether widths are evidence, and the resolution of a touch.
     readings
         Touches of one object.
 
     Returns
     -------
     tuple
-        Places (o,), logarithms of what was measured (o,), their variances (o,).
+        Feature indices (o,), logarithms of the measured values (o,), their variances (o,).
     """
     place, value, noise = [], [], []
     for reading in readings:
@@ -105,7 +107,7 @@ def evidence(
             place.append(4 * (reading.height - 1) + column + k)
             seen, factor = model.protocol.seen_stiffness(np.array(side.i_N_per_m))
             value.append(float(seen))
-            # Beyond this a logarithm is no Gaussian any more.
+            # Beyond this, the error of a logarithm is no longer Gaussian.
             noise.append(min(float(factor) * side.i_relative_sigma, 1.0) ** 2)
         if model.settings.use_width and np.isfinite(reading.width_m) and reading.width_m > 0:
             place.append(FIRST_WIDTH + 2 * (reading.height - 1) + column // 2)
@@ -113,7 +115,7 @@ def evidence(
             noise.append(WIDTH_VARIANCE)
     tall = [one.object_height_m for one in readings if one.object_height_m > 0]
     if model.settings.use_width and tall:
-        # It is one measurement, that all touches were placed by.
+        # A single measurement, relative to which all touches were positioned.
         place.append(HEIGHT)
         value.append(np.log(np.mean(tall) / USUAL_HEIGHT_m))
         noise.append(WIDTH_VARIANCE)
@@ -126,14 +128,14 @@ def log_likelihood(
     value: Float[np.ndarray, "o"],
     noise: Float[np.ndarray, "o"],
 ) -> Float[np.ndarray, "2 c"]:
-    """Log likelihood of each Gaussian of the model, and of what is like it and yet unknown, but for a constant.
+    """Log likelihood of each Gaussian of the model and of its similar but unknown alternative, up to a constant.
 
     Parameters
     ----------
     model
         Of the candidates.
     place, value, noise
-        Of :func:`evidence`; the second row is minus infinity where nothing was ever read.
+        Of :func:`evidence`; without any reading, the second row is minus infinity.
     """
     out: np.ndarray = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
     return out
@@ -148,7 +150,7 @@ def sequential_likelihood(
 ) -> Float[np.ndarray, "e 2 c"]:
     """:func:`log_likelihood` of the first values of a sequence of readings, for several numbers of values.
 
-    The Cholesky factor of the leading block of a matrix is the leading block of its factor, so that one factorisation serves all.
+    The Cholesky factor of the leading block of a matrix is the leading block of its factor, so one factorisation is enough for all.
 
     Parameters
     ----------
@@ -173,7 +175,7 @@ def condition(
     value: Float[np.ndarray, "o"],
     noise: Float[np.ndarray, "o"],
 ) -> tuple[Float[np.ndarray, "c p"], Float[np.ndarray, "c p p"]]:
-    """What each Gaussian of the model predicts given the readings: conditioned means and covariances.
+    """Prediction of each Gaussian of the model given the readings: conditional means and covariances.
 
     Parameters
     ----------
@@ -187,17 +189,17 @@ def condition(
 
 
 def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_m: float) -> HapticModel:
-    """The model of an object whose outline was measured before it is touched: every Gaussian given its widths.
+    """Model of an object whose outline is measured before the first touch: every Gaussian is conditioned on its widths.
 
-    An outline says which classes have such a profile, and how wide the object is wherever it is touched then. Where it
-    stands and what closes it is no part of its shape: the lowest and the highest place are left out.
+    The outline discriminates between classes, and determines the width of the object at every place that is touched later.
+    The foot and the closure are not part of the shape: the lowest and the highest place are left out.
 
     Parameters
     ----------
     model
         Of the candidates.
     outline_m
-        Radius and height (k, 2) [m], upwards.
+        Radius and height (k, 2) [m], from the bottom up.
     sigma_m
         Standard deviation of a radius [m].
     """
@@ -220,9 +222,9 @@ def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_
 def _whitened(
     model: HapticModel, place: np.ndarray, value: np.ndarray, noise: np.ndarray
 ) -> tuple[Float[np.ndarray, "c o o"], Float[np.ndarray, "c o"]]:
-    """Root of the covariance of what is read, and residuals of unit variance.
+    """Cholesky factor of the covariance of the readings, and whitened residuals.
 
-    With the residuals as one more row, the Cholesky factor has the whitened residuals as its last row.
+    With the residuals as an additional row, the last row of the Cholesky factor contains the whitened residuals.
     """
     count = len(place)
     bordered = np.empty((len(model.mean), count + 1, count + 1))
@@ -230,13 +232,13 @@ def _whitened(
     seen = flat.take(place[:, None] * model.mean.shape[1] + place, axis=1)  # twice as fast as by two indices
     bordered[:, :count, :count] = seen + np.diag(noise)
     bordered[:, count, :count] = bordered[:, :count, count] = value - model.mean[:, place]
-    bordered[:, count, count] = 1e300  # above any square of the residuals; no other value depends on it
+    bordered[:, count, count] = 1e300  # above any squared residual; no other entry depends on it
     root = np.linalg.cholesky(bordered)
     return root[:, :count, :count], root[:, count, :count]
 
 
 def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belief:
-    """Posterior probabilities from the likelihoods of the Gaussians; what is like none of them is with those of "unknown".
+    """Posterior probabilities from the likelihoods of the Gaussians; "unknown" includes what resembles none of them.
 
     Parameters
     ----------
@@ -248,7 +250,7 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belie
     score, beside = likelihood / model.temperature + model.log_prior
     foreign = model.answer_of == len(model.answers) - 1
     best = int(np.argmax(np.where(foreign, -np.inf, score)))
-    # Nothing was read, or who gives "unknown" no probability has a closed set of classes.
+    # Skipped without readings, and for a closed set of classes (prior probability of "unknown" 0).
     if np.isfinite(beside[best]) and np.isfinite(score[foreign]).any():
         known, other = (np.logaddexp.reduce(score[part]) for part in (~foreign, foreign))
         unlike = known + beside[best] - score[best]
@@ -259,14 +261,14 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belie
 
 
 def by_answer(weight: Float[np.ndarray, "*s c"], model: HapticModel) -> Float[np.ndarray, "*s g"]:
-    """Weights of the Gaussians, summed over those of each answer.
+    """Weights of the Gaussians, summed by answer.
 
     Parameters
     ----------
     weight
         Of the Gaussians, along the last axis.
     model
-        Their answers.
+        Defines their answers.
     """
     belongs = model.answer_of[:, None] == np.arange(len(model.answers))
     out: np.ndarray = weight @ belongs.astype(float)
@@ -274,7 +276,7 @@ def by_answer(weight: Float[np.ndarray, "*s c"], model: HapticModel) -> Float[np
 
 
 def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]) -> str:
-    """What must be wrong with the exploration or the object for the readings to fit the most probable class; "" for nothing.
+    """Deviation of the exploration or the object with which the readings fit the most probable class; "" for none.
 
     Parameters
     ----------
@@ -288,7 +290,7 @@ def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]
     best = int(np.argmax(np.where(model.answer_of < len(model.answers) - 1, belief.weight, -1.0)))
     seen = model.covariance[best][np.ix_(place, place)] + np.diag(noise)
     effect = model.nuisance[best][:, place]
-    # Posterior means of nuisances that are standard normal beforehand; of the height by the scale of a good pose.
+    # Posterior means of nuisances with a standard normal prior; that of the height in units of an accurate pose.
     sigmas = effect @ np.linalg.solve(seen, value - model.mean[best, place])
     sigmas *= np.where(np.array(NUISANCES) == "height", model.pose[best], 1.0)
     worst = int(np.argmax(np.abs(sigmas)))

@@ -3,11 +3,11 @@
 Whole objects are left out in turn, half of them moved outside the range of the others and half of them touched with an
 inaccurate pose. The temperature that divides the evidence (Guo et al. 2017) minimises their mean log loss among the known
 classes. The log odds of "unknown" are raised until :data:`.FALSE_ALARM` of these explorations end with "unknown". Residuals of
-objects that the classes were not learned from are larger than those of a Gaussian: the limit of chi-square is raised until only
+objects outside the training set are larger than those of a Gaussian: the limit of chi-square is raised until only
 :data:`.FALSE_ALARM` of the explorations exceed it.
 
 Both limits are quantiles of N simulated explorations. The rate p beyond an empirical quantile has a standard error of
-sqrt(p (1 - p) / N), so that a relative error of :data:`RATE_ERROR` takes N = (1 - p) / (p RATE_ERROR^2) explorations.
+sqrt(p (1 - p) / N), so that a relative error of :data:`RATE_ERROR` requires N = (1 - p) / (p RATE_ERROR^2) explorations.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 __all__ = ["calibrate", "calibration_error"]
 
-#: Parts of the training objects that are left out in turn; candidate temperatures.
+#: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
 #: Fraction of explorations ignored when the temperature is fitted: a few confidently wrong ones would dominate the loss.
@@ -37,7 +37,7 @@ IGNORED_FRACTION = 0.02
 #: Relative standard error of the false-alarm rate by the number of simulated explorations: .0100 +- .0015. The log odds then
 #: vary by .2 to .3 between seeds, less than by the choice of 180 training objects (.3 to .6 by a bootstrap of the objects).
 RATE_ERROR = 0.15
-#: Explorations that the limits take, and those that the temperature takes: as a mean, it is known to a few percent from these.
+#: Number of explorations for the limits, and for the temperature: as a mean, it is accurate to a few percent with these.
 EXPLORATIONS = round((1.0 - FALSE_ALARM) / FALSE_ALARM / RATE_ERROR**2)
 TEMPERED = 600
 
@@ -49,7 +49,7 @@ class _Judged:
     model: HapticModel
     likelihood: Float[np.ndarray, "n t 2 c"]  #: after each touch
     truth: Int[np.ndarray, "n"]  #: answers, of this model
-    limit: float  #: chi-square of the last touch that a Gaussian exceeds at the false-alarm rate
+    limit: float  #: chi-square after the last touch that a Gaussian exceeds at the false-alarm rate
 
     def loss(self, temperature: float) -> float:
         """Mean log loss among the known classes, of which :data:`IGNORED_FRACTION` may be wrong at any confidence."""
@@ -74,7 +74,7 @@ class _Judged:
         return out
 
     def tail(self) -> Float[np.ndarray, "n"]:
-        """Chi-square of the best Gaussian of a known class by the limit, at the end."""
+        """Chi-square of the best Gaussian of a known class at the end, as a ratio to the limit."""
         known = self.model.answer_of < len(self.model.answers) - 1
         fit, beside = np.moveaxis(self.likelihood[:, -1][..., known], 1, 0)
         best = np.argmax(fit + self.model.log_prior[known], axis=1)[:, None]
@@ -99,17 +99,17 @@ def calibrate(
     data
         Its training objects.
     rng
-        Draws the objects, their touches and the noise.
+        Source of the sampled objects, touches and noise.
     explorations
         Number of simulated explorations.
     max_touches
-        Touches of one exploration.
+        Number of touches of one exploration.
     """
     name_of = {member: name for name, members in model.groups.items() for member in members}
     answer = np.array([name_of.get(label, label) for label in data.label])
     if set(answer) != set(model.answers[:-1]):
         raise InputError("calibrate", "expected the training objects of the model")
-    # Every class is in every fold; of few objects, more are left than are taken.
+    # Every class is in every fold; of a class with few objects, more stay in training than are left out.
     turn = np.empty(len(data), dtype=np.int64)
     for k in range(len(data.classes)):
         rows = rng.permutation(np.flatnonzero(data.number == k))
@@ -122,7 +122,7 @@ def calibrate(
         min(TEMPERATURES, key=lambda value: float(np.mean([one.loss(float(value)) for one in judged])))
     )
     last = np.concatenate([one.margin(temperature) for one in judged])
-    # Before anything is touched "unknown" is at most as probable as all classes together.
+    # Before the first touch, "unknown" is at most as probable as all classes together.
     log_odds = min(
         float(np.quantile(last, FALSE_ALARM)), math.log(1 / max(model.settings.unknown_prior, 1e-300) - 1)
     )
@@ -134,7 +134,7 @@ def calibrate(
 def calibration_error(
     confidence: Float[np.ndarray, "k"], right: Float[np.ndarray, "k"], bins: int = 10
 ) -> float:
-    """Expected calibration error: mean distance of confidence and accuracy, in bins of equal width (Guo et al. 2017).
+    """Expected calibration error: mean difference of confidence and accuracy, in bins of equal width (Guo et al. 2017).
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _explored(
     max_touches: int,
     rng: np.random.Generator,
 ) -> _Judged:
-    """Explorations of the objects that are left out, by a model of the others."""
+    """Explorations of the objects that are left out, with a model fitted to the others."""
     without = fit_model(data.take(~out), model.groups, settings=model.settings, protocol=model.protocol)
     rows = np.resize(rng.permutation(np.flatnonzero(out)), explorations)  # all of them equally often
     value, noise = _features_as_touched(data, rows, model, rng)
@@ -189,7 +189,7 @@ def _explored(
 def _features_as_touched(
     data: FeatureSet, rows: Int[np.ndarray, "n"], model: HapticModel, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
-    """Features of objects as explorations read them, and their variances.
+    """Features of objects as measured by explorations, and their variances.
 
     Half of the objects are outside the range of their class, half of the poses are inaccurate.
     """

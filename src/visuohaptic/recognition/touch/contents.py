@@ -1,23 +1,23 @@
-"""Open or closed, and how full: how a round container answers firm squeezes, and what it weighs.
+"""Lid, filling and fill level of a round container from firm squeezes and its mass.
 
-A pinch of a round wall keeps its volume to first order (errata); the ring that it bends into
-becomes an ellipse of the same perimeter loses the area pi (3 d^2 - d^3 / r) / 2 over about a diameter. Enclosed air
-obeys Boyle's law, so that its force begins with the third power of the deformation, the more of it the less air is
-left above a filling; the pressure p of a liquid at the place adds 3 pi r p to the stiffness. Wall and modulus are known to a
-fraction only, which scales the linear part: it is left open, as are the zero of the deformation and a small bend of the wall's own curve. What remains decides, and the
-weight: an open container feels the same whatever is in it.
+A pinch of a round wall preserves its volume to first order (errata). A ring that is bent to an ellipse of the same
+perimeter loses the area pi (3 d^2 - d^3 / r) / 2, over a length of about one diameter. Enclosed air obeys Boyle's law, so
+that its force starts with the third power of the deformation, and is larger the less air is left above a filling; the
+pressure p of a liquid at the place adds 3 pi r p to the stiffness. Wall thickness and modulus are known only roughly and scale
+the linear part, which is therefore a free parameter, as are the zero of the deformation and a small curvature of the wall's
+own curve. States are discriminated by the remaining shape of the curve, and by the mass: the curve of an open container does
+not depend on its contents.
 
-A hypothesis is a lid (open, closed), a filling (nothing, liquid, grain) and the fraction of the volume up to which it
-stands, in steps of ``FILL_STEP``. With ``G`` the force of what it encloses, the linear part ``L = k d`` of a measured
-curve has the slope k that fits best, and the curve is Gaussian about ``F = L + G`` with covariance
-``diag(sigma^2) + L L^T + (b L d/D)(...)^T + (q G)(q G)^T + (z F')(z F')^T``; the bracketed vectors are what is not
-known exactly. How far the slopes are off those of the measured outline and wall is judged apart: ``log(k / k_h)`` is
-Gaussian, with what is not known of wall and modulus (``SCALE``), and how much the stiffness of outlines scatters that
-are as far off as the measured one may be; both go on over ``ALONG_M``, so that heights close by count once. Were the
-error of the slope a part of the hypothesis's own stiffness, a stiffer one would be punished for noise that it never
-had. The mass is Gaussian about the hypothesis's. Curves and mass are pieces of evidence whose likelihoods
-multiply; what fits no hypothesis is unknown, see :mod:`.unknown_state`. Symbols: n levels of a curve, k points of
-an outline, h hypotheses.
+A hypothesis is a lid (open, closed), a filling (nothing, liquid, grain) and a fill level, as a fraction of the volume in steps
+of ``FILL_STEP``. With ``G`` the force of the enclosed air, the linear part ``L = k d`` of a measured curve has the
+slope k that fits best, and the curve is Gaussian with mean ``F = L + G`` and covariance
+``diag(sigma^2) + L L^T + (b L d/D)(...)^T + (q G)(q G)^T + (z F')(z F')^T``; the vectors in brackets are the
+uncertain quantities. The deviation of the slopes from those of the measured outline and wall is a separate piece of evidence:
+``log(k / k_h)`` is Gaussian with the uncertainty of wall and modulus (``SCALE``) and the scatter of the stiffness among
+outlines with the error of the measured one; both are correlated over ``ALONG_M``, so that adjacent heights count once. If
+the error of the slope were part of the hypothesis's own stiffness, a stiffer hypothesis would be penalised for noise that is
+not in its data. The mass is Gaussian about that of the hypothesis. The likelihoods of curves and mass multiply; contents that
+fit no hypothesis are unknown, see :mod:`.unknown_state`. Symbols: n levels of a curve, k points of an outline, h hypotheses.
 """
 
 from __future__ import annotations
@@ -54,24 +54,25 @@ __all__ = [
     "wall_from_stiffness",
 ]  # fmt: skip
 
-#: Levels of a firm squeeze [N], and the deformation of one side at which it ends [m].
+#: Force levels of a firm squeeze [N], and the deformation of one side at which it ends [m].
 FORCES_N = (1.0, 3.0, 6.0, 10.0, 15.0, 20.0, 26.0, 33.0, 40.0, 47.0, 54.0)
 MAX_DEFORMATION_M = 0.007
-#: What is not known: of wall and modulus, logarithmic; of the wall's own bend at the deepest level; of what is
-#: enclosed; and where the deformation begins [m].
+#: Standard deviations: of wall and modulus, logarithmic; of the curvature of the wall's own curve at the deepest level, and of
+#: the force of the enclosed air, both relative; and of the zero of the deformation [m].
 SCALE, BEND, ENCLOSED, ZERO_M = 0.4, 0.01, 0.12, 1e-4
-#: Of a level's mean: force [N] and surface [m].
+#: Standard deviations of the mean of a level: force [N] and surface [m].
 FORCE_N, SURFACE_M = 0.05, 3e-5
-#: What is not known of the wall's mass, as a fraction: its thickness comes from a stiffness that goes with its power of
-#: about two (SCALE / 2). A cap is not in the outline [kg].
+#: Relative standard deviation of the wall's mass: the thickness is estimated from a stiffness that is proportional to about
+#: its square (SCALE / 2). Mass of a cap, which is not part of the outline [kg].
 WALL_MASS, CAP_KG = 0.2, 0.003
-#: Levels of height, those between two places, and those at the ends, where the height matters most.
+#: Number of heights, minimum distance of two places, and number of heights left out at each end, where the stiffness depends
+#: most on the height.
 HEIGHTS, APART, ENDS = 16, 2, 4
-#: Heights above this fraction of the object's are near the lid, whose hold is not known.
+#: Heights above this fraction of the object's height are near the lid, whose constraint on the wall is unknown.
 LID = 0.7
-#: Of the fractions that are compared.
+#: Step of the fill levels that are compared, as a fraction of the volume.
 FILL_STEP = 0.025
-#: Prior of a container of which nothing is known but that it is one: empty or not, and bottles are made for liquids.
+#: Prior of any container: about as likely empty as not; bottles usually contain liquids.
 PRIOR = {EMPTY: 0.4, "liquid": 0.45, "grain": 0.15}
 
 
@@ -79,14 +80,14 @@ PRIOR = {EMPTY: 0.4, "liquid": 0.45, "grain": 0.15}
 class ContentsPosterior:
     """Probability of every hypothesis; those and ``unknown`` sum to 1."""
 
-    closed: Bool[np.ndarray, "h"]  #: nothing can get out, and the rim keeps its shape
+    closed: Bool[np.ndarray, "h"]  #: airtight, and the rim keeps its shape
     filling: tuple[str, ...]  #: ``EMPTY`` or one of ``FILLINGS``, by hypothesis
-    fill: Float[np.ndarray, "h"]  #: fraction of the volume up to which the filling stands
+    fill: Float[np.ndarray, "h"]  #: fill level as a fraction of the volume
     probability: Float[np.ndarray, "h"]
     unknown: float  #: contents that this model does not know
 
     def belief(self) -> dict[str, float]:
-        """Of ``open``, ``closed`` and ``UNKNOWN``, whatever the filling."""
+        """Probabilities of ``open``, ``closed`` and ``UNKNOWN``, summed over all fillings."""
         closed = float(self.probability[self.closed].sum())
         return {"open": max(1.0 - self.unknown - closed, 0.0), "closed": closed, UNKNOWN: self.unknown}
 
@@ -96,7 +97,7 @@ class ContentsPosterior:
         Parameters
         ----------
         lid
-            ``open`` or ``closed``: given that this is so; else of all that is known.
+            ``open`` or ``closed``: conditional on this state; by default over all known hypotheses.
         """
         weight = self.probability if lid is None else self.probability * (self.closed == (lid == "closed"))
         if (total := float(weight.sum())) <= 0.0:
@@ -105,7 +106,7 @@ class ContentsPosterior:
         return mean, math.sqrt(float(weight @ (self.fill - mean) ** 2) / total + FILL_STEP**2 / 12)
 
     def fillings(self) -> dict[str, float]:
-        """Of ``EMPTY`` and every filling, whatever lid and level, among what is known."""
+        """Probabilities of ``EMPTY`` and every filling among the known hypotheses, summed over lids and levels."""
         names = (EMPTY, *FILLINGS)
         parts = [
             sum(p for p, one in zip(self.probability, self.filling, strict=True) if one == n) for n in names
@@ -124,7 +125,7 @@ class SqueezeSamples:
 
 
 class ContentsModel:
-    """What each lid and filling would feel like and weigh, for a measured outline and wall.
+    """Model of the curves and the mass for each lid and filling, given a measured outline and wall.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ class ContentsModel:
     outline_sigma_m
         Standard deviation of the outline's radius [m].
     prior
-        Probability of ``EMPTY`` and of some or all ``FILLINGS``; the levels of a filling are alike.
+        Probability of ``EMPTY`` and of some or all ``FILLINGS``; all levels of a filling are equally probable.
 
     Raises
     ------
@@ -180,7 +181,7 @@ class ContentsModel:
         Parameters
         ----------
         fill
-            Fraction of the volume up to which it is filled.
+            Fill level as a fraction of the volume.
         filling
             ``EMPTY`` or one of ``FILLINGS``.
         """
@@ -208,9 +209,9 @@ class ContentsModel:
         deformation_m
             Of one side [m].
         closed
-            Nothing can get out.
+            Whether it is airtight.
         fill
-            Fraction of the volume up to which it is filled.
+            Fill level as a fraction of the volume.
         filling
             ``EMPTY`` or one of ``FILLINGS``.
         """
@@ -218,7 +219,7 @@ class ContentsModel:
         return wall + air
 
     def heights_m(self) -> list[float]:
-        """Heights where a lid makes most difference to the firmest squeeze, best first and apart from each other [m]."""
+        """Heights at which a lid changes the firmest squeeze most, best first and at a minimum distance [m]."""
         levels = [k for k in range(ENDS, HEIGHTS - ENDS + 1) if (k - 0.5) / HEIGHTS < LID]
         heights = {k: (k - 0.5) / HEIGHTS * self.height_m for k in levels}
         gain = {k: self._distance(z) for k, z in heights.items()}
@@ -229,7 +230,7 @@ class ContentsModel:
         return [heights[k] for k in found]
 
     def _distance(self, height_m: float) -> float:
-        """Squared Mahalanobis distance of the enclosed air from none, as deep as an open one allows."""
+        """Squared Mahalanobis distance between enclosed air and none, up to the deformation that an open container reaches."""
         d = np.linspace(0.0, MAX_DEFORMATION_M, 200)[1:]
         reached = d[self.force_N(height_m, d, closed=False, filling=EMPTY) <= FORCES_N[-1]]
         if len(reached) < 4:
@@ -241,11 +242,11 @@ class ContentsModel:
     def _explained(
         self, hypothesis: tuple[bool, str, float], one: SqueezeSamples
     ) -> tuple[float, float, float]:
-        """chi^2 of a curve and the log determinant of its covariance, and log(k / k_h) of its slope."""
+        """chi^2 of a curve, log determinant of its covariance, and log(k / k_h) of its slope."""
         d = np.maximum(one.deformation_m, 1e-6)
         wall, enclosed = self._body.force_N(hypothesis, one.height_m, d)
         slope = float(d @ (one.force_N - enclosed) / (d @ d))
-        # Of what pushes back less than the gas alone something is left, which does not explain it.
+        # If the force is below that of the gas alone, the slope keeps a minimum, and the residual is large.
         slope = max(slope, 0.05 * float(d @ one.force_N / (d @ d)), 1.0)
         residual = one.force_N - slope * d - enclosed
         covariance = _covariance(d, slope * d, enclosed)
@@ -253,7 +254,7 @@ class ContentsModel:
         return chi2, float(np.linalg.slogdet(covariance)[1]), math.log(slope * d[-1] / wall[-1])
 
     def _slopes_covariance(self, squeezes: Sequence[SqueezeSamples]) -> Float[np.ndarray, "m m"]:
-        """Of log(k / k_h) at some heights."""
+        """Covariance of log(k / k_h) at the heights of the squeezes."""
         z = np.array([one.height_m for one in squeezes])
         sigma = np.hypot(SCALE, np.interp(z, self._body.z_m, self._scatter))
         near = np.exp(-0.5 * ((z[:, None] - z) / ALONG_M) ** 2)
@@ -262,18 +263,18 @@ class ContentsModel:
     def posterior(
         self, squeezes: Sequence[SqueezeSamples], mass_kg: tuple[float, float] | None = None
     ) -> ContentsPosterior:
-        """Probability of every lid, filling and level, and that it is none of them.
+        """Probability of every lid, filling and level, and of "none of them".
 
         Parameters
         ----------
         squeezes
             Curves of large deformation, at any heights.
         mass_kg
-            As felt on lifting, and its standard deviation [kg]; ``None``: not lifted.
+            Mass measured on lifting, and its standard deviation [kg]; ``None``: not lifted.
         """
         squeezes = [one for one in squeezes if len(one.force_N)]
         weighed, many = mass_kg is not None, len(self._hypotheses)
-        # Without evidence: open, closed and unknown alike.
+        # Without evidence, open, closed and unknown are equally probable.
         probability, unknown = np.exp(self._log_prior) * 2.0 / 3.0, 1.0 / 3.0
         if squeezes or weighed:
             chi2, log_det = np.zeros((many, len(squeezes) + bool(squeezes) + weighed)), np.zeros(many)
@@ -293,7 +294,7 @@ class ContentsModel:
             freedom = np.array(pieces + [1] * weighed)
             log_joint = self._log_prior - 0.5 * (chi2.sum(axis=1) + log_det)
             whole, best = np.logaddexp.reduce(log_joint), int(np.argmax(log_joint))
-            # All hypotheses are one model, and the test is whether its best one passes.
+            # All hypotheses form one model, which is accepted if its best hypothesis passes the test.
             known, unknown = posterior_with_unknown(whole[None], chi2[best][None], freedom)
             probability = known[0] * np.exp(log_joint - whole)
         closed, filling, fill = zip(*self._hypotheses, strict=True)
@@ -303,7 +304,7 @@ class ContentsModel:
 def _covariance(
     d: Float[np.ndarray, "n"], linear: Float[np.ndarray, "n"], enclosed: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n n"]:
-    """Of the forces of a curve, given both parts of it [N^2]."""
+    """Covariance of the forces of a curve, given its two parts [N^2]."""
     slope = (linear + 3.0 * enclosed) / d
     unknown = np.stack([linear, BEND * linear * d / d.max(), ENCLOSED * enclosed, ZERO_M * slope])
     return np.diag(FORCE_N**2 + (SURFACE_M * slope) ** 2) + unknown.T @ unknown

@@ -1,11 +1,11 @@
-"""Classes from a few squeezes at any places: what containers are like beforehand, conditioned on what was read.
+"""Learning of classes from a few squeezes at any places: a prior of containers, conditioned on the readings.
 
 Symbols: p features as in :mod:`.haptic_model`, o readings of a class.
 
-The mean mu of a class is N(m, B) before it is touched: with B as the population of containers differs, or, where the class was
-simulated, as a simulation differs from the objects. Its objects are mu + w, with w ~ N(0, W), so that the readings of all
-its objects, y = H (mu + w) + noise, are Gaussian together with mu. Of a class with a single object, that object is mu; then l
-in :mod:`.haptic_model` is 0, the same object again, or 1, another one of its class.
+The mean mu of a class has the prior N(m, B): B is the covariance of the population of containers or, if the class was
+simulated, that of the error of the simulation. Its objects are mu + w, with w ~ N(0, W), so that mu and the readings of all
+its objects, y = H (mu + w) + noise, are jointly Gaussian. If a class has a single object, that object is mu; then l
+in :mod:`.haptic_model` is 0 for the same object again, or 1 for another one of its class.
 """
 
 from __future__ import annotations
@@ -34,24 +34,28 @@ from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, 
 
 __all__ = ["learn_from_curves"]
 
-#: What containers differ by before any is touched, in grooves and shoulders, too; as :data:`.UNKNOWN_CLASS_SIGMAS`, and the places over
-#: which a profile is smooth. Root mean squares over classes of glass, tin and plastic, waists and bowls.
+#: Prior standard deviations of the features of containers, including grooves and shoulders, in the order of
+#: :data:`.UNKNOWN_CLASS_SIGMAS`, and the number of places over which a profile is smooth. Root mean squares over classes of
+#: glass, tin and plastic, waists and bowls.
 POPULATION, SMOOTH = (1.5, 0.6, 0.3, 0.2, 0.4), 2.5
-#: What objects of a class differ by, as :data:`.UNKNOWN_CLASS_SIGMAS`: root mean squares over the nine shipped classes.
+#: Standard deviations within a class, in the order of :data:`.UNKNOWN_CLASS_SIGMAS`: root mean squares over the nine shipped
+#: classes.
 WITHIN_CLASS_SIGMAS = (0.34, 0.15, 0.045, 0.047, 0.1)
-#: And each place by itself: walls are 1.5 % thicker or thinner.
+#: The same, independent at each place: the wall thickness varies by 1.5 %.
 PLACE_SIGMA = 0.03
-#: Factors of it that are tried where several objects of a class were squeezed.
+#: Candidate factors of these standard deviations, if several objects of a class were squeezed.
 WITHIN_CLASS_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
-#: l of the Gaussians of a class of several: one exploration in four is three times as far off as the others. By a single Gaussian
-#: three times as many published grasps are called unknown; if half were so far off, 97 % of readings would be in the 90 % band.
+#: l of the Gaussians of a class with several objects: one exploration in four deviates three times as much as the others.
+#: With a single Gaussian, three times as many published grasps are classified as unknown; if half deviated this much, the
+#: 90 % band would contain 97 % of the readings.
 TOUCHED_FACTORS = (1.0, 1.0, 1.0, 3.0)
-#: What classes differ by at each place by itself, as is tried: nothing in stiffness and in width of containers, whose opposite
-#: sides are alike; much where the fingers of a hand read what they like.
+#: Candidate standard deviations between classes, independent at each place: zero in stiffness and width for containers, whose
+#: opposite sides are alike; large if the readings of the fingers of a hand are unrelated.
 PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
-#: What a simulated class is wrong by: walls and moduli are known to 10 % (k goes with E t^2), lengths to 3 %.
+#: Standard deviations of the error of a simulated class: wall thickness and modulus are known to 10 % (k is proportional to
+#: E t^2), lengths to 3 %.
 SIMULATION_SIGMAS = (0.22, 0.1, 0.03, 0.02, 0.03)
-#: Width of a container, where none was measured [m].
+#: Width of a container if none was measured [m].
 _USUAL_WIDTH_m = 0.07
 
 
@@ -63,14 +67,14 @@ def learn_from_curves(
     settings: ModelSettings | None = None,
     protocol: TouchProtocol | None = None,
 ) -> HapticModel:
-    """The model of classes of which some were squeezed; simulated ones that were not are in it as they are.
+    """Model of squeezed classes; simulated classes that were not squeezed are included unchanged.
 
     Parameters
     ----------
     squeezed
-        Objects; one curve of one is enough to begin with.
+        Objects; a single curve of one object is enough to start.
     simulated
-        Trained class -> its statistics, see :func:`.class_statistics`; a squeezed class of the same name begins there.
+        Trained class -> its statistics, see :func:`.class_statistics`; the prior of a squeezed class of the same name.
     groups, settings, protocol
         As for :func:`.fit_model`.
 
@@ -84,7 +88,7 @@ def learn_from_curves(
     labels = dict.fromkeys(one.label for one in squeezed)
     if len({*learned, *labels}) < 2:
         raise InputError("curves", f"found {len({*learned, *labels})} classes, expected at least 2")
-    # Any model says where readings are among the features.
+    # Any model maps readings to feature indices.
     reader = assemble({"any": _anything(settings, protocol)}, {}, settings, protocol)
     read = {one.name: evidence(reader, one.readings) for one in squeezed}
     if empty := [name for name, (place, _, _) in read.items() if not len(place)]:
@@ -104,7 +108,7 @@ def learn_from_curves(
         middle, left = _posterior(
             prior.mean if prior else mean, spread, 0 * within if single else within, objects
         )
-        # Objects that differ were touched by explorations that differ, too.
+        # Different objects were touched in different explorations: the variation includes the nuisances.
         several = prior is None and not single
         pose = prior.pose if prior else (not several) * _pose(middle, settings, protocol)
         spreads = (0.0, 1.0) if single else TOUCHED_FACTORS if several else (1.0, RANGE_WIDENING)
@@ -118,7 +122,7 @@ def _posterior(
     within: Float[np.ndarray, "p p"],
     objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
-    """Mean and covariance of the mean of a class, given what was read of its objects."""
+    """Posterior mean and covariance of the mean of a class, given the readings of its objects."""
     place, value, seen = _joint(spread, within, objects)
     gain = np.linalg.solve(seen, spread[place]).T
     return mean + gain @ (value - mean[place]), spread - gain @ spread[place]
@@ -127,7 +131,7 @@ def _posterior(
 def _joint(
     spread: np.ndarray, within: np.ndarray, objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, Float[np.ndarray, "o"], Float[np.ndarray, "o o"]]:
-    """Places, values and covariance of all readings of a class."""
+    """Feature indices, values and covariance of all readings of a class."""
     place, value, noise = (np.concatenate(part) for part in zip(*objects, strict=True))
     owner = np.repeat(np.arange(len(objects)), [len(one[0]) for one in objects])
     alike = owner[:, None] == owner
@@ -140,7 +144,7 @@ def _likelihood(
     within: Float[np.ndarray, "p p"],
     classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
 ) -> float:
-    """Log likelihood of all readings of some classes, but for a constant."""
+    """Log likelihood of all readings of some classes, up to a constant."""
     total = 0.0
     for objects in classes:
         place, value, seen = _joint(spread, within, objects)
@@ -151,7 +155,7 @@ def _likelihood(
 
 
 def _container_within(stiff: float = 1.0, wide: float = 1.0) -> Float[np.ndarray, "p p"]:
-    """What objects of a class differ by, :data:`WITHIN_CLASS_SIGMAS` by two factors, in stiffness and in width."""
+    """Covariance within a class: :data:`WITHIN_CLASS_SIGMAS` scaled by two factors, of stiffness and width."""
     level, bend, *outline = WITHIN_CLASS_SIGMAS
     smooth = smooth_profile(stiff * level, stiff * bend, *(wide * part for part in outline), reach=SMOOTH)
     return smooth + PLACE_SIGMA**2 * np.eye(len(smooth))
@@ -162,7 +166,7 @@ def _by_place(
     spread: Float[np.ndarray, "p p"],
     classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
 ) -> Float[np.ndarray, "p p"]:
-    """What classes differ by, with what they do at each place by itself: as makes all readings most probable."""
+    """Covariance between classes with the independent part of each place that maximises the likelihood of all readings."""
     wide = np.arange(len(mean)) >= FIRST_WIDTH
     tried = [
         spread + np.diag(np.where(wide, across, along) ** 2) for along, across in product(PLACES, PLACES)
@@ -176,7 +180,7 @@ def _usual_within(
     spread: Float[np.ndarray, "p p"],
     classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
 ) -> Float[np.ndarray, "p p"]:
-    """What objects of a class differ by: as makes the readings of classes with several most probable."""
+    """Covariance within a class that maximises the likelihood of the readings of classes with several objects."""
     if not classes:
         return _container_within()
     tried = [_container_within(*factors) for factors in product(WITHIN_CLASS_FACTORS, WITHIN_CLASS_FACTORS)]
@@ -190,7 +194,7 @@ def _own_within(
     usual: Float[np.ndarray, "p p"],
     objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> Float[np.ndarray, "p p"]:
-    """What objects of one class differ by: as those of all do, by a factor that its own readings say (its posterior mean)."""
+    """Covariance within one class: that of all classes, scaled by the posterior mean of a factor given its own readings."""
     square = np.array(WITHIN_CLASS_FACTORS) ** 2
     score = np.array([_likelihood(mean, spread, factor * usual, [objects]) for factor in square])
     weight = np.exp(score - score.max())
@@ -201,9 +205,10 @@ def _measured_within(
     usual: Float[np.ndarray, "p p"],
     classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
 ) -> Float[np.ndarray, "p p"]:
-    """The same after what was seen at the places that all objects have in common, as an inverse Wishart prior of their number.
+    """Covariance within a class, updated at the places that were measured on all objects.
 
-    Other places follow by their regression on these.
+    The usual covariance is an inverse Wishart prior with as many degrees of freedom as there are such places. Other places
+    follow by their regression on these.
     """
     objects = [[dict(zip(place.tolist(), value, strict=True)) for place, value, _ in one] for one in classes]
     common = sorted(set.intersection(*(set(each) for one in objects for each in one)))
@@ -221,7 +226,7 @@ def _measured_within(
 def _population(
     read: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], simulated: Sequence[ClassStatistics]
 ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
-    """Mean and covariance of classes before any is touched."""
+    """Prior mean and covariance of the classes."""
     if len(simulated) > 1:
         means = np.stack([one.mean for one in simulated])
         return means.mean(axis=0), unknown_kinds(means)[0][0]
@@ -236,7 +241,7 @@ def _population(
 def _pose(
     mean: Float[np.ndarray, "p"], settings: ModelSettings, protocol: TouchProtocol
 ) -> Float[np.ndarray, "p p"]:
-    """What wrong poses do to an object of these features."""
+    """Effect of pose errors on an object with these features."""
     one = FeatureSet.of_stiffness(
         np.exp(mean[:FIRST_WIDTH]).reshape(1, HEIGHTS, 4),
         np.exp(mean[FIRST_WIDTH:HEIGHT]).reshape(1, HEIGHTS, 2),

@@ -13,8 +13,9 @@ the touches of one exploration. All are integrated out in closed form, since eve
 an object inside the trained ranges and :data:`RANGE_WIDENING` for one outside, s is 1 for an accurate pose and :data:`POSE_RATIO` for
 an inaccurate one. Each combination is a Gaussian component with equal prior probability, so that residuals have the heavy
 tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated
-likelihood. The unknown class is an answer with components of its own (:mod:`.unknown_class`). Stiffness is read in series with the resolution c0 of a touch, k / (1 + c0 k): stiffness beyond the resolution saturates, and
-the logarithm of the reading keeps a Gaussian error.
+likelihood. The unknown class is an answer with its own components (:mod:`.unknown_class`). Stiffness is measured in series
+with the resolution c0 of a touch, k / (1 + c0 k): stiffness beyond the resolution saturates, and the logarithm of the reading
+keeps a Gaussian error.
 """
 
 from __future__ import annotations
@@ -49,24 +50,25 @@ __all__ = [
 ]
 
 UNKNOWN = "unknown"
-_PLACE_m = 0.01  # between two of the 16 heights of most containers
+_PLACE_m = 0.01  # distance of adjacent heights, of 16 on a typical container
 #: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
-#: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with it more unknown
-#: objects are accepted as known than known objects outside their ranges are gained.
+#: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with this factor, more
+#: unknown objects are falsely accepted than known objects outside their ranges are gained.
 RANGE_WIDENING = 1.43
-#: Pose error of an uncalibrated gripper (5 mm) by that of a calibrated one (2 mm).
+#: Ratio of the pose error of an uncalibrated gripper (5 mm) to that of a calibrated one (2 mm).
 POSE_RATIO = 2.5
-#: Candidate strengths of the shrinkage: number of objects that the average covariance of all classes counts for.
+#: Candidate strengths of the shrinkage: number of objects that the average covariance of all classes is equivalent to.
 SHRINKAGE_STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-#: Nuisances that have a name, with their unit and the scale of their settings to that unit.
+#: Names of the nuisances, in the order of the rows of ``nuisance``.
 NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
-#: Places over which the effect of the mouth's closure falls by e: fit to maps of bottles with free and with held mouths.
+#: Number of places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed
+#: mouths.
 MOUTH_REACH = 2.2
 
 
 @dataclass(frozen=True, slots=True)
 class ModelSettings:
-    """Standard deviations of what the training data do not show, and priors."""
+    """Standard deviations that the training data do not contain, and priors."""
 
     discrepancy: float = 0.04  #: relative error of simulated stiffness, independent by place
     end_discrepancy: float = 0.5  #: at the lowest and highest place, which depend on boundary conditions
@@ -97,7 +99,7 @@ class HapticModel:
     nuisance: Float[np.ndarray, "c m p"]  #: effect of one standard deviation of each of :data:`NUISANCES`
     spread: Float[np.ndarray, "c"]  #: l of each Gaussian
     pose: Float[np.ndarray, "c"]  #: s of each Gaussian
-    groups: Mapping[str, Sequence[str]]  #: name -> trained classes that are answered by it
+    groups: Mapping[str, Sequence[str]]  #: name -> trained classes with this answer
     settings: ModelSettings
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
@@ -138,7 +140,7 @@ def fit_model(
     prior
         Visual prior by answer; uniform by default. Answers that are not named are excluded.
     settings, protocol
-        Assumed standard deviations, and how the gripper touches.
+        Assumed standard deviations, and the protocol of a touch.
     """
     settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     found = assemble(class_statistics(data, settings, protocol), groups or {}, settings, protocol)
@@ -155,7 +157,7 @@ def class_statistics(
     data
         Objects with the names of their classes.
     settings, protocol
-        Assumed standard deviations, and how the gripper touches.
+        Assumed standard deviations, and the protocol of a touch.
     """
     features, number = log_features(data, protocol), data.number
     counts = np.bincount(number)
@@ -198,7 +200,7 @@ def assemble(
     fraction = _prior(answers, None, settings)
     own = np.diag(_discrepancy(settings))
     kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
-    apart = [k for k, name in enumerate(NUISANCES) if name != "height"]  # which is in the pose
+    apart = [k for k, name in enumerate(NUISANCES) if name != "height"]  # it is part of the pose
     rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
     for part, one in learned.items():
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
@@ -243,7 +245,7 @@ def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticM
 
 
 def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray, "n p"]:
-    """Logarithms of the stiffness [N/m], of the width [m] and of the height of objects by :data:`USUAL_HEIGHT_m`.
+    """Logarithms of stiffness [N/m], width [m] and height as a ratio to :data:`USUAL_HEIGHT_m`.
 
     Parameters
     ----------
@@ -276,7 +278,7 @@ def nuisance_effects(
     pose
         P, effect of pose errors.
     settings, protocol
-        Assumed standard deviations, and how the gripper touches.
+        Assumed standard deviations, and the protocol of a touch.
     """
     out = np.zeros((len(NUISANCES), FEATURES))
     stiffness = np.exp(mean[:FIRST_WIDTH])
@@ -286,7 +288,7 @@ def nuisance_effects(
     along = pose @ slope
     out[1] = along / np.sqrt(max(float(slope @ along), 1e-12))
     out[2, :FIRST_WIDTH] = 1.5 * settings.zero_N / (stiffness * reach)
-    # The linearisation of the logarithm holds up to an effect of its own size.
+    # The linearisation of the logarithm holds up to a relative effect of 1.
     out[3, :FIRST_WIDTH] = np.minimum(1.5 * settings.zero_m / reach, 1.0)
     below = HEIGHTS - 1 - np.arange(FIRST_WIDTH) // 4
     out[4, :FIRST_WIDTH] = settings.mouth * np.exp(-below / MOUTH_REACH)
@@ -296,7 +298,7 @@ def nuisance_effects(
 def pose_covariance(
     data: FeatureSet, features: Float[np.ndarray, "n p"], settings: ModelSettings, protocol: TouchProtocol
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of the features by one pose error of the gripper, common to all touches.
+    """Covariance of the features due to one pose error of the gripper, common to all touches.
 
     Taken from the stiffness maps of the objects where available. Otherwise an error of the height moves all contacts along
     the slope of each profile, and a tilt in the plane of the tips moves them up on one side and down on the other.
@@ -329,7 +331,7 @@ def pose_covariance(
             flat = tilted.reshape(count, -1)
             out[:FIRST_WIDTH, :FIRST_WIDTH] += flat.T @ flat / count
     spread = (settings.width_m / data.width_m.mean(axis=0)) ** 2
-    # The height of the object is measured as accurately as the gripper is placed.
+    # The height of the object is measured as accurately as the gripper is positioned.
     tall = (settings.pose_m / USUAL_HEIGHT_m * np.exp(-features[:, HEIGHT].mean())) ** 2
     return out + np.diag(np.concatenate([np.zeros(FIRST_WIDTH), spread.ravel(), [tall]]))
 
@@ -339,7 +341,7 @@ def _within(
 ) -> Float[np.ndarray, "k p p"]:
     """Covariance of each class, shrunk to their average (empirical Bayes with an inverse Wishart prior).
 
-    The strength maximises the likelihood in a three-fold cross-validation. A class has a strength of its own where the
+    The strength maximises the likelihood in a three-fold cross-validation. A class has its own strength where the
     Bayesian information criterion (Schwarz) accepts one more parameter.
     """
     turn = np.arange(len(number)) % 3
@@ -350,7 +352,7 @@ def _within(
         moved = away - middle[number]
         for trial, strength in enumerate(SHRINKAGE_STRENGTHS):
             for k, covariance in enumerate(_shrunk(moved[turn != fold], number[turn != fold], strength)):
-                # The uncertainty of the mean of n objects is that of one by n.
+                # The variance of the mean of n objects is that of one object divided by n.
                 root = np.linalg.cholesky(covariance * (1 + 1 / max(len(kept[k]), 1)) + np.diag(own))
                 left = moved[(turn == fold) & (number == k)]
                 white = np.linalg.solve(root, left.T)

@@ -1,4 +1,4 @@
-"""The variant of a container class that is most like a measured outline."""
+"""Variant of a container class whose outline is closest to a measured one."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from ...deformation.shapes.variants import draw_variants
 
 __all__ = ["container_outline", "nearest_variant"]
 
-#: Heights that are compared, as fractions of the whole: the foot and a closure are no part of the shape.
+#: Compared heights, as fractions of the object's height: the foot and the closure are not part of the shape.
 FRACTIONS = np.linspace(0.05, 0.9, 20)
 
 
 def container_outline(description: ContainerDescription, around: int = 32) -> Float[np.ndarray, "k 2"]:
-    """Radius and height [m] of the rings of a round container, upwards.
+    """Radius and height [m] of the rings of a round container, from the bottom up.
 
     Parameters
     ----------
     description
         The container.
     around
-        Vertices of a ring.
+        Number of vertices of a ring.
     """
     thing = mesh_container(description, around=around)
     points = thing.mesh.vertices_m[np.unique(thing.mesh.faces)]
@@ -35,16 +35,16 @@ def container_outline(description: ContainerDescription, around: int = 32) -> Fl
 def nearest_variant(
     base: ContainerDescription, outline_m: Float[np.ndarray, "k 2"], *, count: int = 24
 ) -> ContainerDescription:
-    """The variant whose radii and height differ least from a measured outline, by least squares.
+    """Variant whose radii and height fit a measured outline best, by least squares.
 
     Parameters
     ----------
     base
         Description of the class.
     outline_m
-        Radius and height [m], upwards.
+        Radius and height [m], from the bottom up.
     count
-        Variants that are tried.
+        Number of variants that are compared.
     """
     measured = np.interp(FRACTIONS, outline_m[:, 1] / outline_m[-1, 1], outline_m[:, 0])
 

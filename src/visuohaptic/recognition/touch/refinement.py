@@ -1,6 +1,6 @@
-"""A stiffness map corrected by what was felt (Alt 2016, Sec. 6.3.2).
+"""Correction of a stiffness map by measured stiffness (Alt 2016, Sec. 6.3.2).
 
-All of it works on logarithms of stiffness: errors are relative, and the modulus is a shift.
+All computations use logarithms of stiffness: errors are relative, and an error of the modulus is an offset.
 Symbols: k measurements, v points of the map.
 """
 
@@ -16,8 +16,8 @@ from ...core.objects import StiffnessMap
 
 __all__ = ["correct_map"]
 
-#: Standard deviations of the logarithm of true by simulated stiffness: of the part that an object has in common (wall,
-#: modulus), and of that which varies over the wall; and over how much of it [m].
+#: Standard deviations of the logarithm of the ratio of true to simulated stiffness: of the part that is common to an object
+#: (wall, modulus), and of the part that varies over the wall; correlation length of the latter [m].
 COMMON, LOCAL, REACH_m = 0.2, 0.1, 0.04
 
 
@@ -27,19 +27,19 @@ def correct_map(
     measured_N_per_m: Float[np.ndarray, "k"],
     relative_sigma: Float[np.ndarray, "k"],
 ) -> StiffnessMap:
-    """Correct a map by sparse measurements, between them by a Gaussian process.
+    """Correct a map with sparse measurements, interpolated by a Gaussian process.
 
-    The logarithm of true by simulated stiffness has a part that is common to the object and one that varies over
-    :data:`REACH_m`. The new sigma is that of the process: small where it was touched, both together where nothing is known.
+    The logarithm of the ratio of true to simulated stiffness has a part that is common to the object and one that varies over
+    :data:`REACH_m`. The new sigma is that of the process: small near a measurement; far from all of them, that of both parts.
 
     Parameters
     ----------
     found
         Simulated map.
     points_m
-        Where it was touched [m].
+        Touched points [m].
     measured_N_per_m
-        Stiffness there [N/m].
+        Stiffness at these points [N/m].
     relative_sigma
         Relative standard deviation of each measurement.
     """

@@ -1,9 +1,9 @@
-"""Open or closed, and how full: from curves of large deformation (Alt 2016, Secs. 6.3.2, 6.4.2).
+"""Lid and fill level from curves of large deformation (Alt 2016, Secs. 6.3.2, 6.4.2).
 
-Enclosed gas hardly changes the stiffness of a small deformation, but makes the curve bend upwards;
-a lid holds the mouth in shape. Features of one side are ``(log i, log I, II / II_0)`` with II_0 the
-quadratic coefficient that would double I at the nominal deformation: the first two have the scale
-of the object, the last has none. Each state is a Gaussian at each place; the covariance is common
+Enclosed gas hardly changes the stiffness at small deformation, but makes the curve bend upwards;
+a lid constrains the shape of the mouth. Features of one side are ``(log i, log I, II / II_0)`` with II_0 the
+quadratic coefficient that would double I at the nominal deformation: the first two scale with
+the object, the last is dimensionless. Each state is a Gaussian at each place; the covariance is common
 to the states (linear discriminant), so few variants are enough. Symbols: l places, s states.
 """
 
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 _FORMAT = 1
-#: Mean deformations of both tips, of the simulated curves [m].
+#: Deformations of the simulated curves, mean of both tips [m].
 DEFORMATION_m = (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008)
 
 
@@ -61,13 +61,15 @@ class StateCurve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HapticStateModel:
-    """What each state feels like at each place, of one object."""
+    """Distribution of the features of each state at each place of one object."""
 
     states: tuple[str, ...]
-    places: tuple[str, ...]  #: the best first
+    places: tuple[str, ...]  #: most accurate first
     mean: Float[np.ndarray, "l s 3"]
     covariance: Float[np.ndarray, "l 3 3"]
-    accuracy: Float[np.ndarray, "l"]  #: share right at this place alone, variants left out in turn
+    accuracy: Float[
+        np.ndarray, "l"
+    ]  #: fraction of correct answers from this place alone, leave-one-variant-out
 
 
 def simulate_state_curves(
@@ -86,25 +88,25 @@ def simulate_state_curves(
     Parameters
     ----------
     container
-        Without ranges.
+        Description without ranges.
     states
         Name -> contents; None: open, without its cap.
     places
         As ``y+8``: side and height 1 .. 16.
     variants
-        Samples of wall and modulus.
+        Number of samples of wall and modulus.
     seed
         Of the samples.
     spread
-        Relative half-width of the uniform distributions of wall and modulus; 0 takes them as they are.
+        Relative half-width of the uniform distributions of wall and modulus; 0: nominal values.
     around
-        Vertices round the wall, a multiple of 4.
+        Number of vertices around the wall, a multiple of 4.
     workers
         See :func:`.map_tasks`; each variant is a task.
     """
     rng = np.random.default_rng(seed)
     for place in places:
-        _place(place)  # before minutes of simulation
+        _place(place)  # validate before minutes of simulation
     factors = [tuple(1 + rng.uniform(-spread, spread, 2)) for _ in range(variants)]
     simulate = partial(_simulate_variant, container, dict(states), tuple(places), around)
     curves = map_tasks(simulate, list(enumerate(factors)), name="classify train", workers=workers)
@@ -135,7 +137,7 @@ def _simulate_variant(
                 curve = plane.curve(vertex, deformation_m=DEFORMATION_m, contents=contents)
             except VisuohapticError as error:
                 raise InputError(f"container {container.name}", str(error), field=place) from error
-            # The modulus scales the wall's part of the force; the gas has its own.
+            # The modulus scales the force of the wall; scaling that of enclosed gas with it is an approximation.
             out.append(StateCurve(name, variant, place, curve.first_m, stiffer * curve.force_N))
     return out
 
@@ -160,9 +162,9 @@ def fit_state_model(
     noise: TouchNoise | None = None,
     copies: int = 20,
 ) -> HapticStateModel:
-    """Learn Gaussians of each state from curves, read with noise, and rank the places.
+    """Learn Gaussians of each state from curves with added noise, and rank the places.
 
-    The accuracy of a place is that of variants that had no part in the fit.
+    The accuracy of a place is measured on variants that were not used in the fit.
 
     Parameters
     ----------
@@ -173,12 +175,12 @@ def fit_state_model(
     noise
         Standard deviations of one sample.
     copies
-        Readings of each curve.
+        Number of noisy readings of each curve.
 
     Raises
     ------
     InputError
-        Fewer than two states, or no place with curves of all.
+        Fewer than two states, or no place with curves of all states.
     """
     noise = TouchNoise() if noise is None else noise
     states = tuple(dict.fromkeys(curve.state for curve in curves))
@@ -220,10 +222,10 @@ def fit_state_model(
 
 
 def state_probability(model: HapticStateModel, readings: Sequence[TouchReading]) -> dict[str, Any]:
-    """Probabilities of the states and of ``UNKNOWN`` from what was touched, and the most informative place.
+    """Probabilities of the states and of ``UNKNOWN`` from the touches, and the most informative place.
 
-    Places are taken as independent, which their common wall makes them not: of several, only the
-    best place that was touched counts.
+    Readings at several places of the same wall are not independent: only the most accurate place that was
+    touched is used.
 
     Parameters
     ----------
@@ -238,7 +240,7 @@ def state_probability(model: HapticStateModel, readings: Sequence[TouchReading])
             if side is not None and np.isfinite([side.i_N_per_m, side.I_N_per_m, side.II]).all():
                 seen[f"{reading.axis}{sign}{reading.height}"] = side
     for k, place in enumerate(model.places):
-        # A pinch presses both sides alike.
+        # A pinch loads both sides equally.
         side = seen.get(place, seen.get(place.replace("+", "-")))
         if side is None or not (side.i_N_per_m > 0 and side.I_N_per_m > 0):
             continue
@@ -259,7 +261,7 @@ def state_probability(model: HapticStateModel, readings: Sequence[TouchReading])
 
 
 def save_state_model(path: Path | str, model: HapticStateModel) -> None:
-    """Write JSON, completely or not at all.
+    """Write JSON atomically.
 
     Parameters
     ----------
@@ -280,17 +282,17 @@ def save_state_model(path: Path | str, model: HapticStateModel) -> None:
 
 
 def load_state_model(path: Path | str) -> HapticStateModel:
-    """Read and check what :func:`save_state_model` wrote.
+    """Read and validate a state model written by :func:`save_state_model`.
 
     Parameters
     ----------
     path
-        Its JSON file.
+        JSON file.
 
     Raises
     ------
     InputError
-        There is no such file, or it is not a state model.
+        The file does not exist, or is not a state model.
     """
 
     def parsed(found: Any) -> tuple[tuple[str, ...], tuple[str, ...], list[np.ndarray]]:
@@ -311,7 +313,7 @@ def load_state_model(path: Path | str) -> HapticStateModel:
 
 
 def _read(curve: StateCurve, noise: TouchNoise, rng: np.random.Generator) -> np.ndarray | None:
-    """Features of a closing with noise, at the rate of the gripper."""
+    """Features of a closing movement with noise, sampled at the rate of the gripper."""
     if len(curve.deformation_m) < 3:
         return None
     protocol = TouchProtocol()
@@ -332,7 +334,7 @@ def _read(curve: StateCurve, noise: TouchNoise, rng: np.random.Generator) -> np.
 def _gaussians(x: np.ndarray, y: np.ndarray, states: int) -> tuple[np.ndarray, np.ndarray]:
     mean = np.stack([x[y == k].mean(axis=0) for k in range(states)])
     away = x - mean[y]
-    # A floor for what has no noise at all.
+    # A lower bound for features without noise.
     return mean, away.T @ away / max(len(x) - states, 1) + 1e-6 * np.eye(3)
 
 

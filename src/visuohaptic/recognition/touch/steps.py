@@ -1,4 +1,4 @@
-"""An exploration in words, as it happens: for a page, a log or a file."""
+"""Text log of an exploration while it runs, for a page, a log or a file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .haptic_model import HapticModel
 
 __all__ = ["Listener", "planner_follower", "planner_steps", "tree_follower", "tree_steps"]
 
-#: Question and answer; an open question has an empty answer.
+#: Question and answer; a pending question has an empty answer.
 Step = tuple[str, str]
 
 
@@ -24,21 +24,21 @@ class Listener(Protocol):
     """Observer of an exploration; :class:`visuohaptic.viewer.StepsView` is one."""
 
     def ask(self, question: str) -> None:
-        """Show a question that is now open.
+        """Show a new pending question.
 
         Parameters
         ----------
         question
-            In words.
+            Text of the question.
         """
 
     def answer(self, answer: str) -> None:
-        """Show the answer to the open question.
+        """Show the answer to the pending question.
 
         Parameters
         ----------
         answer
-            In words.
+            Text of the answer.
         """
 
     def finish(self, result: str) -> None:
@@ -47,19 +47,19 @@ class Listener(Protocol):
         Parameters
         ----------
         result
-            In words.
+            Text of the result.
         """
 
 
 def tree_steps(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) -> tuple[tuple[Step, ...], str]:
-    """Questions and answers of a tree as far as measurements go, and its answer at a leaf.
+    """Questions and answers of a tree up to the first missing measurement, and its answer if a leaf is reached.
 
     Parameters
     ----------
     tree
         Exploration plan.
     measured
-        Stiffness [N/m], NaN where nothing was touched.
+        Stiffness [N/m], NaN where not touched.
     """
     steps: list[Step] = []
     for height, axis in scaling_touches(tree.scheme):
@@ -86,14 +86,14 @@ def tree_steps(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) ->
 def planner_steps(
     model: HapticModel, readings: Sequence[TouchReading], wanted: Touch | None
 ) -> tuple[tuple[Step, ...], str]:
-    """Touches with the posterior after each; and the answer, if no further touch is wanted.
+    """Touches with the posterior after each; and the answer, if no further touch is planned.
 
     Parameters
     ----------
     model, readings
         As of :func:`.touch_gains`.
     wanted
-        Touch that is planned, or None at the end.
+        Planned touch, or None at the end.
     """
     steps: list[Step] = []
     for count, reading in enumerate(readings, start=1):
@@ -119,7 +119,7 @@ def tree_follower(
     tree
         Exploration plan.
     listener
-        Who is informed.
+        Observer of the exploration.
     """
     tell = _teller(listener)
     return lambda measured: tell(*tree_steps(tree, measured))
@@ -135,14 +135,14 @@ def planner_follower(
     model
         Of the candidates.
     listener
-        Who is informed.
+        Observer of the exploration.
     """
     tell = _teller(listener)
     return lambda readings, wanted: tell(*planner_steps(model, readings, wanted))
 
 
 def _teller(listener: Listener) -> Callable[[Sequence[Step], str], None]:
-    """Tells what is new since the last time."""
+    """Callback that reports the steps that are new since its last call."""
     asked = answered = 0
 
     def tell(steps: Sequence[Step], result: str) -> None:

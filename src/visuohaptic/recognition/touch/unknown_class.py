@@ -1,4 +1,4 @@
-"""What objects may be that nobody has trained: like one that is known, and yet of another profile.
+"""Distribution of the features of untrained objects: similar to a known class, but with another profile.
 
 Symbols: k trained classes, p features as in :mod:`.haptic_model`.
 """
@@ -13,28 +13,29 @@ from ..data.places import HEIGHTS
 
 __all__ = ["FEATURES", "FIRST_WIDTH", "HEIGHT", "USUAL_HEIGHT_m", "smooth_profile", "unknown_kinds"]
 
-FIRST_WIDTH = HEIGHTS * 4  #: among the features
-HEIGHT = HEIGHTS * 6  #: of the object, the last one
+FIRST_WIDTH = HEIGHTS * 4  #: index of the first width among the features
+HEIGHT = HEIGHTS * 6  #: index of the height of the object, the last feature
 FEATURES = HEIGHT + 1
-#: Unit of heights: where none is known, that of a usual container is taken, as uncertain as that of anything.
+#: Unit of heights, that of a typical container; the default where none is measured, with the uncertainty of any container.
 USUAL_HEIGHT_m = 0.12
-#: Standard deviations of the logarithm of what any container may be: stiffness in common and by place, width in common and
-#: by place, and height. Glass is 60 times as stiff as a thin cup, exp(2 * 2.05); a jar three times as wide as a tube, and a
-#: bottle five times as tall as a bowl.
+#: Standard deviations of the logarithms of the features of any container: stiffness, common part and by place; width, common
+#: part and by place; and height. Glass is 60 times as stiff as a thin cup, exp(2 * 2.05); a jar three times as wide as a tube,
+#: and a bottle five times as tall as a bowl.
 UNKNOWN_CLASS_SIGMAS = (1.5, 0.25, 0.3, 0.2, 0.4)
-#: Standard deviation of the logarithm of stiffness by grooves and shoulders, which run all around one height.
+#: Standard deviation of the logarithm of stiffness due to grooves and shoulders, which run around the object at one height.
 GROOVE_SIGMA = 0.05
 
 
 def unknown_kinds(
     means: Float[np.ndarray, "k p"],
 ) -> tuple[Float[np.ndarray, "4 p p"], Float[np.ndarray, "4"]]:
-    """Covariances by which an unknown object differs from a known class, and the probability of each.
+    """Covariances of the difference between an unknown object and a known class, and the probability of each.
 
-    As classes differ, and as anything may; each for objects whose axes differ, and for round ones. The first is learned from
-    what the known classes differ by, as if :data:`UNKNOWN_CLASS_SIGMAS` were one more class. An object is round or is not, once for all
-    of its touches: were each height to differ around by chance, every second touch of a height would be evidence against an
-    unknown object. How many are round is learned from the known classes, too (Laplace's rule of succession).
+    There are two: that between the known classes, and that of any container; each for objects whose axes differ and for round
+    objects. The first is learned from the differences of the known classes, with :data:`UNKNOWN_CLASS_SIGMAS` as one more class.
+    An object is either round or not at all heights: if the axes differed at random at each height, every second touch
+    of a height would be evidence against an unknown object. The fraction of round objects is learned from the known classes as
+    well (Laplace's rule of succession).
 
     Parameters
     ----------
@@ -49,13 +50,13 @@ def unknown_kinds(
     Raises
     ------
     InputError
-        There are not so many features.
+        The number of features is wrong.
     """
     if means.shape[1] != FEATURES:
         raise InputError(
             "unknown_kinds", f"found {means.shape[1]} features, expected {FEATURES}", field="means"
         )
-    inner = means[:, 4 : FIRST_WIDTH - 4]  # what holds the ends says nothing of the wall
+    inner = means[:, 4 : FIRST_WIDTH - 4]  # the stiffness at the ends depends on their supports
     learned = []
     for part, generic in (
         (inner, UNKNOWN_CLASS_SIGMAS[:2]),
@@ -81,20 +82,20 @@ def unknown_kinds(
 def smooth_profile(
     level: float, bend: float, size: float, shape: float, tall: float, *, reach: float, even: bool = False
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of profiles that are smooth over some places.
+    """Covariance of smooth profiles.
 
     Parameters
     ----------
     level, bend
-        Standard deviations of the logarithm of stiffness, in common and by place.
+        Standard deviations of the logarithm of stiffness, common part and by place.
     size, shape
-        The same of the width.
+        The same for the width.
     tall
         Standard deviation of the logarithm of the height.
     reach
-        Places over which a profile is smooth.
+        Number of places over which a profile is smooth (correlation length).
     even
-        Of round objects: all sides of a height are alike.
+        Round objects: all sides of a height are alike.
     """
     out = np.zeros((FEATURES, FEATURES))
     height, axis = np.arange(FIRST_WIDTH) // 4, np.arange(FIRST_WIDTH) // 2 % 2

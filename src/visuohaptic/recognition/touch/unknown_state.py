@@ -1,14 +1,14 @@
-"""Posterior of states and of "none of them", from how well each explains every piece of evidence.
+"""Posterior of states and of "none of them", from the fit of each state to every piece of evidence.
 
-Evidence comes in pieces i of n_i numbers, as one squeeze or one weight. State s explains a piece with a
-Gaussian whose chi-square is q_si. What is unknown has, in the piece that s explains worst, a broad density: as high everywhere as that of s is where a test with the stated false-alarm rate
-just rejects it,
+Evidence consists of pieces i of n_i numbers, such as one squeeze or one weight. State s predicts a piece with a
+Gaussian whose chi-square is q_si. For the piece that s predicts worst, the unknown state has a broad density: it is
+everywhere that of s where a test with the stated false-alarm rate just rejects it,
 
     log p(y | like s, but unknown) = log p(y | s) + (q_si - Q_i) / 2,
 
 with Q_i the quantile of chi-square with n_i degrees of freedom at 1 - alpha / m for m pieces (Bonferroni).
-So a state at the limit of its test is as probable as the unknown, and one far beyond it has no probability
-left, however much worse the other states are.
+A state at the limit of its test is therefore as probable as the unknown state, and the probability of one far beyond it
+vanishes, however much worse the other states are.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 __all__ = ["FALSE_ALARM", "posterior_with_unknown"]
 
-#: Probability that what the model does know is rejected.
+#: Probability that a known state is rejected.
 FALSE_ALARM = 1e-3
 
 
@@ -29,7 +29,7 @@ def posterior_with_unknown(
     *,
     false_alarm: float = FALSE_ALARM,
 ) -> tuple[Float[np.ndarray, "s"], float]:
-    """Probabilities of the states, and that it is none of them; together 1.
+    """Probabilities of the states and of "none of them"; they sum to 1.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ def posterior_with_unknown(
     chi2
         Of every piece, by state.
     freedom
-        Numbers in every piece.
+        Degrees of freedom (number of values) of every piece.
     false_alarm
-        alpha, over all pieces together.
+        alpha, for all pieces together.
     """
     from scipy.stats import chi2 as chi2_distribution
 
