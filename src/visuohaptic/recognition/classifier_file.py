@@ -1,4 +1,4 @@
-"""A trained classifier on disk: tree and curves as JSON, and beside it the training objects as NPZ."""
+"""File of a trained classifier: tree and curves as JSON, and the training objects in an NPZ file next to it."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ __all__ = ["Classifier", "load_classifier", "save_classifier"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Classifier:
-    """What was learned: training objects with the names of their own classes, squeezed objects, a tree, and how sure to be."""
+    """Trained classifier: training objects with their class names, squeezed objects, a tree, and the calibration."""
 
-    groups: Mapping[str, Sequence[str]]  #: name -> classes that are answered by this name
+    groups: Mapping[str, Sequence[str]]  #: name -> classes that share this name as their answer
     tree: ClassificationTree | None = None  #: of the training objects
-    data: FeatureSet | None = None  #: training objects of which all features are known
-    squeezed: tuple[SqueezedObject, ...] = ()  #: training objects of which there are curves
-    #: Temperature, added log odds of "unknown" and tail, with widths and by stiffness alone, which says less.
+    data: FeatureSet | None = None  #: training objects with complete features
+    squeezed: tuple[SqueezedObject, ...] = ()  #: training objects with measured curves
+    #: Temperature, added log odds of "unknown" and tail, with widths and with stiffness alone, which is less informative.
     calibration: tuple[Calibration, Calibration] = ((1.0, 0.0, 1.0), (1.0, 0.0, 1.0))
-    #: Models that were fitted, with widths and without.
+    #: Cache of fitted models: use of widths -> model.
     fitted: dict[bool, HapticModel] = field(default_factory=dict, repr=False)
 
     def model(self, *, use_width: bool = True, prior: Mapping[str, float] | None = None) -> HapticModel:
@@ -46,9 +46,9 @@ class Classifier:
         Parameters
         ----------
         use_width
-            Widths of the object count as evidence.
+            Whether widths of the object are evidence.
         prior
-            Of vision, by answer; uniform by default.
+            Visual prior by answer; uniform by default.
         """
         if use_width not in self.fitted:
             settings = ModelSettings(use_width=use_width)
@@ -63,7 +63,7 @@ class Classifier:
         Raises
         ------
         InputError
-            The classifier has learned from curves alone.
+            The classifier was trained with curves only.
         """
         if self.tree is None:
             raise InputError(
@@ -73,19 +73,19 @@ class Classifier:
 
     def _learn(self, settings: ModelSettings) -> HapticModel:
         if not self.squeezed:
-            assert self.data is not None  # one of them is there
+            assert self.data is not None  # a classifier has objects or curves
             return fit_model(self.data, self.groups, settings=settings)
         known = None if self.data is None else class_statistics(self.data, settings, TouchProtocol())
         return learn_from_curves(self.squeezed, known, self.groups, settings=settings)
 
 
 def save_classifier(path: Path | str, found: Classifier) -> None:
-    """Write tree and curves as JSON, and the training objects beside it as NPZ.
+    """Write tree and curves as JSON, and the training objects to an NPZ file next to it.
 
     Parameters
     ----------
     path
-        With the suffix .json; the NPZ file has the same name.
+        Path with the suffix .json; the NPZ file has the same name.
     found
         Classifier.
     """
@@ -104,17 +104,17 @@ def save_classifier(path: Path | str, found: Classifier) -> None:
 
 
 def load_classifier(path: Path | str) -> Classifier:
-    """Read what :func:`save_classifier` wrote.
+    """Read a classifier written by :func:`save_classifier`.
 
     Parameters
     ----------
     path
-        JSON file of :func:`save_classifier`, with the NPZ file beside it.
+        JSON file of :func:`save_classifier`, with the NPZ file next to it.
 
     Raises
     ------
     InputError
-        A file is missing or damaged, or the two do not belong together.
+        A file is missing or damaged, or the two files do not match.
     """
     path = Path(path)
 

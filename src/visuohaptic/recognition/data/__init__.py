@@ -1,4 +1,4 @@
-"""Feature sets, readings and their noise, and how a gripper touches."""
+"""Feature sets, readings and their noise, and the protocol of a touch."""
 
 from ...core.front_door import attach
 

@@ -1,4 +1,4 @@
-"""Measured curves in a CSV file: of one object that is asked for, or of many that are learned from."""
+"""CSV files of measured curves: of one object to classify, or of many objects for training."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
 
 __all__ = ["SqueezedObject", "read_curves", "read_squeezed"]
 
-#: Files with more samples are refused.
+#: Files with more samples are rejected.
 MAX_SAMPLES = 1_000_000
 
 
@@ -24,14 +24,14 @@ MAX_SAMPLES = 1_000_000
 class SqueezedObject:
     """All touches of one object of a known class."""
 
-    label: str  #: its class
-    name: str  #: its own name
+    label: str  #: class
+    name: str  #: name of the object
     readings: tuple[TouchReading, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class _Sample:
-    """One row; the curve that it belongs to is named by label, object, repetition and height."""
+    """One row; its curve is identified by label, object, curve, height and side."""
 
     label: str
     name: str
@@ -48,8 +48,8 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
     """Measured curves of one object, in the order of their first sample.
 
     The CSV has the columns ``height`` (1 .. 16) or ``at`` (0 .. 1 of the object's height), ``side`` (x+, x-, y+, y-),
-    ``force_N``, ``deformation_m``, and perhaps ``width_m``, the gripper's opening at contact, ``object_height_m``, and
-    ``curve``, any name that keeps several curves of one place apart.
+    ``force_N``, ``deformation_m``, and optionally ``width_m``, the gripper's opening at contact, ``object_height_m``, and
+    ``curve``, any name that distinguishes several curves of one place.
 
     Parameters
     ----------
@@ -68,10 +68,10 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
 
 
 def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[SqueezedObject, ...]:
-    """Measured curves of objects whose classes are known.
+    """Measured curves of objects with known classes.
 
-    The CSV has the columns of :func:`read_curves`, ``label``, the class, and perhaps ``object``, the name of the object
-    where there are several of a class.
+    The CSV has the columns of :func:`read_curves`, ``label``, the class, and optionally ``object``, the name of the object
+    if a class has several.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _sample(path: Path, line: str, row: dict[str, str], place: str, more: tuple[
 
 
 def _size(path: Path, line: str, row: dict[str, str], key: str) -> float:
-    """A length of the object [m]; NaN where the line has none."""
+    """A length of the object [m]; NaN if the line has none."""
     if not (row.get(key) or "").strip():
         return math.nan
     size = _float(path, line, row[key])

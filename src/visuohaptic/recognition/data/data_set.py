@@ -1,6 +1,6 @@
 """Training data: stiffness features of many variants of each class (Alt 2016, Sec. 6.4.1).
 
-Made from a folder of ``visuohaptic objects build``; kept as one small NPZ file.
+Read from a folder of ``visuohaptic objects build``; stored as one small NPZ file.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = [
     "save_feature_set",
 ]
 
-#: What the file of a feature set must hold.
+#: Required arrays of the file of a feature set.
 _ARRAYS = ("features", "width_m", "label", "name", "nonlinear")
 
 
@@ -45,12 +45,12 @@ class FeatureSet:
     """
 
     features: Float[np.ndarray, "n 16 4 3"]  #: i, I [N/m] and II [1]
-    width_m: Float[np.ndarray, "n 16 2"]  #: of the object at rest, across x and across y
+    width_m: Float[np.ndarray, "n 16 2"]  #: of the undeformed object, across x and across y
     label: tuple[str, ...]  #: class of each object
     name: tuple[str, ...]  #: of each object, unique
     nonlinear: bool = False  #: from curves under large deformation; otherwise I = i and II = 0
-    height_m: Float[np.ndarray, "n"] | None = None  #: of each object; None where it is not known
-    #: Change of log i under each of c wrong poses, see :mod:`.pose_error`; None without maps of the objects.
+    height_m: Float[np.ndarray, "n"] | None = None  #: of each object; None if unknown
+    #: Change of log i due to each of c pose errors, see :mod:`.pose_error`; None without maps of the objects.
     pose_errors: Float[np.ndarray, "n c 16 4"] | None = None
 
     def __post_init__(self) -> None:
@@ -77,7 +77,7 @@ class FeatureSet:
         width_m: Float[np.ndarray, "n 16 2"],
         label: Sequence[str],
     ) -> FeatureSet:
-        """Objects of which only the linear stiffness is known: I = i and II = 0.
+        """Objects with linear stiffness only: I = i and II = 0.
 
         Parameters
         ----------
@@ -100,17 +100,17 @@ class FeatureSet:
 
     @property
     def number(self) -> Int[np.ndarray, "n"]:
-        """Class of each object as a place in ``classes``."""
+        """Class of each object as an index of ``classes``."""
         place = {name: k for k, name in enumerate(self.classes)}
         return np.array([place[name] for name in self.label], dtype=np.int64)
 
     def take(self, chosen: Bool[np.ndarray, "n"] | Int[np.ndarray, "m"]) -> FeatureSet:
-        """Some of the objects.
+        """Subset of the objects.
 
         Parameters
         ----------
         chosen
-            Mask of the objects, or their numbers.
+            Mask of the objects, or their indices.
         """
         index = np.arange(len(self))[chosen]
         known = ("features", "width_m", "height_m", "pose_errors")
@@ -121,19 +121,19 @@ class FeatureSet:
     def of_classes(
         self, classes: Sequence[str], groups: Mapping[str, Sequence[str]] | None = None
     ) -> FeatureSet:
-        """The candidates of the moment: some classes, of which several may go under one name.
+        """Objects of the current candidates: some of the classes, several of which may share one name.
 
         Parameters
         ----------
         classes
             Candidates: names of classes or of groups.
         groups
-            Name of a group -> its classes; a group may be called as one of its classes.
+            Name of a group -> its classes; a group may have the name of one of its classes.
 
         Raises
         ------
         InputError
-            A class that is not there.
+            A class does not exist.
         """
         groups = {} if groups is None else groups
         target: dict[str, str] = {}
@@ -151,18 +151,18 @@ class FeatureSet:
 
 
 def join_feature_sets(parts: Sequence[FeatureSet]) -> FeatureSet:
-    """One set of the objects of several; a name that occurs twice is preceded by the number of its set.
+    """Concatenate feature sets; if a name occurs twice, names are prefixed with the number of their set.
 
     Parameters
     ----------
     parts
-        At least one set, all linear or all from curves. Heights are kept where all sets have them, and effects of wrong
-        poses where all have as many of them.
+        At least one set, all linear or all from curves. Heights are kept if all sets have them, and effects of pose
+        errors if all have the same number of them.
 
     Raises
     ------
     InputError
-        Linear features and features from curves together.
+        Linear features are mixed with features from curves.
     """
     if len({part.nonlinear for part in parts}) > 1:
         raise InputError(
@@ -190,22 +190,22 @@ def join_feature_sets(parts: Sequence[FeatureSet]) -> FeatureSet:
 def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -> FeatureSet:
     """Features of all objects of an ``objects build`` folder, in one state of their contents.
 
-    Objects whose state is not in the build, or with a feature that is not finite, are an error:
-    a classifier that silently knows fewer objects answers wrongly.
+    Objects whose state is not in the build, or with a stiffness that is not finite and positive, are an error:
+    a classifier that silently omits objects gives wrong answers.
 
     Parameters
     ----------
     folder
-        Of ``visuohaptic objects build``.
+        Folder of ``visuohaptic objects build``.
     closed
-        State of the contents: nothing can escape.
+        State of the contents: airtight.
     fill
-        Fraction of the volume that is liquid, of a closed container.
+        Fraction of the volume of a closed container that is liquid.
 
     Raises
     ------
     InputError
-        No build in the folder, a state that is not in it, or a stiffness that is not finite and positive.
+        The folder has no build, the build does not contain the state, or a stiffness is not finite and positive.
     """
     folder = Path(folder)
     listed = _manifest(folder)
@@ -238,7 +238,7 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
         across_x = np.linalg.norm(points[:, 0, :2] - points[:, 1, :2], axis=1)
         across_y = np.linalg.norm(points[:, 2, :2] - points[:, 3, :2], axis=1)
         widths.append(np.stack([across_x, across_y], axis=1))
-        # The places are the middles of equal parts of the height.
+        # The places are the midpoints of equal intervals of the height.
         heights.append(float(np.ptp(points[:, 0, 2])) * HEIGHTS / (HEIGHTS - 1))
         labels.append(str(entry["class"]))
         names.append(Path(entry["file"]).stem)
@@ -258,7 +258,7 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
 
 
 def save_feature_set(path: Path | str, found: FeatureSet) -> None:
-    """Write one NPZ file, completely or not at all.
+    """Write one NPZ file atomically.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def save_feature_set(path: Path | str, found: FeatureSet) -> None:
     found
         Feature set.
     """
-    # Half precision: a thousandth of what is a standard deviation anyway.
+    # Half precision is sufficient: its error is a thousandth of values that are samples of an error.
     extra: dict[str, Any] = {} if found.height_m is None else {"height_m": np.asarray(found.height_m, float)}
     if found.pose_errors is not None:
         extra["pose_errors"] = np.asarray(found.pose_errors, np.float16)
@@ -294,7 +294,7 @@ def load_feature_set(source: Path | str) -> FeatureSet:
     Raises
     ------
     InputError
-        No such file, or it is not a feature set.
+        The file does not exist, or is not a feature set.
     """
     path = Path(source)
     if path.is_dir():

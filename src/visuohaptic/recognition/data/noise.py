@@ -1,4 +1,4 @@
-"""Training objects as a robot measures them: with noise, wrong poses and errors of the simulation."""
+"""Simulated measurements of training objects: noise, pose errors and errors of the simulation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def as_measured(
     pose_m: float | Float[np.ndarray, "m"] = 0.002,
     discrepancy: float = 0.06,
 ) -> Float[np.ndarray, "m 16 4"]:
-    """What one exploration of each object measures.
+    """Logarithm of stiffness as measured by one exploration of each object.
 
     Parameters
     ----------
@@ -29,14 +29,14 @@ def as_measured(
     rng
         Source of the noise.
     pose_errors
-        Change of the logarithm under each of c wrong poses, see :func:`.pose_error_changes`; from the slope between
-        the heights by default.
+        Change of the logarithm due to each of c pose errors, see :func:`.pose_error_changes`; by default from the slope
+        between the heights.
     protocol
-        How a touch is done.
+        Protocol of a touch.
     pose_m
-        Standard deviation of the height of all touches of an object [m]; of each object, if there are several.
+        Standard deviation of the error of the height, common to all touches of an object [m]; a scalar or one per object.
     discrepancy
-        Relative standard deviation by which the simulation is wrong, by place.
+        Relative standard deviation of the error of the simulation, by place.
     """
     protocol = TouchProtocol() if protocol is None else protocol
     shape = log_stiffness.shape

@@ -1,8 +1,8 @@
-"""What a wrong pose of the gripper does to the features of one object, read off its stiffness map.
+"""Effect of pose errors of the gripper on the features of one object, from its stiffness map.
 
-Between the 16 heights walls have ridges and shoulders, where stiffness changes by a factor within a few
-millimetres: the features alone do not show that, the map does. Each copy samples one pose of the gripper
-against the object, as for all touches of an exploration; both tips stay on one line, so a tilt moves them to
+Between the 16 heights, walls have ridges and shoulders where stiffness changes by a factor within a few
+millimetres, which is contained in the map but not in the features. Each copy samples one pose of the gripper
+relative to the object, common to all touches of an exploration; both tips stay on one line, so a tilt moves them to
 different heights. Symbols: c copies.
 """
 
@@ -16,7 +16,7 @@ from .places import HEIGHTS, SIDES
 
 __all__ = ["COPIES", "POSE_m", "TILT_rad", "pose_error_changes"]
 
-#: Poses that are sampled for each object; their standard deviations along [m] and about [rad] each axis.
+#: Number of sampled poses of each object; their standard deviations along [m] and about [rad] each axis.
 COPIES, POSE_m, TILT_rad = 8, 0.002, 0.05
 
 
@@ -30,18 +30,18 @@ def pose_error_changes(
     pose_m: float = POSE_m,
     tilt_rad: float = TILT_rad,
 ) -> Float[np.ndarray, "c 16 4"]:
-    """Change of log stiffness at each place under wrong poses.
+    """Change of log stiffness at each place due to pose errors.
 
     Parameters
     ----------
     vertices_m, stiffness_N_per_m
-        Map of the surface; points without a stiffness are left out.
+        Map of the surface; points without a stiffness are ignored.
     points_m
-        Places of the features without an error.
+        Points of the features without a pose error.
     rng
-        Draws the poses.
+        Source of the poses.
     copies
-        How many poses.
+        Number of poses.
     pose_m, tilt_rad
         Standard deviations of each coordinate and of each angle.
     """
@@ -66,7 +66,7 @@ def pose_error_changes(
         except (QhullError, ValueError):
             continue  # too few points: no wall on this side
         low, high = float(sheet[:, 1].min()), float(sheet[:, 1].max())
-        # Where the tips' line goes through this side.
+        # Intersection of the line through the tips with this side.
         along = sign * turn[:, :, axis]
         moved = points_m[None, :, column] + offset[:, None]
         moved = moved + reach[None, :, None] * (along - sign * np.eye(3)[axis])[:, None]

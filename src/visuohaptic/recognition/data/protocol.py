@@ -1,4 +1,4 @@
-"""How a gripper touches: the noise of a closing curve, and what it costs in robot time."""
+"""Protocol of a touch: noise of a closing curve, and duration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MIN_SAMPLES = 6.0  # of a curve, however stiff the object
 
 @dataclass(frozen=True, slots=True)
 class TouchProtocol:
-    """One touch: close until force or deformation is enough, open again (Alt 2016, Sec. 6.4.2)."""
+    """One touch: close up to a maximum force or deformation, then open (Alt 2016, Sec. 6.4.2)."""
 
     noise: TouchNoise = field(default_factory=TouchNoise)
     max_force_N: float = 20.0
@@ -27,23 +27,23 @@ class TouchProtocol:
     rate_Hz: float = 30.0
     approach_s: float = 2.0  #: to contact and back
     travel_m_per_s: float = 0.05  #: along the height
-    place_m: float = 0.01  #: between two of the 16 heights
+    place_m: float = 0.01  #: distance between adjacent heights, of 16
     turn_s: float = 2.0  #: from one axis to the other
 
     @property
     def touch_s(self) -> float:
-        """Of one touch, without the way there."""
+        """Duration of one touch, without the motion to it."""
         return self.approach_s + self.max_deformation_m / self.close_m_per_s
 
     @property
     def resolution_m_per_N(self) -> float:
-        """Compliance that is 1.5 times its own standard deviation, from six samples spread up to the largest force."""
+        """1.5 times the standard deviation of a compliance from six samples distributed up to the maximum force."""
         return 1.5 * self.noise.deformation_m / (self.max_force_N * math.sqrt(_MIN_SAMPLES / 3))
 
     def seen_stiffness(
         self, stiffness_N_per_m: Float[np.ndarray, "*k"]
     ) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
-        """Logarithm of stiffness in series with the resolution, and its derivative by the logarithm of stiffness.
+        """Logarithm of stiffness in series with the resolution, and its derivative with respect to the logarithm of stiffness.
 
         Parameters
         ----------
@@ -54,7 +54,7 @@ class TouchProtocol:
         return np.log(stiffness_N_per_m / stiff), 1 / stiff
 
     def seen_variance(self, stiffness_N_per_m: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
-        """Expected variance of the logarithm that :meth:`seen_stiffness` gives; at most 1, beyond which it is no Gaussian.
+        """Expected variance of the logarithm returned by :meth:`seen_stiffness`; at most 1, above which it is not Gaussian.
 
         Parameters
         ----------
@@ -92,16 +92,16 @@ class TouchProtocol:
 
 
 def travel_seconds(protocol: TouchProtocol, start: Touch | None, goal: Touch) -> float:
-    """Time from one touch to the next [s]; the way to the first is free and part of its approach.
+    """Time from one touch to the next [s]; the motion to the first touch is part of its approach.
 
     Parameters
     ----------
     protocol
         Speeds and distances.
     start
-        Touch before, or None.
+        Previous touch, or None.
     goal
-        Touch that follows.
+        Next touch.
     """
     if start is None:
         return 0.0

@@ -1,9 +1,9 @@
-"""What one touch says: coefficients of a measured curve with their uncertainty (Alt 2016, Secs. 6.1.6, 6.4.2).
+"""Readings of one touch: coefficients of a measured curve with their uncertainty (Alt 2016, Secs. 6.1.6, 6.4.2).
 
-Deformation d and force F both carry noise. Least squares of F on a noisy d comes out too soft, by
-the fraction of the noise in d^2: its known part is taken off the moments (Fuller 1987). Where the
-fingers hardly move, only the weighted distance to the line (Deming) says anything, and it is the compliance that has a
-Gaussian error: what is read is its mean given that it is positive.
+Deformation d and force F are both noisy. Least squares of F on a noisy d underestimates the stiffness by
+the fraction of the noise in d^2: the known noise is subtracted from the moments (Fuller 1987). If the
+fingers hardly move, only the weighted distance to the line (Deming) is informative, and the error of the compliance is
+Gaussian: the reading is its mean given that it is positive.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ class TouchNoise:
 
 @dataclass(frozen=True, slots=True)
 class CurveCoefficients:
-    """Coefficients of one side; NaN where the curve does not reach far enough."""
+    """Coefficients of one side; NaN if the curve is too short."""
 
     i_N_per_m: float  #: linear, up to 3 mm
-    I_N_per_m: float  #: linear, all
-    II: float  #: quadratic, all, times (1 cm)^2 / 50 N
-    i_relative_sigma: float  #: of ``i_N_per_m``, by itself
+    I_N_per_m: float  #: linear, whole curve
+    II: float  #: quadratic, whole curve, times (1 cm)^2 / 50 N
+    i_relative_sigma: float  #: of ``i_N_per_m``, relative to it
     II_sigma: float
 
 
@@ -48,10 +48,10 @@ class TouchReading:
     """One touch: both sides at one height, 1 .. 16."""
 
     height: int
-    axis: str  #: "x" or "y", that the tips press along
+    axis: str  #: "x" or "y", along which the tips press
     sides: tuple[CurveCoefficients | None, CurveCoefficients | None]  #: + and -; None: not measured
     width_m: float = math.nan  #: opening of the gripper at contact
-    object_height_m: float = math.nan  #: of the object as seen, by which the touch was placed
+    object_height_m: float = math.nan  #: measured by the camera, used to position the touch
 
     @classmethod
     def of_stiffness(
@@ -62,7 +62,7 @@ class TouchReading:
         relative_sigma: float = 0.05,
         width_m: float = math.nan,
     ) -> TouchReading:
-        """A touch of which the linear stiffness of both sides is known.
+        """Touch with known linear stiffness of both sides.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class TouchReading:
         relative_sigma
             Relative standard deviation of each.
         width_m
-            Opening of the gripper at contact [m]; NaN where it was not measured.
+            Opening of the gripper at contact [m]; NaN if not measured.
         """
         first, second = (
             CurveCoefficients(float(k), float(k), math.nan, relative_sigma, math.nan)
@@ -93,12 +93,12 @@ class TouchReading:
 def fit_curve(
     deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"], noise: TouchNoise | None = None
 ) -> CurveCoefficients:
-    """Coefficients of a closing curve from contact on.
+    """Coefficients of a closing curve, starting at contact.
 
     Parameters
     ----------
     deformation_m
-        Of the side's own point [m].
+        Of the contact point of this side [m].
     force_N
         Of one tip [N].
     noise
@@ -107,7 +107,7 @@ def fit_curve(
     Raises
     ------
     InputError
-        Not two arrays of finite numbers, or no push in them.
+        Not two arrays of finite numbers, or the force does not rise.
     """
     noise = TouchNoise() if noise is None else noise
     d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
@@ -127,9 +127,9 @@ def fit_curve(
 
 
 def stiffness_grid(readings: Sequence[TouchReading]) -> Float[np.ndarray, "16 4"]:
-    """Stiffness i [N/m] at all places, NaN where nothing was touched.
+    """Stiffness i [N/m] at all places, NaN where not touched.
 
-    A side that was not measured takes the value of the side opposite: a pinch presses both.
+    A side that was not measured has the value of the opposite side, since a pinch loads both.
 
     Parameters
     ----------
@@ -156,22 +156,22 @@ def _slope(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, floa
         k = df / inside if inside > 0 else math.nan
         return k, math.sqrt((var_f + k * k * var_d) / inside) / abs(k) if k else math.nan
     if df <= 0 and float(f.mean()) <= 5 * noise.force_N / math.sqrt(count):
-        return math.nan, math.nan  # no push is seen
-    # Deming: the line with the least weighted distance, as a compliance, which noise may make negative.
+        return math.nan, math.nan  # no significant force
+    # Deming: the line with the least weighted distance, as a compliance, which may be negative due to noise.
     ratio = var_f / var_d
     half = 0.5 * (ff - ratio * dd)
     scale = half + math.hypot(half, math.sqrt(ratio) * df)
     if not scale > 0:
         return math.nan, math.nan
     compliance = df / scale
-    # f^2 along the line, from both sensors, less what is noise.
+    # f^2 along the line, from both sensors, minus the noise.
     square = (ratio * dd + scale) / (1 + ratio * compliance**2)
     square = max(square - count * var_f / (1 + ratio * compliance**2), 0.25 * square)
     return _positive(compliance, math.sqrt((compliance**2 * var_f + var_d) / square))
 
 
 def _positive(compliance: float, sigma: float) -> tuple[float, float]:
-    """Stiffness and its relative standard deviation: a Gaussian compliance, of which only what is above 0 is possible."""
+    """Stiffness and its relative standard deviation, from a Gaussian compliance truncated to positive values."""
     away = max(compliance / sigma, -8.0)  # beyond this both factors of the slope vanish
     slope = math.sqrt(2 / math.pi) * math.exp(-0.5 * away**2) / math.erfc(-away / math.sqrt(2))
     mean = compliance + sigma * slope
@@ -179,7 +179,7 @@ def _positive(compliance: float, sigma: float) -> tuple[float, float]:
 
 
 def _quadratic(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, float]:
-    """b of F = a d + b d^2 and its standard deviation, nominal."""
+    """b of F = a d + b d^2 and its standard deviation, in nominal units."""
     if len(d) < 3:
         return math.nan, math.nan
     count, var = len(d), noise.deformation_m**2

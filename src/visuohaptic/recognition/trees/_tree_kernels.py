@@ -16,9 +16,9 @@ def best_splits(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decrease of impurity, threshold and gap of the best split of each feature.
 
-    ``order`` (p, k) has the objects of the node in the order of each feature, ``values`` (p, all) the
-    features. The decrease is the sum over the children of weight * gini less that of the node. Of equal
-    splits of one feature the one in the widest gap is taken; -1 where nothing can be split.
+    ``order`` (p, k) contains the objects of the node sorted by each feature, ``values`` (p, all) the
+    features. The decrease is weight * gini of the node minus the sum over its children. Among equal
+    splits of one feature, the one in the widest gap is selected; -1 if no split is possible.
     """
     features, count = order.shape
     whole = np.zeros(classes)
@@ -57,7 +57,7 @@ def best_splits(
 
 @kernel
 def partition_order(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndarray, np.ndarray]:
-    """The orders (p, k) of both children; ``left`` objects of the node are in the first."""
+    """Sorted objects (p, k) of both children; the first has ``left`` objects of the node."""
     features, count = order.shape
     first = np.empty((features, left), order.dtype)
     second = np.empty((features, count - left), order.dtype)
@@ -78,7 +78,7 @@ def partition_order(order: np.ndarray, goes_left: np.ndarray, left: int) -> tupl
 def cut_nodes(
     feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cost: float
 ) -> np.ndarray:
-    """Which nodes (n,) are leaves in the smallest subtree with the least errors + cost * leaves."""
+    """Mask of the nodes (n,) that are leaves in the smallest subtree that minimises errors + cost * leaves."""
     best = np.empty(len(error))
     for node in range(len(error)):
         best[node] = error[node] + cost
@@ -96,7 +96,7 @@ def cut_nodes(
 def weakest_link(
     feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cut: np.ndarray
 ) -> float:
-    """Cost of a leaf at which the next subtree is cut; infinite where there is none."""
+    """Cost of a leaf at which the next subtree is cut; infinite if there is none."""
     leaves, below = np.ones(len(feature)), error.copy()
     least = np.inf
     for node in range(len(feature) - 1, -1, -1):

@@ -1,8 +1,8 @@
-"""Classification trees that are exploration plans (Alt 2016, Sec. 6.3.1): training.
+"""Training of classification trees that are exploration plans (Alt 2016, Sec. 6.3.1).
 
-CART with Gini's index on classes that are smoothed (:mod:`.tree_growth`), pruned by cost complexity where
-cross-validation says so (:mod:`.tree_pruning`). What a tree is and how it is walked: :mod:`.tree_nodes`;
-its file: :mod:`.tree_file`.
+CART with the Gini index on smoothed classes (:mod:`.tree_growth`), with cost-complexity pruning selected by
+cross-validation (:mod:`.tree_pruning`). Data structure and traversal: :mod:`.tree_nodes`;
+files: :mod:`.tree_file`.
 """
 
 from __future__ import annotations
@@ -63,30 +63,30 @@ def train_tree(
     samples: int = SAMPLES,
     rng: np.random.Generator | None = None,
 ) -> ClassificationTree:
-    """Train, prune by cross-validation, and say the loss.
+    """Train a tree, prune it by cross-validation, and estimate its loss.
 
-    The folds are stratified; samples are made from the objects of the other folds, and only objects are
-    judged. Of all prunings, the smallest tree is taken whose cross-validated loss is no more than one
-    standard error above the least (Breiman 1984), and its loss is given. ``nested_loss`` is that of the
-    whole process: for each fold, pruning is chosen by the others.
+    The folds are stratified; samples are generated from the objects of the other folds, and only objects are
+    tested. Among all prunings, the smallest tree is selected whose cross-validated loss is at most one
+    standard error above the minimum (Breiman 1984), and its loss is returned. ``nested_loss`` is that of the
+    whole procedure: for each fold, the pruning is selected on the others.
 
     Parameters
     ----------
     data
-        Candidates of the moment; see :meth:`.FeatureSet.of_classes`.
+        Current candidates; see :meth:`.FeatureSet.of_classes`.
     scheme
         Of the features: ``norm``, ``centre`` or ``point``.
     alpha
-        Cost of a leaf, as a fraction of all objects, where it is known: milliseconds in place of a cross-validation.
+        Cost of a leaf, as a fraction of all objects, if known: replaces the cross-validation and takes milliseconds.
     reuse
-        Fraction of the best split's decrease of impurity that may be given up for a feature that has been touched
-        already, 0 to 1.
+        Fraction of the best split's decrease of impurity that may be given up for a feature at a place that was already
+        touched, 0 to 1.
     folds
-        Of the cross-validation; at most the objects of the smallest class.
+        Number of folds of the cross-validation; at most the number of objects of the smallest class.
     samples
-        That fill up each class; 0 is plain CART, on the objects alone.
+        Number of samples added to each class; 0 is plain CART on the objects alone.
     rng
-        Of folds and samples.
+        Source of folds and samples.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def train_tree(
         raise InputError("train_tree", f"found {folds} folds, expected 2 to {fewest}, the smallest class")
     fold = stratified_folds(number, folds, rng)
     whole = _grow(values, data, scheme, reuse, samples, rng)
-    # No tree at all is the last, also in a fold whose classes are further apart than those of the whole.
+    # The last pruning is the root alone, even in a fold whose classes are further apart than those of the whole set.
     middles = np.append(pruning_middles(whole), 1.0)
     x = predictors(values, scheme)
     wrong = np.zeros((folds, len(middles)))

@@ -1,4 +1,4 @@
-"""Trees as JSON, as text and as rows of a table."""
+"""Classification trees as JSON files, text and table rows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOSSES = ("loss", "loss_sigma", "nested_loss")
 
 
 def tree_text(tree: ClassificationTree) -> str:
-    """The plan in words: what to touch, in what order, and what follows.
+    """Text of the exploration plan: touches in order, thresholds and resulting classes.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def tree_text(tree: ClassificationTree) -> str:
 
 
 def save_tree(path: Path | str, tree: ClassificationTree) -> None:
-    """Write JSON, completely or not at all.
+    """Write JSON atomically.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def save_tree(path: Path | str, tree: ClassificationTree) -> None:
 
 
 def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
-    """Plain data of :func:`save_tree`.
+    """JSON-compatible dictionary of a tree, as written by :func:`save_tree`.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
 
 
 def load_tree(path: Path | str) -> ClassificationTree:
-    """Read and check what :func:`save_tree` wrote.
+    """Read and validate a tree written by :func:`save_tree`.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def load_tree(path: Path | str) -> ClassificationTree:
     Raises
     ------
     InputError
-        Missing, not JSON, or not a tree: each node has two later children or none.
+        The file is missing, not JSON, or not a tree: each node has two children with higher indices, or none.
     """
     tree = load_json(path, "a classification tree", _parsed, version=_FORMAT)
     nodes = tree.threshold.size if tree.threshold.ndim == 1 else 0
@@ -126,7 +126,7 @@ def _parsed(found: Any) -> ClassificationTree:
 
 
 def plan_rows(tree: ClassificationTree) -> list[dict[str, Any]]:
-    """Inner nodes in the order of a walk, for tables: feature, threshold, children.
+    """Inner nodes in order of traversal, as table rows: feature, threshold, children.
 
     Parameters
     ----------

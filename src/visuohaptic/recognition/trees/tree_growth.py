@@ -1,11 +1,11 @@
-"""Growing a tree: CART with Gini's index, and the smoothed classes that it learns from.
+"""Growth of a tree: CART with the Gini index on smoothed classes.
 
-A hundred objects of a class are few where classes touch: CART puts thresholds between the objects that
-happen to be there. So each class is filled up with samples from its kernel density (a smoothed bootstrap,
-Silverman and Young 1987), as the planner has it, in logarithms of stiffness and before any scaling: splits
-that divide only these objects and no others of their kind lose. A small fraction of the weight has samples as
-an exploration would read them: where classes are apart, these alone say where in the gap the threshold
-stands and which of several such features is the safest. All classes keep the weight of their objects.
+A hundred objects of a class are few if classes are adjacent: CART places thresholds between the individual training
+objects. Each class is therefore augmented with samples from its kernel density (a smoothed bootstrap,
+Silverman and Young 1987), like in the planner, in logarithms of stiffness and before normalisation: splits
+that fit only the training objects are then inferior. A small fraction of the weight belongs to samples with the noise of
+an exploration: if classes are separated, only these determine the position of the threshold in the gap,
+and which of several such features is most robust. All classes keep the weight of their objects.
 
 Symbols: m objects, p features, c classes.
 """
@@ -24,23 +24,23 @@ from .tree_nodes import ClassificationTree, scaled_features, scaling_touches, to
 
 __all__ = ["SAMPLES", "grown", "predictors", "smoothed"]
 
-#: Draws that fill up each class, and as many that are read with noise.
+#: Number of samples added to each class, and of additional samples with measurement noise.
 SAMPLES = 300
-#: Fraction of the weight that is read with noise.
+#: Fraction of the weight of the samples with noise.
 _READ = 0.1
-#: Relative error of simulated stiffness, by place, as the planner has it.
+#: Relative error of simulated stiffness, by place, as in the planner.
 _DISCREPANCY = 0.04
-#: Dimensions in which containers of one class differ, about: sizes, bulges, wall.
+#: Approximate number of dimensions in which containers of one class differ: sizes, bulges, wall.
 _DIMENSIONS = 6
-#: Smallest decrease of impurity that counts.
+#: Minimum decrease of impurity of a split.
 _MIN = 1e-9
 
 
 def predictors(log_stiffness: Float[np.ndarray, "m 64"], scheme: str) -> Float[np.ndarray, "m p"]:
-    """Features in which thresholds are set: logarithms of ratios.
+    """Features to which thresholds are applied: logarithms of ratios.
 
-    So a threshold is equally many percent from either side. CART's choices are the same, only the middle
-    between two values moves.
+    A threshold then has the same relative distance from either side. The splits selected by CART are the same, only
+    the midpoint between two values changes.
 
     Parameters
     ----------
@@ -61,18 +61,18 @@ def smoothed(
     *,
     pose_errors: Float[np.ndarray, "m v 16 4"] | None = None,
 ) -> tuple[Float[np.ndarray, "k 64"], Int[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """Objects and samples with their classes and weights; each class weighs as much as it has objects.
+    """Objects and samples with their classes and weights; the weight of a class is its number of objects.
 
     Parameters
     ----------
     log_stiffness, number
         Objects and their classes.
     samples
-        Of each class, and as many that are read with noise; 0: the objects as they are.
+        Number of samples of each class, and of additional samples with noise; 0: the objects alone.
     rng
-        Of the samples.
+        Source of the samples.
     pose_errors
-        What wrong poses change, see :mod:`.pose_error`.
+        Effect of pose errors, see :mod:`.pose_error`.
     """
     if not samples:
         return log_stiffness, number, np.ones(len(number))
@@ -98,9 +98,9 @@ def smoothed(
 def _drawn(
     log_stiffness: Float[np.ndarray, "m 64"], samples: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "k 64"]:
-    """Of one class: the objects in turn, moved towards their middle and from there by their covariance.
+    """Samples of one class: each object in turn, shrunk towards the mean, plus noise with the covariance of the class.
 
-    So mean and covariance stay what they are (West 1993).
+    This preserves mean and covariance (West 1993).
     """
     count = len(log_stiffness)
     middle = log_stiffness.mean(axis=0)
@@ -108,7 +108,7 @@ def _drawn(
     _, size, axes = np.linalg.svd(away / np.sqrt(count), full_matrices=False)
     size = np.where(size > 1e-6 * size.max(), size, 0.0)
     step = rng.standard_normal((samples, len(size))) @ (size[:, None] * axes)
-    # Silverman's rule, of the class's own spread: 0.6 for a hundred objects.
+    # Silverman's rule, relative to the standard deviation of the class: 0.6 for a hundred objects.
     width = min((4 / (_DIMENSIONS + 2) / count) ** (1 / (_DIMENSIONS + 4)), 1.0)
     out: np.ndarray = middle + np.sqrt(1 - width**2) * away[np.arange(samples) % count] + width * step
     return out
@@ -126,8 +126,8 @@ def grown(
 ) -> ClassificationTree:
     """Split until no split lowers the impurity; thresholds are in the unit of ``x``.
 
-    With the ``alpha`` of a pruning that follows, nodes with fewer errors than one leaf costs stay leaves:
-    they would be cut anyway.
+    Given the ``alpha`` of a subsequent pruning, nodes with fewer errors than the cost of a leaf are not split:
+    they would be pruned anyway.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def grown(
     scheme
         Of the features.
     reuse
-        Fraction of the best decrease of impurity that may be given up for a place that is touched already.
+        Fraction of the best decrease of impurity that may be given up for a place that was already touched.
     alpha
         Cost of a leaf, relative to the weight of all objects.
     """
@@ -170,7 +170,7 @@ def grown(
             again = np.where([one in touched for one in touch], decrease, -1.0)
             if again.max() >= (1 - reuse) * best:
                 decrease, best = again, float(again.max())
-        # Of equal splits the widest gap: noise of a measurement passes it last.
+        # Among equal splits, the widest gap is the most robust to measurement noise.
         feature = int(np.argmax(np.where(decrease >= best - _MIN, gap, -1.0)))
         left = columns[feature] <= threshold[feature]
         both = partition_order(order, left, int(np.count_nonzero(left[rows])))

@@ -1,8 +1,8 @@
-"""A classification tree and its use as an exploration plan (Alt 2016, Sec. 6.3.1).
+"""Classification tree and its use as an exploration plan (Alt 2016, Sec. 6.3.1).
 
-Each inner node asks one normalised stiffness feature of one side at one height. One touch with two
-opposing tips measures both sides, so it answers two features. The scaling touches come first; what
-was touched on the way to a node is asked again for nothing.
+Each inner node tests one normalised stiffness feature of one side at one height. One touch with two
+opposing tips measures both sides, and thus two features. The scaling touches come first; testing a place
+again that was touched on the path to a node costs nothing.
 
 Symbols: n nodes, c classes, m objects, p features (height * 4 + side).
 """
@@ -32,7 +32,7 @@ __all__ = [
     "walk",
 ]
 
-#: How features lose their scale: Eqs. (6.4), (6.5) and by one point; see deformation.normalised.
+#: Normalisation of the features: Eqs. (6.4), (6.5), and relative to one point; see deformation.normalised.
 SCHEMES = ("norm", "centre", "point")
 
 
@@ -43,18 +43,18 @@ class ClassificationTree:
     classes: tuple[str, ...]
     scheme: str  #: of the features, one of SCHEMES
     feature: Int[np.ndarray, "n"]
-    threshold: Float[np.ndarray, "n"]  #: left if the feature is at most this
+    threshold: Float[np.ndarray, "n"]  #: left child if the feature is at most this
     left: Int[np.ndarray, "n"]
     right: Int[np.ndarray, "n"]
     counts: Float[np.ndarray, "n c"]  #: training objects at the node, by class
-    alpha: float = 0.0  #: pruned at this cost of a leaf
-    loss: float = float("nan")  #: share classified wrongly, by cross-validation at the chosen pruning
+    alpha: float = 0.0  #: cost of a leaf at which it was pruned
+    loss: float = float("nan")  #: misclassification rate in cross-validation with the selected pruning
     loss_sigma: float = float("nan")  #: its standard error
-    nested_loss: float = float("nan")  #: the same with the pruning chosen without the objects judged
+    nested_loss: float = float("nan")  #: the same with the pruning selected without the tested objects
 
     @property
     def features(self) -> tuple[int, ...]:
-        """Features that are asked somewhere, without repetition."""
+        """Features that are tested at any node, without repetition."""
         return tuple(int(k) for k in np.unique(self.feature[self.feature >= 0]))
 
     @property
@@ -75,14 +75,14 @@ def feature_name(feature: int) -> str:
 
 
 def scaled_features(values: Float[np.ndarray, "*m 16 4"], scheme: str) -> Float[np.ndarray, "*m 64"]:
-    """Features without scale of many objects; see :func:`visuohaptic.deformation.normalised`.
+    """Normalised features of many objects; see :func:`visuohaptic.deformation.normalised`.
 
-    With the schemes ``centre`` and ``point``, NaN stands for what was not measured.
+    With the schemes ``centre`` and ``point``, places that were not measured are NaN.
 
     Parameters
     ----------
     values
-        Stiffness of the 16 heights and 4 sides [N/m], of any number of objects.
+        Stiffness at the 16 heights and 4 sides [N/m], of any number of objects.
     scheme
         ``norm``, ``centre`` or ``point``.
     """
@@ -101,7 +101,7 @@ def scaled_features(values: Float[np.ndarray, "*m 16 4"], scheme: str) -> Float[
 
 
 def scaling_touches(scheme: str) -> tuple[Touch, ...]:
-    """Touches that have to be made before any feature has a value.
+    """Touches that are required before any feature has a value.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def touch_of(feature: int) -> Touch:
 
 
 def predict(tree: ClassificationTree, values: Float[np.ndarray, "m 16 4"]) -> tuple[str, ...]:
-    """Classes of objects of which every feature is known.
+    """Classes of objects with complete features.
 
     Parameters
     ----------
@@ -139,19 +139,19 @@ def predict(tree: ClassificationTree, values: Float[np.ndarray, "m 16 4"]) -> tu
 
 
 def next_touch(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) -> tuple[Touch | None, int]:
-    """What to touch next, and the node that was reached.
+    """Next touch, and the current node.
 
     Parameters
     ----------
     tree
         Exploration plan.
     measured
-        Stiffness of what was touched [N/m], NaN elsewhere.
+        Stiffness at the touched places [N/m], NaN elsewhere.
 
     Returns
     -------
     tuple
-        The touch, or None at a leaf; and the node that was reached.
+        The touch, or None at a leaf; and the current node.
     """
     known = np.isfinite(measured)
     for height, axis in scaling_touches(tree.scheme):
@@ -183,12 +183,12 @@ def walk(
     touch
         Measures both sides at a height 1 .. 16 along an axis ``x`` or ``y`` [N/m].
     follow
-        Called before each touch, and at the end, with what was measured; see :mod:`.steps`.
+        Called before each touch and at the end with the measurements; see :mod:`.steps`.
 
     Returns
     -------
     tuple
-        The class, and the touches that were made.
+        The class, and the executed touches.
     """
     measured = np.full((HEIGHTS, 4), np.nan)
     touched: list[Touch] = []
@@ -232,12 +232,12 @@ def mean_touches(tree: ClassificationTree) -> float:
 
 
 def decide(tree: ClassificationTree, x: Float[np.ndarray, "m p"]) -> Int[np.ndarray, "m"]:
-    """Answers, as places in the classes.
+    """Answers as indices of the classes.
 
     Parameters
     ----------
     tree
-        With thresholds in the unit of ``x``.
+        Tree with thresholds in the unit of ``x``.
     x
         Features of m objects.
     """

@@ -1,4 +1,4 @@
-"""Pictures of trees and features, like figures 6.6 and 6.7 of Alt 2016."""
+"""Plots of trees and features, like figures 6.6 and 6.7 of Alt 2016."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def class_correlation(data: FeatureSet, scheme: str = "centre") -> Float[np.ndar
 
 
 def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | None = None) -> None:
-    """Plot a tree and, with its training objects, the features with their spread and thresholds (Fig. 6.7).
+    """Plot a tree and, given its training objects, the features with standard deviations and thresholds (Fig. 6.7).
 
     Parameters
     ----------

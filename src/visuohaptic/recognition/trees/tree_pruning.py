@@ -12,7 +12,7 @@ from .tree_nodes import ClassificationTree
 
 __all__ = ["pruned", "pruning_alphas", "pruning_middles", "simplest", "stratified_folds"]
 
-#: Intervals of alpha whose end is less than this times their begin are left out.
+#: Intervals of alpha with a ratio of end to start below this are left out.
 _NARROW = 1.1
 
 
@@ -22,7 +22,7 @@ def pruned(tree: ClassificationTree, alpha: float) -> ClassificationTree:
     Parameters
     ----------
     tree
-        Grown without pruning, or with less.
+        Unpruned tree, or a tree pruned with a smaller alpha.
     alpha
         Cost of a leaf, relative to the weight of all objects.
     """
@@ -59,7 +59,7 @@ def pruning_alphas(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
     Parameters
     ----------
     tree
-        Grown without pruning.
+        Unpruned tree.
     """
     from ._tree_kernels import cut_nodes, weakest_link
 
@@ -73,14 +73,14 @@ def pruning_alphas(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
 
 
 def pruning_middles(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
-    """One alpha for each interval in which the pruned tree stays the same: its geometric middle (Breiman 1984).
+    """One alpha for each interval in which the pruned tree is constant: the geometric mean of its ends (Breiman 1984).
 
-    Trees of other folds change at other alphas: an interval that ends where it begins stands for nothing in them.
+    Trees of other folds change at other alphas: a very narrow interval has no counterpart in them.
 
     Parameters
     ----------
     tree
-        Grown without pruning.
+        Unpruned tree.
     """
     ends = list(pruning_alphas(tree)[:1])
     for alpha in pruning_alphas(tree)[1:]:
@@ -95,9 +95,9 @@ def simplest(wrong: Float[np.ndarray, "k"], count: int) -> int:
     Parameters
     ----------
     wrong
-        Errors of each pruning, from the largest to the smallest tree.
+        Number of errors of each pruning, from the largest to the smallest tree.
     count
-        Objects that were judged.
+        Number of tested objects.
     """
     least = float(wrong.min())
     if least < 0:
@@ -108,7 +108,7 @@ def simplest(wrong: Float[np.ndarray, "k"], count: int) -> int:
 def stratified_folds(
     number: Int[np.ndarray, "m"], folds: int, rng: np.random.Generator
 ) -> Int[np.ndarray, "m"]:
-    """Fold of each object; every class is spread evenly over them.
+    """Fold of each object; every class is distributed evenly over the folds.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What an object may be by sight: visual words, shape, and the prior that they give."""
+"""Visual prior of an object's class from visual words and shape."""
 
 from ...core.front_door import attach
 

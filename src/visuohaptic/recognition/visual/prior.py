@@ -1,8 +1,8 @@
-"""What an object may be, by sight: candidates with probabilities, before any touch.
+"""Visual prior: candidates of an object with probabilities, before any touch.
 
-Alt 2016, Sec. 6.3.3: vision narrows the choice, touch decides. The answer is therefore a set of haptic models
-with probabilities, which sum to 1 together with that of "unknown"; objects that look alike stay together in it.
-How looks are weighed: :mod:`.prior_evidence`.
+Alt 2016, Sec. 6.3.3: vision reduces the number of candidates, touch discriminates between them. The result is therefore a set
+of haptic models with probabilities, which sum to 1 together with that of "unknown"; objects that look alike are all in it.
+Combination of the evidence: :mod:`.prior_evidence`.
 """
 
 from __future__ import annotations
@@ -34,30 +34,32 @@ __all__ = ["Candidate", "VisualPrior", "model_probabilities"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """What a seen object may be."""
+    """Candidate of an observed object."""
 
     object_id: str  #: or :data:`UNKNOWN`
     probability: float
-    models: tuple[str, ...] = ()  #: haptic models that look like this; none for unknown
-    matches: int = 0  #: features that agree with its best image
-    residual_m: float = float("nan")  #: of its shape on the cloud; NaN where it was not tried
-    T_cloud_object: Float[np.ndarray, "4 4"] | None = None  #: pose of its shape; none where not tried
+    models: tuple[str, ...] = ()  #: haptic models with this appearance; empty for unknown
+    matches: int = 0  #: features that are consistent with its best image
+    residual_m: float = float("nan")  #: of its shape to the cloud; NaN if not registered
+    T_cloud_object: Float[np.ndarray, "4 4"] | None = None  #: pose of its shape; None if not registered
 
 
 @dataclass(slots=True, eq=False)
 class Entry:
-    """What is stored of one object."""
+    """Stored data of one object."""
 
     models: tuple[str, ...]
     images: list[LocalFeatures] = field(default_factory=list)
-    words: list[Int[np.ndarray, "_"]] = field(default_factory=list)  #: of the first of the images
+    words: list[Int[np.ndarray, "_"]] = field(
+        default_factory=list
+    )  #: of the images that are already quantised
     shape: ShapeViews | None = None
-    context: Counter[str] = field(default_factory=Counter)  #: how often it was seen beside which word
+    context: Counter[str] = field(default_factory=Counter)  #: word -> number of sightings with it
     sightings: int = 0
 
 
 class VisualPrior:
-    """Objects by sight; see the top of this module.
+    """Visual recognition of stored objects; see the module docstring.
 
     Examples
     --------
@@ -73,13 +75,13 @@ class VisualPrior:
     """
 
     def __init__(self, settings: PriorSettings | None = None) -> None:
-        """Start without objects.
+        """Create a prior without objects.
 
 
         Parameters
         ----------
         settings
-            Effort, and what evidence is worth.
+            Computational effort, and weights of the evidence.
         """
         self.settings = settings or PriorSettings()
         self.entries: dict[str, Entry] = {}
@@ -92,14 +94,14 @@ class VisualPrior:
     def of_objects(
         cls, objects: Iterable[VisuoHapticObject], settings: PriorSettings | None = None
     ) -> VisualPrior:
-        """A prior of the objects of a database: meshes give shapes, images of faces features, last places context.
+        """Prior of the objects of a database: shapes from meshes, features from images of faces, context from last places.
 
         Parameters
         ----------
         objects
             Objects.
         settings
-            Effort, and what evidence is worth.
+            Computational effort, and weights of the evidence.
         """
         prior = cls(settings)
         for obj in objects:
@@ -118,20 +120,20 @@ class VisualPrior:
         context: Sequence[str] = (),
         models: Sequence[str] = (),
     ) -> None:
-        """Store an object, or more of one that is known.
+        """Store an object, or add data to a stored one.
 
         Parameters
         ----------
         object_id
-            What candidates are called by; an object or a visual class.
+            Name of the candidate; an object or a visual class.
         images
-            Images, best of single faces without much around.
+            Images, ideally of single faces with little background.
         cloud
             Points spread evenly over the surface, in the object's frame [m]; replaces an earlier one.
         context
-            Words of the place where it was seen, as ("kitchen", "sink"); each call counts as one sighting.
+            Words of the place where it was seen, such as ("kitchen", "sink"); each call counts as one sighting.
         models
-            Haptic models that look like this; by default the one of this name.
+            Haptic models with this appearance; by default the one of this name.
         """
         if not object_id or object_id == UNKNOWN:
             raise InputError("object_id", f"found {object_id!r}, expected the name of an object")
@@ -147,14 +149,14 @@ class VisualPrior:
         self.forget_indexes()
 
     def add_object(self, obj: VisuoHapticObject, *, points: int = 3000) -> None:
-        """Store what the database knows of the appearance of an object.
+        """Store the appearance of an object of the database.
 
         Parameters
         ----------
         obj
-            With a mesh, an image of a face, or the place where it was seen.
+            Object with a mesh, an image of a face, or the place where it was seen.
         points
-            Sampled on its mesh.
+            Number of points sampled on its mesh.
         """
         images, cloud = [], None
         if obj.appearance is not None and obj.appearance.template_png:
@@ -181,18 +183,18 @@ class VisualPrior:
         *,
         min_probability: float = 0.01,
     ) -> tuple[Candidate, ...]:
-        """What is seen may be these, the most probable first; "unknown" is always among them.
+        """Candidates of an observation, most probable first; "unknown" is always included.
 
         Parameters
         ----------
         image
-            Of the object, with whatever is around it.
+            Of the object, possibly with background.
         cloud
             Points of the object alone, from one side and in any frame [m].
         context
-            Words of the place; those that were never stored say nothing.
+            Words of the place; unknown words have no effect.
         min_probability
-            Less probable ones are left out.
+            Less probable candidates are left out.
         """
         evidence = self.evidence(image, cloud, context)
         probability = posterior(evidence, self.settings)
@@ -222,7 +224,7 @@ class VisualPrior:
         cloud: Float[np.ndarray, "n 3"] | None = None,
         context: Sequence[str] = (),
     ) -> VisualEvidence:
-        """What one look says of every stored object, before it is weighed.
+        """Evidence of one observation for every stored object, before weighting.
 
         Parameters
         ----------
@@ -235,10 +237,10 @@ class VisualPrior:
         return VisualEvidence(self._log_prior(context), matches, weight, residual, poses)
 
     def forget_indexes(self) -> None:
-        """Build what is searched anew at the next question: the entries have changed."""
+        """Invalidate the search indexes after a change of the entries; the next query builds them again."""
         self._images = self._views = None
 
-    # ---- inside
+    # ---- internals
 
     def _log_prior(self, context: Sequence[str]) -> Float[np.ndarray, "objects"]:
         """Logarithm of 1 / N, and for each word of the ratio of its fractions, smoothed towards the average."""
@@ -289,13 +291,13 @@ class VisualPrior:
         for i in np.argsort(nearest, kind="stable")[: self.settings.shapes_checked]:
             shape = entries[i].shape
             if shape is None:
-                break  # from here on there are none
+                break  # the remaining objects have no shape
             views = np.flatnonzero(owner == i)
             views = views[np.argsort(distance[views], kind="stable")[: self.settings.views_checked]]
             fits = [fit_shape(shape, cloud, int(number[view])) for view in views]
             best = min(fits, key=lambda fit: fit.residual_m)
             out[i], poses[int(i)] = np.log(max(best.residual_m, 1e-5)), best.T_cloud_object
-        # Those that were not tried look less like it than any that was.
+        # Shapes that were not registered are less similar than those that were.
         others = np.isfinite(nearest) & np.isnan(out)
         out[others] = max(float(np.nanmax(out)), np.log(2 * self.settings.residual_neutral_m))
         return out, poses
@@ -333,7 +335,7 @@ class VisualPrior:
 
 
 def model_probabilities(candidates: Iterable[Candidate]) -> dict[str, float]:
-    """Probabilities of haptic models, as a prior for touch; models of one candidate share evenly.
+    """Probabilities of haptic models, as a prior for touch; models of one candidate are equally probable.
 
     Parameters
     ----------

@@ -1,15 +1,15 @@
-"""How looks are weighed: odds of stored objects against an object that is not stored.
+"""Combination of visual evidence: odds of stored objects against an object that is not stored.
 
-With the prior pi_i of object i, the number n of agreeing matches of its best image, and the residual r of its
-shape on the cloud, the odds against an object that is not stored are
+With the prior pi_i of object i, the number n of consistent matches of its best image, and the residual r of its
+shape to the cloud, the odds against an object that is not stored are
 
     pi_i / pi_unknown * ((1 + n) / (1 + n_0)) ** a * (r_0 / r) ** b * prod_w P(w | i) / P(w)
 
-over the words w of the scene's context; without agreeing matches, exp(-c) stands for the first power: blur and
-occlusion take all matches at once, so that none is no smaller number of the same kind. The second power is at least
-exp(-d): now and then ICP fails on the right object. The exponents a, b, the neutral points n_0, r_0, c and d are
-fitted on examples by their log loss, so that probabilities are calibrated. Evidence that
-is not there, as no image of an object, leaves its odds as they are.
+over the words w of the scene's context; without consistent matches, exp(-c) replaces the first power: blur and
+occlusion remove all matches at once, so that zero matches are a separate case. The second power is at least
+exp(-d): ICP occasionally fails on the right object. The exponents a, b, the neutral points n_0, r_0, c and d are
+fitted to examples by their log loss, so that probabilities are calibrated. Missing evidence, such as an object without
+an image, does not change the odds.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ __all__ = ["PriorSettings", "VisualEvidence", "posterior"]
 
 @dataclass(frozen=True, slots=True)
 class PriorSettings:
-    """Effort, and what evidence is worth; the latter fitted on looks whose truth was known."""
+    """Computational effort, and weights of the evidence; the latter fitted to labelled examples."""
 
-    features: int = 300  #: local features of a image, at most
-    words: int = 4096  #: of the vocabulary, at most
-    images_checked: int = 20  #: the best by words, whose geometry is checked
-    shapes_checked: int = 12  #: the best by descriptor, that ICP is tried on
-    views_checked: int = 2  #: of each of these
-    unknown_prior: float = 0.1  #: probability that an object is not stored, before anything is seen
+    features: int = 300  #: maximum number of local features of an image
+    words: int = 4096  #: maximum size of the vocabulary
+    images_checked: int = 20  #: number of best images by words that are verified geometrically
+    shapes_checked: int = 12  #: number of best shapes by descriptor that are registered by ICP
+    views_checked: int = 2  #: number of views of each of these
+    unknown_prior: float = 0.1  #: prior probability that an object is not stored
     matches_exponent: float = 7.0  #: a
     matches_neutral: float = 4.7  #: n_0; fewer than 6 matches are counted as none
     no_match_penalty: float = 2.2  #: c
     residual_exponent: float = 6.0  #: b
     residual_neutral_m: float = 0.002  #: r_0
-    max_residual_penalty: float = 14.0  #: d; how often a fit fails is known from examples only
-    max_log_odds: float = 14.0  #: of image or shape alone, either way; logarithm of odds
-    context_weight: float = 2.0  #: sightings that the average of all objects counts for
+    max_residual_penalty: float = 14.0  #: d; the failure rate of ICP is estimated from examples
+    max_log_odds: float = 14.0  #: maximum absolute log odds of image or shape alone
+    context_weight: float = 2.0  #: number of sightings that the average of all objects is equivalent to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualEvidence:
-    """What one look says, before it is weighed; one value for each stored object."""
+    """Evidence of one observation before weighting; one value for each stored object."""
 
-    log_prior: Float[np.ndarray, "objects"]  #: with the context; without the fraction of unknown
+    log_prior: Float[np.ndarray, "objects"]  #: with the context; without the probability of unknown
     log_matches: Float[np.ndarray, "objects"]  #: log(1 + n); NaN for no evidence
-    matches_weight: float  #: 0..1, small where the image has little to match
+    matches_weight: float  #: 0..1, small if the image has few features
     log_residual: Float[np.ndarray, "objects"]  #: log(r / m); NaN for no evidence
     poses: Mapping[int, Float[np.ndarray, "4 4"]]
 
@@ -60,9 +60,9 @@ def posterior(evidence: VisualEvidence, settings: PriorSettings) -> Float[np.nda
     Parameters
     ----------
     evidence
-        Of one look, see :meth:`.VisualPrior.evidence`.
+        Evidence of one observation, see :meth:`.VisualPrior.evidence`.
     settings
-        What evidence is worth.
+        Weights of the evidence.
     """
     most = settings.max_log_odds
     image = settings.matches_exponent * (evidence.log_matches - np.log1p(settings.matches_neutral))

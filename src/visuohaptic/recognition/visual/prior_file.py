@@ -1,4 +1,4 @@
-"""A visual prior in one file: arrays as NPZ, and the rest as JSON in one of them."""
+"""File of a visual prior: NPZ arrays, one of which contains the metadata as JSON."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _ARRAYS = ("card", "places", "descriptors", "points_m", "directions", "views")
 
 
 def save_prior(path: Path | str, prior: VisualPrior) -> None:
-    """Write an NPZ file, completely or not at all.
+    """Write an NPZ file atomically.
 
     Parameters
     ----------
     path
-        With the suffix .npz.
+        Path with the suffix .npz.
     prior
         Visual prior.
     """
@@ -73,7 +73,7 @@ def save_prior(path: Path | str, prior: VisualPrior) -> None:
 
 
 def load_prior(path: Path | str) -> VisualPrior:
-    """Read what :func:`save_prior` wrote.
+    """Read a visual prior written by :func:`save_prior`.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def load_prior(path: Path | str) -> VisualPrior:
     Raises
     ------
     InputError
-        There is no such file, or it is damaged.
+        The file does not exist, or is damaged.
     """
     path = Path(path)
     arrays = read_npz(path, "a visual prior", names=_ARRAYS, remedy="write it again")

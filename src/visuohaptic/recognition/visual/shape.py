@@ -1,8 +1,8 @@
-"""Shapes from one side: a global descriptor that no rigid motion changes, then ICP.
+"""Recognition of shapes from one side: a global descriptor invariant to rigid motion, then ICP.
 
-Alt 2016, Sec. 2.3.5: for simple shapes local features say too little, so a global one proposes and iterated
-closest points decide. A camera sees one side; a stored object is therefore described as seen from many sides.
-Sizes stay in metres: a small cup is no large one.
+Alt 2016, Sec. 2.3.5: local features of simple shapes are not discriminative, so a global descriptor proposes candidates,
+which are verified by ICP. A camera observes one side; a stored object therefore has descriptors for many viewing directions.
+Sizes are in metres, so that small and large cups are distinguished.
 """
 
 from __future__ import annotations
@@ -27,53 +27,55 @@ __all__ = [
     "thinned",
 ]
 
-#: Distances of two points fall into bins between these [m].
+#: Limits of the bins of point-pair distances [m], and their number.
 _NEAR_M, _FAR_M, _DISTANCE_BINS = 0.004, 2.0, 32
 _ANGLE_BINS = 12
-#: Weights of the parts of a descriptor, so that what noise and holes do to each is alike.
+#: Weights of the parts of a descriptor, such that noise and holes have similar effects on each.
 _ANGLE_WEIGHT, _EXTENT_WEIGHT = 0.5, 0.6
 DESCRIPTOR_LENGTH = _DISTANCE_BINS + _ANGLE_BINS + 3
-#: Points of a description, after thinning; pairs and triples that are sampled from them.
+#: Number of points of a described cloud, after thinning; number of pairs and triples that are sampled from them.
 _POINTS, _PAIRS, _TRIPLES = 400, 4000, 2000
-#: Points that are needed to speak of a shape.
+#: Minimum number of points of a cloud.
 MIN_POINTS = 20
-#: Starts that are refined.
+#: Number of initial poses that are refined.
 _STARTS = 4
-#: Points of a stored surface.
+#: Maximum number of points of a stored surface.
 STORED_POINTS = 1200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeViews:
-    """A surface and its descriptors from all around."""
+    """A surface and its descriptors from all viewing directions."""
 
     points_m: Float32[np.ndarray, "n 3"]  #: evenly over the surface, in the object's frame
-    directions: Float32[np.ndarray, "views 3"]  #: unit, from the object to the eye
+    directions: Float32[
+        np.ndarray, "views 3"
+    ]  #: unit vectors from the object to the camera; 0 for the whole cloud
     descriptors: Float32[np.ndarray, "views d"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFit:
-    """How well a cloud lies on a stored surface."""
+    """Registration of a cloud with a stored surface."""
 
-    residual_m: float  #: root mean square of cut distances, cloud to surface and visible surface to cloud
+    residual_m: float  #: RMS of truncated distances, cloud to surface and visible surface to cloud
     T_cloud_object: Float[np.ndarray, "4 4"]  #: maps the object's frame to that of the cloud
 
 
 def describe_cloud(points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "d"]:
     """Histograms of distances (D2) and angles (A3) of random points, and the extents.
 
-    After Osada et al. 2002 and the ESF of Wohlkinger and Vincze 2011, with the distances on a logarithmic
-    scale in metres. Roots of the shares are kept, so that the Euclidean distance of descriptors is the
+    After Osada et al. 2002 and the ESF of Wohlkinger and Vincze 2011, with distances in metres on a logarithmic
+    scale. The descriptor contains square roots of fractions, so that the Euclidean distance of descriptors is the
     Hellinger distance of the histograms.
 
     Parameters
     ----------
     points_m
-        At least 20 points; their density does not matter.
+        At least 20 points of any density.
     """
     cloud = thinned(_checked(points_m), _POINTS)
-    rng = np.random.default_rng(len(cloud))  # the same cloud is always described alike
+    rng = np.random.default_rng(len(cloud))  # deterministic for the same cloud
     a, b = (cloud[rng.integers(0, len(cloud), _PAIRS)] for _ in range(2))
     length = np.linalg.norm(a - b, axis=1)
     place = np.log(np.maximum(length, _NEAR_M) / _NEAR_M) / np.log(_FAR_M / _NEAR_M) * (_DISTANCE_BINS - 1)
@@ -95,9 +97,9 @@ def shape_views(points_m: Float[np.ndarray, "n 3"], *, views: int = 32) -> Shape
     Parameters
     ----------
     points_m
-        Evenly over the surface, best 1000 or more; a cloud of one side alone is described as it is, too.
+        Points evenly over the surface, ideally 1000 or more; a cloud of one side is possible as well.
     views
-        How many directions, of a Fibonacci lattice.
+        Number of directions, of a Fibonacci lattice.
     """
     cloud = thinned(_checked(points_m), STORED_POINTS)
     described = [describe_cloud(cloud)]
@@ -111,12 +113,12 @@ def shape_views(points_m: Float[np.ndarray, "n 3"], *, views: int = 32) -> Shape
 
 
 def fit_shape(stored: ShapeViews, points_m: Float[np.ndarray, "n 3"], view: int) -> ShapeFit:
-    """Register a stored surface with a cloud that looks like one of its views, by ICP.
+    """Register a stored surface with a cloud that is similar to one of its views, by ICP.
 
-    The principal axes of view and cloud agree up to signs, and up to their order where extents are alike;
-    the best of these starts are refined.
-    Distances are cut at a tenth of the size. A quarter of the weight goes to the way back, from what should
-    be visible to the cloud, without its worst fifth: holes are not held against an object, a missing half is.
+    The principal axes of view and cloud agree up to their signs and, if extents are similar, their order;
+    the best of these initial poses are refined.
+    Distances are truncated at a tenth of the size. The distances from the part that should be visible to the cloud have a
+    quarter of the weight, without their largest fifth: holes are not penalised, a missing half is.
 
     Parameters
     ----------
@@ -125,7 +127,7 @@ def fit_shape(stored: ShapeViews, points_m: Float[np.ndarray, "n 3"], view: int)
     points_m
         Cloud of one side, in any frame [m].
     view
-        Number of the view it looks like.
+        Index of the similar view.
 
     Raises
     ------
@@ -174,25 +176,25 @@ def fit_shape(stored: ShapeViews, points_m: Float[np.ndarray, "n 3"], view: int)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Surface:
-    """Points with normals, to which distances are measured."""
+    """Surface of points with normals, for the computation of distances."""
 
     tree: Any  #: scipy's cKDTree
     points_m: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"]
 
     def distances(self, points_m: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k"]:
-        """To the tangent plane of the nearest point; beside the surface, to that point."""
+        """Distance to the tangent plane of the nearest point; outside the surface's border, to that point."""
         far, nearest = self.tree.query(points_m)
         off = np.abs(np.einsum("ij,ij->i", points_m - self.points_m[nearest], self.normals[nearest]))
-        # Points are up to about 10 mm apart on the largest objects of a table.
+        # On the largest tabletop objects, the points have distances up to about 10 mm.
         return np.where(far**2 - off**2 < 0.01**2, off, far)
 
 
 def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"]) -> np.ndarray:
-    """Indices of the points of a surface that an eye far away in ``direction`` sees.
+    """Indices of the points of a surface that are visible to a distant camera in ``direction``.
 
-    The points are drawn into an image whose cells are a little wider than they are apart; a point is hidden
-    where a cell around it has one that is much nearer.
+    The points are projected into an image whose cells are slightly larger than their spacing; a point is hidden
+    if a cell around it has a much nearer one.
     """
     from scipy.ndimage import maximum_filter
 
@@ -201,13 +203,13 @@ def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray
     plane, height = points_m @ across.T, points_m @ direction
     low = plane.min(axis=0)
     extent = np.ptp(plane, axis=0)
-    # About two points in a cell, if both sides fall into the image.
+    # About two points per cell, since both sides of the surface are projected.
     cell = max(2.0 * float(np.sqrt(max(extent[0] * extent[1], 1e-12) / len(points_m))), 1e-6)
     index = ((plane - low) / cell).astype(np.int64)
     shape = index.max(axis=0) + 1
     nearest = np.full(tuple(shape), -np.inf)
     np.maximum.at(nearest, (index[:, 0], index[:, 1]), height)
-    # Steep walls rise within a cell and its neighbours; hidden is what lies further behind.
+    # Depth varies within a cell and its neighbours on steep walls; points further behind are hidden.
     around = maximum_filter(nearest, size=3, mode="constant", cval=-np.inf)
     own = nearest[index[:, 0], index[:, 1]]
     near = around[index[:, 0], index[:, 1]]
@@ -215,14 +217,14 @@ def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray
 
 
 def thinned(points_m: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
-    """At most ``count`` points of even density: the means of cubes of the smallest fitting size.
+    """At most ``count`` points of uniform density: the means of voxels of the smallest suitable size.
 
     Parameters
     ----------
     points_m
         Cloud [m].
     count
-        Points that are kept, at most.
+        Maximum number of points.
     """
     if len(points_m) <= count // 2:
         return points_m
@@ -231,7 +233,7 @@ def thinned(points_m: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray,
     if not size > 0:
         return points_m[:1]
     low, high = size / 200, size
-    for _ in range(7):  # the number of cubes falls with their side
+    for _ in range(7):  # bisection: the number of voxels decreases with their size
         middle = float(np.sqrt(low * high))
         if len(np.unique(_cube(centred, middle))) > count:
             low = middle
@@ -250,7 +252,7 @@ def _cube(centred: np.ndarray, side: float) -> np.ndarray:
 
 
 def _soft_fractions(place: np.ndarray, bins: int) -> Float[np.ndarray, "bins"]:
-    """Fractions of a histogram in which each value is divided between its two nearest bins."""
+    """Normalised histogram in which each value is interpolated between its two nearest bins."""
     place = np.clip(place, 0, bins - 1)
     low = np.minimum(place.astype(np.int64), bins - 2)
     rest = place - low
@@ -259,7 +261,7 @@ def _soft_fractions(place: np.ndarray, bins: int) -> Float[np.ndarray, "bins"]:
 
 
 def _axis_poses(seen: np.ndarray, part: np.ndarray) -> list[np.ndarray]:
-    """The 24 rotations, with the shifts, that bring principal axes of ``seen`` onto axes of ``part``."""
+    """The 24 rigid transforms that map the principal axes of ``seen`` to those of ``part``."""
     axes_seen = np.linalg.eigh(np.cov(seen.T))[1]
     axes_part = np.linalg.eigh(np.cov(part.T))[1]
     poses = []

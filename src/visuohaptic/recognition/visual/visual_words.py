@@ -1,9 +1,9 @@
-"""Images by their words: local features, quantised, in an inverted index, then checked by geometry.
+"""Bag of visual words: quantised local features in an inverted index, with geometric verification.
 
 Alt 2016, Sec. 2.3.5 and 6.3.3. SIFT descriptors are compared by the Hellinger kernel (RootSIFT), their words
-come from k-means on the images that are stored, and a image is first found by the cosine of tf-idf weights
-(Sivic and Zisserman 2003). Words know nothing of where they are: the best images are matched feature by
-feature, and only matches that agree on one homography count.
+come from k-means on the stored images, and images are retrieved by the cosine of tf-idf weights
+(Sivic and Zisserman 2003). Words have no position: the best images are therefore matched feature by
+feature, and only matches that are consistent with one homography count.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ __all__ = [
     "train_vocabulary",
 ]
 
-#: Larger images are shrunk to this side: finer detail is not seen again from elsewhere [px].
+#: Larger images are resized to this side [px]: finer detail is not repeatable from other viewpoints.
 SIDE_PX = 800
-#: RootSIFT numbers are at most about a half; this many steps to 1 fill a byte.
+#: Quantisation steps per unit: RootSIFT values are at most about one half and fit into a byte.
 _BYTE_STEPS = 510.0
-#: Descriptors that a vocabulary is learnt from.
+#: Maximum number of descriptors for the training of a vocabulary.
 _TRAINING = 60_000
-#: Nearest over second-nearest distance above which a match is ambiguous; distance from a homography up to which a match
-#: agrees [px]; matches below which nothing is proved.
+#: Ratio of nearest to second-nearest distance above which a match is ambiguous; maximum distance of an inlier from a
+#: homography [px]; minimum number of significant matches.
 RATIO, AGREES_px, MINIMUM = 0.8, 5.0, 6
 
 
@@ -42,7 +42,7 @@ RATIO, AGREES_px, MINIMUM = 0.8, 5.0, 6
 class LocalFeatures:
     """Features of one image."""
 
-    points_px: Float32[np.ndarray, "k 2"]  #: in the image as it was given
+    points_px: Float32[np.ndarray, "k 2"]  #: in the original image
     descriptors: UInt8[np.ndarray, "k 128"]  #: RootSIFT
 
     def __len__(self) -> int:
@@ -57,9 +57,9 @@ def find_features(
     Parameters
     ----------
     image
-        8 bits; colours are only averaged.
+        8 bits; colours are averaged.
     max_features
-        How many are kept, the strongest.
+        Maximum number of features.
     """
     import cv2
 
@@ -92,22 +92,22 @@ def find_features(
 def train_vocabulary(
     descriptors: UInt8[np.ndarray, "n 128"], words: int, rng: np.random.Generator, *, rounds: int = 6
 ) -> Float32[np.ndarray, "w 128"]:
-    """Centres of at most ``words`` groups of descriptors: k-means in two levels.
+    """Centres of at most ``words`` clusters of descriptors: k-means in two levels.
 
-    A coarse k-means of about the root of ``words`` groups, then one inside each group with a fraction of the
-    words after its size: the effort grows with ``words ** 1.5`` instead of ``words ** 2``, and the
-    assignment afterwards is to the nearest of all centres, so that only the training is approximate.
+    A coarse k-means with about the square root of ``words`` clusters, then one inside each cluster with a fraction of the
+    words proportional to its size: the effort grows with ``words ** 1.5`` instead of ``words ** 2``, and the
+    subsequent assignment is to the nearest of all centres, so that only the training is approximate.
 
     Parameters
     ----------
     descriptors
         RootSIFT descriptors of the stored images.
     words
-        Number of centres, at most.
+        Maximum number of centres.
     rng
-        Source of the first centres.
+        Source of the initial centres.
     rounds
-        Of Lloyd's algorithm.
+        Number of iterations of Lloyd's algorithm.
     """
     if words < 1 or len(descriptors) < 1:
         raise InputError("train_vocabulary", f"found {len(descriptors)} descriptors for {words} words")
@@ -127,7 +127,7 @@ def train_vocabulary(
 
 
 def nearest_words(descriptors: np.ndarray, centres: Float32[np.ndarray, "w 128"]) -> Int[np.ndarray, "n"]:
-    """Number of the nearest centre of each descriptor.
+    """Index of the nearest centre of each descriptor.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def nearest_words(descriptors: np.ndarray, centres: Float32[np.ndarray, "w 128"]
 def _k_means(
     data: Float32[np.ndarray, "n 128"], count: int, rng: np.random.Generator, rounds: int
 ) -> Float32[np.ndarray, "k 128"]:
-    """Lloyd's rounds from random members; a centre that loses all members stays where it is."""
+    """Lloyd's algorithm from random members; a centre that loses all members is kept."""
     centres = data[np.sort(rng.choice(len(data), min(count, len(data)), replace=False))]
     for _ in range(rounds):
         label = nearest_words(data, centres)
@@ -160,7 +160,7 @@ def _k_means(
 
 
 class WordIndex:
-    """Which stored images share the rare words of a new one; an inverted index with tf-idf weights.
+    """Inverted index with tf-idf weights, for the retrieval of stored images that share rare words with a new image.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ class WordIndex:
         cells, times = np.unique(place, return_counts=True)
         document, word = cells // len(centres), cells % len(centres)
         self._rarity = np.log((1.0 + self._count) / (1.0 + np.bincount(word, minlength=len(centres))))
-        # The root of the count: one feature of a repeated pattern says little about the next.
+        # Square root of the count: the features of a repeated pattern are not independent.
         weight = np.sqrt(times) * self._rarity[word]
         length = np.sqrt(np.bincount(document, weight**2, minlength=self._count))
         weight = weight / np.maximum(length, 1e-12)[document]
@@ -191,7 +191,7 @@ class WordIndex:
         return self._count
 
     def scores(self, descriptors: UInt8[np.ndarray, "k 128"]) -> Float[np.ndarray, "images"]:
-        """Cosine of the word weights of a image with each stored one, 0..1.
+        """Cosine of the word weights of an image with each stored one, 0..1.
 
         Parameters
         ----------
@@ -211,10 +211,10 @@ class WordIndex:
 
 
 def agreeing_matches(stored: LocalFeatures, seen: LocalFeatures) -> int:
-    """How many matches agree on one homography from the stored image to the seen one; 0 below :data:`MINIMUM`.
+    """Number of matches consistent with one homography from the stored to the new image; 0 below :data:`MINIMUM`.
 
-    Nearest over second-nearest distance below :data:`RATIO` (Lowe; Alt 2016, Sec. 2.3.1 with the inequality
-    turned), each seen feature used once. Matches at one place count once: they prove the same.
+    The ratio of nearest to second-nearest distance is below :data:`RATIO` (Lowe; Alt 2016, Sec. 2.3.1 with the inequality
+    reversed), and each new feature is used once. Matches at one place count once, as they are not independent.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def agreeing_matches(stored: LocalFeatures, seen: LocalFeatures) -> int:
     target = seen.points_px[nearest[good]].astype(np.float64)
     try:
         robust = estimate_homography_robust(source, target, threshold=AGREES_px, minimum=MINIMUM, seed=0)
-    except InputError:  # all on a line: no plane is proven
+    except InputError:  # collinear points do not determine a homography
         return 0
     if not robust.valid:
         return 0
