@@ -15,7 +15,7 @@ __all__ = ["ApproachSpace", "GripperApproach", "find_approach"]
 
 #: Elevations of the approach above the horizontal, in the order tried [rad]: from the side to from above.
 ELEVATIONS_rad = tuple(np.radians((0.0, 30.0, 60.0, 90.0)))
-#: Length of the straight approach, and clearance to everything that is not to be touched [m].
+#: Length of the straight approach, and clearance to obstacles [m].
 TRAVEL_m, CLEARANCE_m = 0.1, 0.002
 
 
@@ -117,7 +117,7 @@ def _boxes(open_width: float, gripper: GripperModel) -> Iterator[tuple[np.ndarra
     radius, length = max(gripper.finger_radius_m, 1e-3), gripper.finger_length_m
     for sign in (1.0, -1.0):
         ends = np.sort([sign * inner, sign * outer])
-        # The clearance is on the outside: the inside of the fingers is as close to the wall as they were opened.
+        # Clearance on the outside only: on the inside, the distance to the wall follows from the opening width.
         ends += np.array([CLEARANCE_m, -CLEARANCE_m])
         yield np.array([ends[0], -radius, -length]), np.array([ends[1], radius, radius])
     half = 0.5 * gripper.palm_thickness_m

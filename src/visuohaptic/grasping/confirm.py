@@ -92,7 +92,7 @@ def confirm_grasp(
     max_deformation_m
         Bound of the deformation of one side.
     friction
-        mu of the fingers: the wall must not rotate further than ``atan(mu)``.
+        mu of the fingers: the wall may rotate by at most ``atan(mu)``.
     model
         The container's shell model, if already available.
     """
@@ -140,7 +140,7 @@ def confirm_grasp(
 
 
 def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
-    """Enclosed volume with the mouth closed by a fan: a deformed mouth is not plane, and a fan prefers no chord."""
+    """Enclosed volume with the mouth closed by a triangle fan: a deformed mouth is not plane, and a fan has no preferred chord."""
     wall = enclosed_volume(points, container.mesh.faces, container.mesh.fraction)
     if not len(container.lid):
         return wall

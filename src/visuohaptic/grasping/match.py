@@ -117,7 +117,7 @@ def match_shape(
     pose_sigma_m, pose_sigma_rad
         Standard deviations of that pose, each coordinate [m] and each angle [rad].
     gate_m
-        Points farther from the surface [m] are ignored.
+        Points further from the surface [m] are ignored.
 
     Notes
     -----

@@ -41,7 +41,7 @@ MAX_REFUSED = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspPlan:
-    """Ranked grasps, best first, and the maps they are from."""
+    """Ranked grasps, best first, and the maps from which they were selected."""
 
     grasps: tuple[Grasp, ...]
     rejected: tuple[Grasp, ...]  #: selected on the map, rejected by the nonlinear simulation
@@ -54,7 +54,7 @@ class GraspPlan:
 
     @property
     def reason(self) -> str:
-        """Why there is no grasp; empty if there is one."""
+        """Reason why there is no grasp; empty if there is one."""
         if self.grasps:
             return ""
         if self.notes and not self.rejected:
@@ -102,7 +102,7 @@ def plan_grasps(
     surface
         Its map in the task's state, if already available; for pairs through the height axis.
     scene_m
-        Points of its surroundings, in its frame [m], which the gripper must not touch.
+        Points of its surroundings, in its frame [m], which are obstacles of the gripper.
 
     Examples
     --------
@@ -235,7 +235,7 @@ def _plan(
         for goal in (*_goals(surface, scores, found, task, load), *rims)
         if np.isfinite(cost := 0.0 if arm_cost is None else float(arm_cost(goal)))
     ]
-    # A rim carries its load beside the fingers: it is used for loads that the sides do not hold.
+    # The load of a rim grasp is offset from the fingers: it is used for loads that side grasps do not hold.
     goals.sort(key=lambda goal: (goal.arm_cost, goal.rim, -goal.score))
     kept: list[Grasp] = []
     rejected: list[Grasp] = []
@@ -352,7 +352,7 @@ def multi_contact(
 
     The pinches are simultaneous and superposed linearly: ``deformation_m(forces)`` of the result is
     the mean deformation of both sides of each pinch, ``force_N`` its inverse. The deformations of adjacent pinches
-    add up, distant ones may even displace each other's walls outwards.
+    add up; distant pinches may even displace each other's walls outwards.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Pinches of the wall itself at an open mouth: one finger inside, one outside, from above.
+"""Rim grasps: pinches of the wall itself at an open mouth, from above, with one finger inside and one outside.
 
-The two forces cancel within the wall, so nothing is squeezed; but the centre of mass is offset from the fingers by s along
-their line. The moment W s is held by non-uniform pressure over the patches of radius r: linear over a disc, with a
-mean p and p (1 - u) to p (1 + u) from edge to edge, a finger of force N holds N r u / 4, and both twice that.
+The two forces cancel within the wall, so the container is not squeezed; but the centre of mass is offset from the fingers by s
+along their line. The moment W s is balanced by non-uniform pressure over the patches of radius r: if the pressure is linear
+over a disc, with mean p and p (1 - u) to p (1 + u) from edge to edge, a finger with force N holds N r u / 4, and both twice that.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ __all__ = ["rim_grasps"]
 
 #: u at the required force: half of the value at which an edge of the patch lifts off.
 UNEVEN = 0.5
-#: Number of locations around the mouth: one per 30 degrees, so that an arm that reaches half of them has a choice.
+#: Number of locations around the mouth: one per 30 degrees, so that an arm that reaches half of them has several options.
 AROUND = 12
 
 
 def rim_grasps(
     container: ShellObject, surface: StiffnessMap, scores: GraspScores, task: GraspTask, load: Load
 ) -> list[Grasp]:
-    """Pinches of the rim that hold the load, the best first.
+    """Pinches of the rim that hold the load, best first.
 
     Parameters
     ----------
     container
-        Upright; no result for a closed one, or one that is filled up to the fingers.
+        Upright container; no result if it is closed, or filled up to the fingers.
     surface, scores
         Its stiffness map and the scores of its vertices.
     task
@@ -48,8 +48,8 @@ def rim_grasps(
 
     Notes
     -----
-    The moment bends the wall like two forces W s / r at the edges of the patch, which the stiffness of a single pinch there
-    overestimates. Scores are those of Alt 2016, Sec. 6.2, except for the contact: forces are normal to the wall by construction.
+    The moment bends the wall like two forces W s / r at the edges of the patch; their effect is overestimated by the stiffness of
+    a single pinch there. Scores are those of Alt 2016, Sec. 6.2, except for the contact: forces are normal to the wall.
     """
     gripper, radius = task.gripper, max(task.gripper.finger_radius_m, 1e-3)
     if task.closed or not len(container.lid):
