@@ -117,7 +117,7 @@ def _boxes(open_width: float, gripper: GripperModel) -> Iterator[tuple[np.ndarra
     radius, length = max(gripper.finger_radius_m, 1e-3), gripper.finger_length_m
     for sign in (1.0, -1.0):
         ends = np.sort([sign * inner, sign * outer])
-        # Clearance on the outside only: on the inside, the distance to the wall follows from the opening width.
+        # No clearance along the closing direction: the distance to the wall follows from the opening width.
         ends += np.array([CLEARANCE_m, -CLEARANCE_m])
         yield np.array([ends[0], -radius, -length]), np.array([ends[1], radius, radius])
     half = 0.5 * gripper.palm_thickness_m

@@ -48,8 +48,8 @@ def rim_grasps(
 
     Notes
     -----
-    The moment bends the wall like two forces W s / r at the edges of the patch; their effect is overestimated by the stiffness of
-    a single pinch there. Scores are those of Alt 2016, Sec. 6.2, except for the contact: forces are normal to the wall.
+    The moment bends the wall like two forces W s / r at the edges of the patch; with the stiffness of a single pinch there, the
+    deformation is overestimated. Scores are those of Alt 2016, Sec. 6.2, except for the contact: forces are normal to the wall.
     """
     gripper, radius = task.gripper, max(task.gripper.finger_radius_m, 1e-3)
     if task.closed or not len(container.lid):

@@ -173,7 +173,7 @@ def _contact(
     places, normals, area = _samples(mesh, (d / 6) ** 2)
     count = len(mesh.vertices_m)
     mean_top, mean_low, covered = np.zeros(count), np.zeros(count), np.zeros(count)
-    # On a curved wall the edge of the finger's disc is farther away than d.
+    # On a curved wall, the edge of the finger's disc is further away than d.
     for vertex, sample in _neighbours(mesh.vertices_m, places, 1.25 * d):
         away = places[sample] - mesh.vertices_m[vertex]
         force = direction[vertex]

@@ -47,7 +47,7 @@ class GraspCurve:
     point_m: Float[np.ndarray, "3"]  #: of the first tip, undeformed
     opposite_m: Float[np.ndarray, "3"]  #: of the second
     complete: bool  #: every requested point was reached
-    reason: str  #: why it was not
+    reason: str  #: reason if it is not complete
     copies: int  #: symmetry: 4: a quarter was computed, 2: a half, 1: the whole
     nodes: int  #: number of computed vertices
     iterations: int  #: Newton iterations

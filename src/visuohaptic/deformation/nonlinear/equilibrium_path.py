@@ -29,7 +29,7 @@ class EquilibriumPath:
 
     points: tuple[PathPoint, ...]
     complete: bool  #: every requested point was reached
-    reason: str = ""  #: why it was not
+    reason: str = ""  #: reason if it is not complete
 
     @property
     def load(self) -> Float[np.ndarray, "k"]:

@@ -40,8 +40,8 @@ class SelfContactGuard:
     """Detects self-contact anywhere in a deformed state of an object.
 
     Across the axis, the gap between each vertex and the opposite wall is signed, so that walls that have
-    interpenetrated within one step are detected. Elsewhere, a vertex must not be closer to a face
-    than the wall thickness while their normals face each other, and no edge may intersect a face.
+    interpenetrated within one step are detected. Elsewhere, self-contact is a vertex that is closer to a face
+    than the wall thickness while their normals face each other, or an edge that intersects a face.
     """
 
     def __init__(self, container: ShellObject) -> None:

@@ -15,7 +15,7 @@ def ring_crossings(
 ) -> None:
     """Radii at which the rays from (0, 0) at ``around`` angles intersect the mesh, at each height.
 
-    ``heights`` ascend, ``first_row`` is for each face the first height that is not below it. ``radius`` (h, around, most) is unsorted,
+    ``heights`` ascend, ``first_row`` is the first height that is not below each face. ``radius`` (h, around, most) is unsorted,
     ``count`` (h, around) is the number of intersections, which may exceed ``most``. Each wall is hit once: edges are half-open.
     """
     step = 2 * np.pi / around
@@ -28,7 +28,7 @@ def ring_crossings(
             found = 0
             for corner in range(3):
                 a, b = faces[face, corner], faces[face, (corner + 1) % 3]
-                # The same edge has to give exactly the same point from both of its triangles.
+                # An edge has exactly the same intersection in both of its triangles.
                 if a > b:
                     a, b = b, a
                 if (points[a, 2] >= z) != (points[b, 2] >= z):

@@ -30,7 +30,7 @@ __all__ = ["MeshConvention", "import_container"]
 
 #: Metres per unit.
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
-#: Largest extent of a hand-held container [m].
+#: Bounds of the largest extent of a hand-held container [m].
 SMALLEST_m, LARGEST_m = 0.03, 0.6
 #: Ratio of the two smallest eigenvalues of the normals above which a mesh has a distinct axis, and its maximum tilt.
 RUNS_ALONG, MAX_LEAN_DEGREES = 1.6, 15.0
@@ -54,7 +54,7 @@ class MeshConvention:
     two-sided wall is always sampled, except for ``never``. Notes of the container state the effect of sampling.
     """
 
-    unit: str | None = None  #: unit of length: m, dm, cm, mm or in; None guesses
+    unit: str | None = None  #: unit of length: m, dm, cm, mm or in; None: guessed from the size
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"  #: axis that points up
     remesh: Literal["auto", "cast", "never"] = "auto"  #: repair, resample on rings, or neither
 
@@ -173,7 +173,7 @@ def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) 
     if open_top:
         faces, loops = _without_top(state.vertices, faces, low, high)
     lid = [ring_lid(loop[::-1]) for loop in loops]
-    # Faces look outwards, so the wall is on the left of its boundary: lids are oriented the other way.
+    # Faces are oriented outwards, so the wall is on the left of its boundary: lids have the opposite orientation.
     mesh = ShellMesh(state.vertices, faces, thickness_m)
     used = state.vertices[np.unique(faces)]
     middle, axis_notes = _foot_centre(used, clamped_foot(used))

@@ -59,7 +59,7 @@ def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
 
 
 def why_not_as_it_is(state: MeshState) -> str:
-    """The first reason why the triangles cannot be used unchanged, or nothing.
+    """The first reason why the triangles cannot be used unchanged, or an empty string.
 
     Number, shape, and size are those of the load-bearing triangles. One with three clamped corners does
     not deform, whatever its shape (the fan of a flat foot); for these only the orientation matters, for the volume.
@@ -132,7 +132,7 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
         state = _state(state, vertices, faces)
     if holes or _usual_length(vertices, _loaded(state)) > limit:
         vertices, faces = split_edges(vertices, faces, limit, clamped_foot(vertices))
-        # Halves of long triangles are as narrow as they are short: merge those that are too narrow.
+        # The halves of long triangles may be too narrow: collapse these.
         vertices, faces, _ = collapse_edges(vertices, faces, 0.75 * limit, 2 * tolerance)
     faces = flip_edges(vertices, faces, tolerance)
     state = _state(state, vertices, faces)

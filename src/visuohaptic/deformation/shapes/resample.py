@@ -250,7 +250,7 @@ def _floor(
     if not solid.any() or solid[-1]:
         return bottom, float(heights[0])
     bottom += int(np.flatnonzero(solid)[-1]) + 1
-    # Close to it the stiffness depends on where it ends: looked for again between the two rows.
+    # The stiffness near the foot depends on its height: refine the search between the two rows.
     between = np.linspace(heights[bottom - 1], heights[bottom], 33)
     inner, outer, _ = _nearest(rays.points_m, faces, between, ANGLES)
     hollow = _thin(inner, outer).mean(axis=1) >= 0.5
@@ -292,7 +292,7 @@ def _outside(
 def _without_spikes(
     radius: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
 ) -> tuple[Float[np.ndarray, "h a"], float]:
-    """Rays that pass through the wall where a handle or spout joins hit that instead: they count as holes.
+    """Mark rays as holes that miss the wall at the junction of a handle or spout and hit that part instead.
 
     They are longer than the rays above and below at the same angle, in a small part of the ring
     only; a whole ring of longer rays is part of the shape. The radius of a part behind the wall starts with a jump: where it
@@ -327,7 +327,7 @@ def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:
 def _nearest(
     points: np.ndarray, faces: np.ndarray, heights: np.ndarray, around: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The first and second different radius along each ray (inf where there is none), and how many."""
+    """First and second distinct radius along each ray (inf if there is none), and number of distinct radii."""
     radius, count = _crossings(points, faces, heights, around)
     radius.sort(axis=2)
     first = radius[..., 0]
@@ -339,7 +339,7 @@ def _nearest(
 def _crossings(
     points: np.ndarray, faces: np.ndarray, heights: np.ndarray, around: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Radii at which each ray meets the mesh, unsorted (inf where there are no more), and how many."""
+    """Unsorted radii at which each ray intersects the mesh (padded with inf), and their number."""
     radius = np.full((len(heights), around, MAX), np.inf)
     count = np.zeros((len(heights), around), dtype=np.int64)
     kernels.ring_crossings(

@@ -98,7 +98,7 @@ def turned(container: ShellObject, angle_rad: float) -> ShellObject:
 def symmetric_part(
     container: ShellObject, *, angle_rad: float = 0.0, reduce: bool = True, one_way: bool = False
 ) -> SymmetricPart:
-    """The smallest part that pinches along the direction ``angle_rad`` need.
+    """The smallest part that is required for pinches along the direction ``angle_rad``.
 
     Parameters
     ----------

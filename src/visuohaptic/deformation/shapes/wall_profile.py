@@ -88,7 +88,7 @@ class WallProfile:
 
     @property
     def height_m(self) -> float:
-        """Radius of the mouth."""
+        """Height of the mouth above the foot [m]."""
         return float(self.z_m[-1])
 
     def wall_m(self, z_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:

@@ -1,7 +1,7 @@
 """A shell under large displacements and rotations, small strains (Alt 2016, Sec. 6.1.3).
 
-Each triangle carries its linear element with it: the frame that best fits the deformed triangle
-removes the rigid motion, the remainder is passed to the linear stiffness. Forces are the
+Each triangle has a linear element in a corotating frame: the frame that best fits the deformed triangle
+removes the rigid motion, and the linear stiffness is applied to the remainder. Forces are the
 exact gradient of the strain energy, the tangent is their exact derivative.
 """
 

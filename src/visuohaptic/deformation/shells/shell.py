@@ -30,7 +30,7 @@ FLATTEST = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShellMesh:
-    """The mid-surface of a wall; z is the height axis by convention, faces look outwards."""
+    """The mid-surface of a wall; z is the height axis by convention, faces are oriented outwards."""
 
     vertices_m: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]

@@ -27,7 +27,7 @@ class TouchProtocol:
     rate_Hz: float = 30.0
     approach_s: float = 2.0  #: to contact and back
     travel_m_per_s: float = 0.05  #: along the height
-    place_m: float = 0.01  #: distance between adjacent heights, of 16
+    place_m: float = 0.01  #: distance between two adjacent heights of the 16
     turn_s: float = 2.0  #: from one axis to the other
 
     @property

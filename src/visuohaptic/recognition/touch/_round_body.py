@@ -99,7 +99,7 @@ class RoundBody:
             return k * d, np.zeros_like(d)
         air_m3 = max(1.0 - solid * fill, MIN_AIR) * float(self.below_m3[-1])
         lost_m3 = math.pi * (3.0 * d**2 * r - d**3)
-        # Lower bound of the remaining volume; the air is stiffer than any wall before it is reached.
+        # Lower bound of the remaining volume: before it is reached, the air is stiffer than any wall.
         pressure_Pa = AIR_PA * lost_m3 / np.maximum(air_m3 - lost_m3, 0.1 * air_m3)
         # Two fingers: 2 F dd = p dV.
         return k * d, 0.5 * pressure_Pa * math.pi * (6.0 * d * r - 3.0 * d**2)

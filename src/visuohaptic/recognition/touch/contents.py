@@ -65,8 +65,7 @@ FORCE_N, SURFACE_M = 0.05, 3e-5
 #: Relative standard deviation of the wall's mass: the thickness is estimated from a stiffness that is proportional to about
 #: its square (SCALE / 2). Mass of a cap, which is not part of the outline [kg].
 WALL_MASS, CAP_KG = 0.2, 0.003
-#: Number of heights, minimum distance of two places, and number of heights left out at each end, where the stiffness depends
-#: most on the height.
+#: Number of heights, minimum distance of two places, and margin at both ends, where the stiffness depends most on the height.
 HEIGHTS, APART, ENDS = 16, 2, 4
 #: Heights above this fraction of the object's height are near the lid, whose constraint on the wall is unknown.
 LID = 0.7
@@ -246,7 +245,7 @@ class ContentsModel:
         d = np.maximum(one.deformation_m, 1e-6)
         wall, enclosed = self._body.force_N(hypothesis, one.height_m, d)
         slope = float(d @ (one.force_N - enclosed) / (d @ d))
-        # If the force is below that of the gas alone, the slope keeps a minimum, and the residual is large.
+        # If the force is below that of the gas alone, the slope has a lower bound, and the residual is large.
         slope = max(slope, 0.05 * float(d @ one.force_N / (d @ d)), 1.0)
         residual = one.force_N - slope * d - enclosed
         covariance = _covariance(d, slope * d, enclosed)

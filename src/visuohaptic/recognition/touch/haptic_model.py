@@ -50,7 +50,7 @@ __all__ = [
 ]
 
 UNKNOWN = "unknown"
-_PLACE_m = 0.01  # distance of adjacent heights, of 16 on a typical container
+_PLACE_m = 0.01  # distance between two adjacent heights of the 16 of a typical container
 #: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
 #: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with this factor, more
 #: unknown objects are falsely accepted than known objects outside their ranges are gained.

@@ -33,7 +33,7 @@ def unknown_kinds(
 
     There are two: that between the known classes, and that of any container; each for objects whose axes differ and for round
     objects. The first is learned from the differences of the known classes, with :data:`UNKNOWN_CLASS_SIGMAS` as one more class.
-    An object is either round or not at all heights: if the axes differed at random at each height, every second touch
+    Roundness is a property of the whole object: if the axes differed at random at each height, every second touch
     of a height would be evidence against an unknown object. The fraction of round objects is learned from the known classes as
     well (Laplace's rule of succession).
 

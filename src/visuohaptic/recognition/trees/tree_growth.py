@@ -26,7 +26,7 @@ __all__ = ["SAMPLES", "grown", "predictors", "smoothed"]
 
 #: Number of samples added to each class, and of additional samples with measurement noise.
 SAMPLES = 300
-#: Fraction of the weight of the samples with noise.
+#: Fraction of the weight that belongs to the samples with noise.
 _READ = 0.1
 #: Relative error of simulated stiffness, by place, as in the planner.
 _DISCREPANCY = 0.04
