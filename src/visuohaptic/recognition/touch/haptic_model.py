@@ -12,10 +12,9 @@ zeros, Young's modulus and the closure of the mouth, and d the error of the simu
 the touches of one exploration. All are integrated out in closed form, since everything is Gaussian given l and s: l is 1 for
 an object inside the trained ranges and :data:`RANGE_WIDENING` for one outside, s is 1 for an accurate pose and :data:`POSE_RATIO` for
 an inaccurate one. Each combination is a Gaussian component with equal prior probability, so that residuals have the heavy
-tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated
-likelihood. The unknown class is an answer with its own components (:mod:`.unknown_class`). Stiffness is measured in series
-with the resolution c0 of a touch, k / (1 + c0 k): stiffness beyond the resolution saturates, and the logarithm of the reading
-keeps a Gaussian error.
+tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated likelihood.
+The unknown class is an answer with its own components (:mod:`.unknown_class`). Stiffness is measured in series with the
+resolution c0 of a touch, k / (1 + c0 k): it saturates beyond the resolution, and its logarithm keeps a Gaussian error.
 """
 
 from __future__ import annotations
@@ -61,8 +60,7 @@ POSE_RATIO = 2.5
 SHRINKAGE_STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Names of the nuisances, in the order of the rows of ``nuisance``.
 NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
-#: Number of places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed
-#: mouths.
+#: Places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed mouths.
 MOUTH_REACH = 2.2
 
 
