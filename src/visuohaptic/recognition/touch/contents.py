@@ -5,8 +5,8 @@ perimeter loses the area pi (3 d^2 - d^3 / r) / 2, over a length of about one di
 that its force starts with the third power of the deformation, and is larger the less air is left above a filling; the
 pressure p of a liquid at the place adds 3 pi r p to the stiffness. Wall thickness and modulus are known only roughly and scale
 the linear part, which is therefore a free parameter, as are the zero of the deformation and a small curvature of the wall's
-own curve. States are discriminated by the remaining shape of the curve, and by the mass: the curve of an open container does
-not depend on its contents.
+own curve. States are discriminated by the remaining shape of the curve, and by the mass: for an open container, this shape
+does not depend on the contents.
 
 A hypothesis is a lid (open, closed), a filling (nothing, liquid, grain) and a fill level, as a fraction of the volume in steps
 of ``FILL_STEP``. With ``G`` the force of the enclosed air, the linear part ``L = k d`` of a measured curve has the

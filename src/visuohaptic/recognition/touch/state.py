@@ -67,9 +67,7 @@ class HapticStateModel:
     places: tuple[str, ...]  #: most accurate first
     mean: Float[np.ndarray, "l s 3"]
     covariance: Float[np.ndarray, "l 3 3"]
-    accuracy: Float[
-        np.ndarray, "l"
-    ]  #: fraction of correct answers from this place alone, leave-one-variant-out
+    accuracy: Float[np.ndarray, "l"]  #: fraction correct from this place alone, leave-one-variant-out
 
 
 def simulate_state_curves(

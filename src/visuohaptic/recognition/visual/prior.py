@@ -50,9 +50,7 @@ class Entry:
 
     models: tuple[str, ...]
     images: list[LocalFeatures] = field(default_factory=list)
-    words: list[Int[np.ndarray, "_"]] = field(
-        default_factory=list
-    )  #: of the images that are already quantised
+    words: list[Int[np.ndarray, "_"]] = field(default_factory=list)  #: of the quantised images
     shape: ShapeViews | None = None
     context: Counter[str] = field(default_factory=Counter)  #: word -> number of sightings with it
     sightings: int = 0

@@ -48,9 +48,7 @@ class ShapeViews:
     """A surface and its descriptors from all viewing directions."""
 
     points_m: Float32[np.ndarray, "n 3"]  #: evenly over the surface, in the object's frame
-    directions: Float32[
-        np.ndarray, "views 3"
-    ]  #: unit vectors from the object to the camera; 0 for the whole cloud
+    directions: Float32[np.ndarray, "views 3"]  #: unit, object to camera; 0 for the whole cloud
     descriptors: Float32[np.ndarray, "views d"]
 
 
