@@ -80,8 +80,8 @@ def build_graph(
     stub_length_m
         Shorter dead ends are removed. By default those are removed that extend less than the clearance
         of the junction beyond the circle of that clearance: the corners of a room are removed, a corridor is kept.
-        spacing_m
-            Keep connection nodes at approximately this spacing; by default none.
+    spacing_m
+        Keep connection nodes at approximately this spacing; by default none.
 
     Examples
     --------

@@ -53,8 +53,8 @@ def push_contacts(
         Centre of friction on the line of the push.
     radius
         Radius of the pushing disc.
-        oblique
-            Whether pushes oblique to a face, which rely on contact friction, are added.
+    oblique
+        Whether pushes oblique to a face, which rely on contact friction, are added.
     """
     from shapely import Point, Polygon
 

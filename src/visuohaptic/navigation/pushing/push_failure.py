@@ -59,8 +59,8 @@ class PushUncertainty:
             Nominal pose: x, y [m], yaw [rad].
         rng
             Generator for the start of the sequence.
-            count
-                Number of samples.
+        count
+            Number of samples.
         """
         from scipy.special import gammaincinv, ndtri
 
@@ -118,8 +118,8 @@ def sampled_pushes(
         Radius of the platform [m].
     rng
         Random generator.
-        uncertainty
-            Uncertainty of friction, load, centre of friction and pose.
+    uncertainty
+        Uncertainty of friction, load, centre of friction and pose.
     samples
         Number of samples.
     skip

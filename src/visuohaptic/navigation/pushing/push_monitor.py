@@ -121,10 +121,10 @@ class PushMonitor:
         ----------
         remaining_path_m
             Remainder of the plan, from the platform's current pose: x, y [m], heading [rad].
-            rng
-                Random generator for the sampled models.
-            allowed
-                Returns whether path and motion of the object are collision-free.
+        rng
+            Random generator for the sampled models.
+        allowed
+            Returns whether path and motion of the object are collision-free.
 
         Returns
         -------

@@ -171,8 +171,8 @@ def keep_edges(
     ----------
     cells
         Cells of the nodes (n,), flat.
-        clearance
-            Clearance of the nodes (n,) [m].
+    clearance
+        Clearance of the nodes (n,) [m].
     ends
         Nodes of each edge, (m, 2).
     measures

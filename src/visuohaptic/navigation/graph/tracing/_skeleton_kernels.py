@@ -165,8 +165,8 @@ def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.n
     ----------
     distance, step, mark
         See :func:`survey`.
-        queue
-            Cells (flat) to re-evaluate.
+    queue
+        Cells (flat) to re-evaluate.
     """
     rows, columns = distance.shape
     capacity = max(1024, 2 * len(queue))

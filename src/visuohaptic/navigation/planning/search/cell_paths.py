@@ -84,8 +84,8 @@ def resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "
     ----------
     path
         Corners of the path.
-        count
-            Approximate number of points.
+    count
+        Approximate number of points.
     """
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
@@ -134,8 +134,8 @@ def unclear_steps(
         Clearance of the layer [cells].
     cells
         Cells of the path, from the layer's corner.
-        low
-            The layer's corner on the map (x, y) [cells].
+    low
+        The layer's corner on the map (x, y) [cells].
     """
     places = cells.astype(int)
     clear = clearance[places[:, 1], places[:, 0]]

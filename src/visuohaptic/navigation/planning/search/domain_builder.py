@@ -33,8 +33,8 @@ def build_search_domain(
         Map, objects and robot.
     costs
         Limits that decide which objects may be pushed.
-        block
-            Edge length of a node of the lattice [cells]; by default chosen for the robot's radius.
+    block
+        Edge length of a node of the lattice [cells]; by default chosen for the robot's radius.
     """
 
     costs = costs or PushCosts()

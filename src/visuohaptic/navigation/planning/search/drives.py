@@ -98,8 +98,8 @@ def drives_cost(
         Grid coordinates [cells].
     most
         Costs from this one on count as infinite [cells at full speed].
-        field
-            Lattice field of the last drive: its start nodes and costs [units].
+    field
+        Lattice field of the last drive: its start nodes and costs [units].
     """
     ends = _ends(domain, steps, start, goal)
     if not domain.clear_straight(ends[-1].shifts, goal, goal[None])[0]:

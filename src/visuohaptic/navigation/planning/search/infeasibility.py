@@ -35,8 +35,8 @@ class Infeasibility:
     ----------
     heuristic
         Heuristic of the search, with its domain, contacts and goal.
-        limits
-            Memory limit.
+    limits
+        Memory limit.
     deadline
         Time limit.
     """

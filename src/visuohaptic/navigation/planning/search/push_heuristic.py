@@ -43,12 +43,12 @@ class PushHeuristic:
         Cost model of the pushes.
     active
         Indices of the bodies that may be pushed; the others stay in place.
-        left_out
-            Pushable bodies that are not pushed: ignored in every bound.
-        oblique
-            Whether pushes may be oblique to a face.
-        free
-            Another heuristic of the same domain and goal; parts that do not depend on the bodies are shared with it.
+    left_out
+        Pushable bodies that are not pushed: ignored in every bound.
+    oblique
+        Whether pushes may be oblique to a face.
+    free
+        Another heuristic of the same domain and goal; parts that do not depend on the bodies are shared with it.
     """
 
     def __init__(
@@ -142,8 +142,8 @@ class PushHeuristic:
             Index of the body.
         length
             Length of the push [cells].
-            contact
-                Index of its contact, for the simulated risk of an oblique push; omitted by default, for a lower bound.
+        contact
+            Index of its contact, for the simulated risk of an oblique push; omitted by default, for a lower bound.
         """
         domain = self.domain
         oblique = contact >= len(domain.bodies[body].contacts)

@@ -55,10 +55,10 @@ def refine_lengths(
 
     Parameters
     ----------
-    Heuristic of the search, with its domain, goal and push costs.
+    heuristic
         Heuristic of the search, with its domain, goal and push costs.
-    Start position of the robot [cells].
-        Where the robot begins [cells].
+    start
+        Start position of the robot [cells].
     plan
         Plan of the search.
     deadline
@@ -217,13 +217,13 @@ def opening_at(
         Displacements of the bodies from their mapped positions [cells].
     index
         Index of the pushed body.
-        direction
-            Direction of the push.
-        limit
-            Collision-free push distance [cells].
-        ends
-        Where the robot stands, and its goal [cells].
-    Positions of the robot and of its goal [cells].
+    direction
+        Direction of the push.
+    limit
+        Collision-free push distance [cells].
+    ends
+        Positions of the robot and of its goal [cells].
+    among
         Mask of the bodies that count as obstacles.
     """
 
@@ -269,8 +269,8 @@ def replanning_units(
         Heuristic of the search, with its domain, goal and push costs.
     steps
         Pushes in order, with known drives.
-        start
-            Start position of the robot [cells].
+    start
+        Start position of the robot [cells].
     """
     import shapely
 

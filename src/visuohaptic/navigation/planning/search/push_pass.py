@@ -78,14 +78,14 @@ class PushPass:
         Costs of pushes and lower bounds of the cost-to-go.
     weight
         Weight of the heuristic; with 1 the result bounds all plans of the model.
-        limits
-            Memory limit and maximum number of pushes.
+    limits
+        Memory limit and maximum number of pushes.
     deadline
         Time limit.
     bodies
         Indices of the bodies that are pushed; by default all bodies of the heuristic.
-        on_map
-            Whether every drive has to exist on the map. On the lattice alone the bound is lower and found faster.
+    on_map
+        Whether every drive has to exist on the map. On the lattice alone the bound is lower and found faster.
     """
 
     def __init__(

@@ -148,8 +148,8 @@ class SeenFields:
         ----------
         state
             State to test.
-            cells
-                Flat indices of the cells next to its robot.
+        cells
+            Flat indices of the cells next to its robot.
         """
         known = self.fields.get(_key(state.shifts), ())
         return any(spent + int(cost[cells].min()) <= state.spent + 1 for spent, cost in known)
@@ -161,8 +161,8 @@ class SeenFields:
         ----------
         state
             The expanded state.
-            cost
-                Costs of driving from its robot to each cell [units].
+        cost
+            Costs of driving from its robot to each cell [units].
         """
         if self.cells_left >= cost.size:
             self.cells_left -= cost.size
@@ -200,8 +200,8 @@ def needed_clearance(radius: float, spacing: float | None = None) -> float:
     ----------
     radius
         Radius of the robot [cells].
-        spacing
-            Spacing of the samples [cells]; by default that of a drive.
+    spacing
+        Spacing of the samples [cells]; by default that of a drive.
     """
     spacing = max(0.5, radius / 7.0) if spacing is None else spacing
     return radius + (1.0 + spacing**2) / (8.0 * radius) * (1.0 + 1.0 / (8.0 * radius))

@@ -241,8 +241,8 @@ class SearchDomain:
         ----------
         index, shift
             Index of the body, and its displacement [cells].
-            block
-                Edge length of a block [cells].
+        block
+            Edge length of a block [cells].
         """
 
         key = (block, index, round(float(shift[0]), 9), round(float(shift[1]), 9))
