@@ -137,7 +137,7 @@ def free_push_length(
     radius: float,
     limit: float,
 ) -> float:
-    """Maximum distance that an object and the robot behind it can move without collision, in half cells.
+    """Collision-free distance of an object and the robot behind it [cells], in steps of half a cell.
 
     ``outline`` holds points along the object's edge, slightly inside it; ``others`` the concatenated polygons of the
     other objects. A point that lies in an occupied cell at the start (the object leans on a wall) is ignored, so that
