@@ -91,7 +91,7 @@ def correlate(field, points, rows, columns, cosines, sines):
     rows, columns
         Candidate positions of that centre [cells].
     cosines, sines
-        Of the candidate rotations.
+        Cosines and sines of the candidate rotations.
     """
     high, wide = field.shape
     result = np.zeros((len(cosines), len(rows), len(columns)), dtype=np.float32)

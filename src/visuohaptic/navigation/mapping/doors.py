@@ -53,7 +53,7 @@ class DoorSettings:
     #: between the jambs; a door of 0.7 m keeps half a metre between walls that noise has thickened
     min_width_m: float = field(default=0.42, metadata=POSITIVE)
     max_width_m: float = 2.0
-    #: on buildings left out of the training, recall and precision are about equal at this value
+    #: on buildings outside the training set, recall and precision are about equal at this value
     min_confidence: float = field(default=0.45, metadata=within(0, 1))
 
     def __post_init__(self) -> None:

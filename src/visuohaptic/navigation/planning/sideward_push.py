@@ -44,7 +44,7 @@ class SidewardOutcome(StrEnum):
     CONTACT = "contact"  #: still in contact at the end
     COLLISION = "collision"  #: the object collides with another obstacle
     BLOCKED = "blocked"  #: the path of the platform is blocked
-    UNTOUCHED = "untouched"  #: the platform never meets the object
+    UNTOUCHED = "untouched"  #: the platform never touches the object
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ def sideward_candidates(
     scene
         The object and its surroundings.
     enter_m, leave_m
-        Positions from which the platform comes and to which it goes: x, y [m].
+        Positions before and after the push on the path of the platform: x, y [m].
     slide_m
         Maximum distance of an end from the object [m].
     starts

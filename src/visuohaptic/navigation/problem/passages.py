@@ -43,7 +43,7 @@ class PassageKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PassageCost:
-    """Cost of passing a passage."""
+    """Cost of traversing a passage."""
 
     total_s: float  #: expected, with retries; infinite if the robot can never pass
     sigma_s: float = 0.0  #: standard deviation of one pass

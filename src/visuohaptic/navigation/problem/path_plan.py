@@ -83,7 +83,7 @@ class Plan:
     @property
     def cost_s(self) -> float:
         """Sum over the tasks; infinite without a plan."""
-        # Sum of the rounded values that are written, so that a reader gets the same sum.
+        # Sum of the rounded values that are written, so that a reader computes the same sum.
         return sum(round(task.cost_s, 6) for task in self.tasks) if self.reachable else float("inf")
 
     @property

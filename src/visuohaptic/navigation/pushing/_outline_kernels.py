@@ -61,7 +61,7 @@ def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
 
 @kernel
 def segment_gap(ax: float, ay: float, bx: float, by: float, polygon: np.ndarray) -> float:
-    """Distance of a segment from a filled polygon; 0 where they meet."""
+    """Distance of a segment from a filled polygon; 0 if they intersect."""
     if inside_polygon(ax, ay, polygon):
         return 0.0
     best = np.inf

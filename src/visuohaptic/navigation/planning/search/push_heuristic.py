@@ -1,8 +1,8 @@
 """Cost-to-go of the search over pushes: an admissible lower bound of the remaining cost.
 
-The bound is the cheapest path to the goal on which crossing the place of a pushable body costs at least its shortest
-push. Where a single body separates start and goal, crossing its place costs the difference between the cheapest plan
-with this body alone and the cheapest path without bodies (a pattern database).
+The bound is the cheapest path to the goal on which crossing the region covered by a pushable body costs at least its
+shortest push. Where a single body separates start and goal, crossing its region costs the difference between the
+cheapest plan with this body alone and the cheapest path without bodies (a pattern database).
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ class PushHeuristic:
         return found
 
     def crossing(self, body: int, shift: Float[np.ndarray, "2"]) -> float:
-        """Lower bound of the cost of crossing the place of a body [units].
+        """Lower bound of the cost of crossing the region covered by a body [units].
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ class PushHeuristic:
         charges = [0.0 if i not in bodies else self.crossing(i, shifts[i]) for i in range(len(domain.bodies))]
         still = self._regions(tuple(index for index in bodies if index not in moved), shifts)
         region = self._regions(tuple(moved), shifts) if moved else still
-        if moved:  # where places overlap the cheaper push counts, so that the bound stays admissible
+        if moved:  # where regions overlap the cheaper push counts, so that the bound stays admissible
             region = np.where(region > 0, region, still)
         for index in bodies:
             if not np.isfinite(charges[index]):
@@ -306,13 +306,13 @@ class PushHeuristic:
         if not near.size:
             return float("inf")
         through = near + self.shortest_push(body)
-        if body in self.active:  # a path that crosses its place already includes the charge
+        if body in self.active:  # a path that crosses its region already includes the charge
             place = self._regions(tuple(self.active), np.zeros((len(domain.bodies), 2)))
             through = np.where(place[r0:r1, c0:c1] > 0, near, through)
         return float(through.min())
 
     def crossed(self, start: Int32[np.ndarray, "k"]) -> list[int]:
-        """Bodies whose places are crossed by the cheapest path of the bound.
+        """Bodies whose regions are crossed by the cheapest path of the bound.
 
         Parameters
         ----------
@@ -335,7 +335,7 @@ class PushHeuristic:
             shifts = np.zeros((len(self.domain.bodies), 2))
             known = self.free_field if self.limit < self.far else None
             self.begin = self._field(shifts, self.active, seeds=(start, np.zeros_like(start)), rest=known)
-            # Both fields add the charge where they leave a place: inside it, neither has it yet.
+            # Both fields add the charge where they leave a region: inside it, neither includes it yet.
             charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
             charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)
             both = (self.begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
@@ -345,7 +345,7 @@ class PushHeuristic:
     def _regions(
         self, bodies: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]
     ) -> Int16[np.ndarray, "r c"]:
-        """Places of some bodies on the lattice: index + 1, that of the cheapest body where places overlap."""
+        """Regions of some bodies on the lattice: index + 1, that of the cheapest body where regions overlap."""
 
         known = not shifts[list(bodies)].any()
         if known and bodies in self._marked:

@@ -149,7 +149,7 @@ def push_step(
 
 
 def stand_is_free(heuristic: PushHeuristic, step: PushStep) -> bool:
-    """Whether the robot gets from its approach position to the contact without collision with other obstacles.
+    """Whether the drive from the approach position to the contact is free of collisions with other obstacles.
 
     Parameters
     ----------

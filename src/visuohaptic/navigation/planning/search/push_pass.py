@@ -262,7 +262,7 @@ class PushPass:
         for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
             opens = length >= opens_at
             spent = contact.spent + heuristic.push_units(contact.body, length)
-            if not opens and self.weight > 1.0:  # most likely, another push has to follow
+            if not opens and self.weight > 1.0:  # most likely, another push is needed
                 to_go = max(to_go, driven + heuristic.min_any_push)
                 to_go += heuristic.crossing(contact.body, shift)
             entry = _Push(contact, length, spent, opens, not push.oblique)

@@ -117,7 +117,7 @@ class SearchResult:
     expanded: int = 0
     exhausted: bool = False  #: whether it is proved that there is no plan
     reason: str = ""
-    left_out: tuple[int, ...] = ()  #: bodies whose places touch no bottleneck between start and goal
+    left_out: tuple[int, ...] = ()  #: bodies that touch no bottleneck between start and goal
 
 
 @dataclass(slots=True, eq=False)
